@@ -1,0 +1,219 @@
+"""A volume and the grid it lives on.
+
+Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
+``point = origin + direction @ (spacing * index)`` with index (i, j, k) along x, y, z. This is ITK's convention.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+
+Float3 = tuple[float, float, float]
+Matrix3 = tuple[Float3, Float3, Float3]
+
+IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
+"""Voxel types that are kept as they are. Others are cast where no value changes, or refused by name."""
+
+# How far the direction columns may be from orthonormal. NIfTI and DICOM store float32 cosines (rounding 1e-7) and
+# scanners print four to six decimals; 1e-4 accepts both and a gantry tilt of 0.006 degrees.
+ORTHONORMAL_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the voxels of a volume are.
+
+    Parameters
+    ----------
+    shape : (nz, ny, nx), the shape of the array.
+    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm); positive.
+    origin : (x, y, z) of the centre of voxel [0, 0, 0].
+    direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
+
+    Raises
+    ------
+    DeformError
+        Naming the field that is zero, negative, not finite or not orthonormal.
+
+    Examples
+    --------
+    >>> grid = Grid((4, 5, 6), spacing=(1.0, 1.0, 2.5), origin=(10.0, 0.0, 0.0))
+    >>> grid.index_to_point([1, 0, 2]).tolist()
+    [11.0, 0.0, 5.0]
+    """
+
+    shape: tuple[int, int, int]
+    spacing: Float3 = (1.0, 1.0, 1.0)
+    origin: Float3 = (0.0, 0.0, 0.0)
+    direction: Matrix3 = IDENTITY
+
+    def __post_init__(self) -> None:
+        shape = tuple(int(n) for n in self.shape)
+        if len(shape) != 3 or min(shape) < 1:
+            raise DeformError(f"a volume needs at least one voxel along each of z, y, x; its shape is {shape}.")
+        object.__setattr__(self, "shape", shape)
+        for name in ("spacing", "origin"):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise DeformError(f"{name} must be three finite numbers (x, y, z), got {getattr(self, name)!r}.")
+            object.__setattr__(self, name, tuple(float(v) for v in value))
+        if min(self.spacing) <= 0:
+            raise DeformError(
+                f"spacing must be positive, got {self.spacing}; a flipped axis belongs into direction "
+                "(negate its column), an unknown spacing is 1."
+            )
+        direction = np.asarray(self.direction, dtype=np.float64)
+        if direction.shape != (3, 3) or not np.isfinite(direction).all():
+            raise DeformError(f"direction must be 3 x 3 finite numbers, got {self.direction!r}.")
+        if not np.allclose(direction.T @ direction, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
+            raise DeformError(
+                "direction must be orthonormal (unit columns at right angles); this one is sheared or scaled: "
+                f"{direction.round(4).tolist()}. Resample the volume onto a straight grid first."
+            )
+        object.__setattr__(self, "direction", tuple(tuple(float(v) for v in row) for row in direction))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """3 x 3 map from an index (i, j, k) to a vector in space: direction times spacing."""
+        return np.asarray(self.direction) * np.asarray(self.spacing)
+
+    @property
+    def size(self) -> int:
+        """Number of voxels."""
+        return self.shape[0] * self.shape[1] * self.shape[2]
+
+    @property
+    def is_axis_aligned(self) -> bool:
+        """True if every index axis is parallel to x, y or z of space (flips and swaps count as aligned)."""
+        return bool(np.isclose(np.abs(np.asarray(self.direction)).max(axis=0), 1.0, atol=1e-9).all())
+
+    def index_to_point(self, index: ArrayLike) -> NDArray[np.float64]:
+        """Points (..., 3) in space of (fractional) indices (..., 3) given as (i, j, k) along x, y, z."""
+        return np.asarray(index, dtype=np.float64) @ self.matrix.T + np.asarray(self.origin)
+
+    def point_to_index(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Fractional indices (i, j, k) along x, y, z of points (..., 3) in space."""
+        return (np.asarray(points, dtype=np.float64) - np.asarray(self.origin)) @ np.linalg.inv(self.matrix).T
+
+    def corners(self, *, centres: bool = False) -> NDArray[np.float64]:
+        """The 8 corners of the box in space, shape (8, 3); of the corner voxels' centres if ``centres``."""
+        n = np.array(self.shape[::-1], dtype=np.float64)
+        low, high = (np.zeros(3), n - 1) if centres else (np.full(3, -0.5), n - 0.5)
+        bits = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
+        return self.index_to_point(np.where(bits == 1, high, low))
+
+    @property
+    def center(self) -> Float3:
+        """The middle of the box."""
+        c = self.index_to_point((np.array(self.shape[::-1]) - 1) / 2)
+        return (float(c[0]), float(c[1]), float(c[2]))
+
+    @property
+    def lengths(self) -> Float3:
+        """Edge lengths of the box along its own x, y, z axes (number of voxels times spacing)."""
+        nz, ny, nx = self.shape
+        return (nx * self.spacing[0], ny * self.spacing[1], nz * self.spacing[2])
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the space diagonal of the box."""
+        return float(np.linalg.norm(self.lengths))
+
+    def crop(self, start: tuple[int, int, int], shape: tuple[int, int, int]) -> Grid:
+        """The grid of ``shape`` (z, y, x) whose first voxel is ``start`` (z, y, x); may reach outside this one."""
+        origin = self.index_to_point(np.asarray(start[::-1], dtype=np.float64))
+        return replace(self, shape=shape, origin=tuple(origin))
+
+    def resampled(self, *, spacing: ArrayLike | None = None, shape: tuple[int, int, int] | None = None,
+                  margin: ArrayLike = 0.0) -> Grid:
+        """The same box (grown by ``margin`` on each side) with another resolution.
+
+        Parameters
+        ----------
+        spacing : one length or (x, y, z); default is the present one.
+        shape : (nz, ny, nx); decides the spacing if given.
+        margin : length or (x, y, z) added on both sides of each axis; negative crops.
+        """
+        if spacing is not None and shape is not None:
+            raise DeformError("give the spacing or the shape of the new grid, not both.")
+        lengths = np.asarray(self.lengths) + 2 * np.broadcast_to(np.asarray(margin, dtype=np.float64), (3,))
+        if not (np.isfinite(lengths).all() and (lengths > 0).all()):
+            raise DeformError(f"a margin of {margin} leaves nothing of a box of {self.lengths}.")
+        if shape is not None:
+            counts = np.asarray(shape[::-1], dtype=np.int64)
+            new = lengths / counts
+        else:
+            new = np.broadcast_to(np.asarray(self.spacing if spacing is None else spacing, dtype=np.float64), (3,))
+            if not (np.isfinite(new).all() and (new > 0).all()):
+                raise DeformError(f"spacing must be positive, got {spacing}.")
+            counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
+        first = np.asarray(self.center) - np.asarray(self.direction) @ (new * (counts - 1) / 2)
+        return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Scalar voxels on a grid.
+
+    Parameters
+    ----------
+    values : array [z, y, x] of one of :data:`DTYPES`; never written to. Use :meth:`from_array` for anything else.
+    grid : its :class:`Grid`; shapes must agree.
+    name : shown to people; never used as a path.
+    is_labels : voxels are names of things, not amounts: sampled by nearest neighbour so that no new value appears.
+    notes : remarks made while loading ("12 voxels are not finite"), for a status line.
+    """
+
+    values: NDArray[Any]
+    grid: Grid
+    name: str = ""
+    is_labels: bool = False
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if tuple(self.values.shape) != self.grid.shape:
+            raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
+        if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
+            raise DeformError(f"voxel type {self.values.dtype} is not kept as it is; use Volume.from_array to cast it.")
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(nz, ny, nx)."""
+        return self.grid.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Voxel type."""
+        return self.values.dtype
+
+    @cached_property
+    def value_range(self) -> tuple[float, float]:
+        """Smallest and largest finite value; (0, 0) if there is none."""
+        v = self.values
+        if v.dtype.kind == "f":
+            if not np.isfinite(v).all():
+                v = v[np.isfinite(v)]
+            if v.size == 0:
+                return 0.0, 0.0
+        return float(v.min()), float(v.max())
+
+    @property
+    def background(self) -> float:
+        """What lies outside: the smallest finite value (air in CT, 0 in labels)."""
+        return self.value_range[0]
+
+    @cached_property
+    def finite_values(self) -> NDArray[Any]:
+        """The voxels with NaN and infinity replaced by the background; the same array if all are finite."""
+        if self.values.dtype.kind != "f" or np.isfinite(self.values).all():
+            return self.values
+        return np.where(np.isfinite(self.values), self.values, self.values.dtype.type(self.background))
