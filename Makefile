@@ -1,0 +1,21 @@
+# Every target calls ./run, which also works where there is no make: sh run TASK.
+.DEFAULT_GOAL := help
+.PHONY: help demo test check setup clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo:  ## set up what is missing, then run the demo (ARGS="--volume FILE" go to it)
+	@sh run demo $(ARGS)
+
+test:  ## set up what is missing, then run all tests (ARGS="-k warp" go to pytest)
+	@sh run test $(ARGS)
+
+check:  ## set up what is missing, then lint, check types and the direction of imports
+	@sh run check
+
+setup:  ## set up only (ARGS="notebook formats" are extras)
+	@sh run setup $(ARGS)
+
+clean:  ## remove .venv and everything the tools have left behind
+	@sh run clean

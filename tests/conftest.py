@@ -1,0 +1,87 @@
+"""What all tests share: strict numerics, folders of their own, the real data where they are present."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# These hold for the examples in the docstrings and for child processes too, hence the environment and not fixtures;
+# they must be set before JAX or Matplotlib are imported.
+_CACHE = ROOT / ".pytest_cache" / "deformnb"  # kept between runs: JAX compiles once, Matplotlib lists its fonts once
+os.environ["XDG_CACHE_HOME"] = str(_CACHE / "cache")
+os.environ["XDG_CONFIG_HOME"] = str(_CACHE / "config")
+os.environ["MPLBACKEND"] = "Agg"
+os.environ["JAX_PLATFORMS"] = "cpu"
+os.environ["JAX_DEBUG_NANS"] = "1"  # a NaN is an error where it is made, not where it is noticed; see allow_nan
+os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must be asked for where it is needed
+
+hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
+# The same examples at each run, so that a change is not blamed for what chance has found; the nightly run searches.
+hypothesis.settings.register_profile("ci", deadline=None, max_examples=25, derandomize=True)
+hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev"))
+
+_RENDER = """
+import vtkmodules.vtkInteractionStyle, vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+window = vtkRenderWindow()
+window.SetOffScreenRendering(1)
+window.SetSize(8, 8)
+window.Render()
+"""
+
+
+@cache
+def _gl_works() -> bool:
+    # In a child process: without OpenGL libraries VTK does not raise, it ends the process.
+    environment = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", **os.environ}
+    command = [sys.executable, "-c", _RENDER]
+    return subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False).returncode == 0
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("needs_gl") and not _gl_works():
+        pytest.skip("no off-screen OpenGL here (on Debian: apt-get install libegl1 libgl1)")
+
+
+@pytest.fixture(autouse=True)
+def _nan_allowed_where_marked(request: pytest.FixtureRequest) -> Iterator[None]:
+    if request.node.get_closest_marker("allow_nan") is None:
+        yield
+        return
+    import jax
+
+    with jax.debug_nans(False):
+        yield
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Callable[[str], Path]:
+    """The path of a real file by its name, such as "carp.nii.gz"; skips the test where it is absent."""
+    folder = Path(os.environ.get("DEFORMNB_TEST_DATA") or ROOT.parent / "shared" / "data")
+
+    def find(name: str) -> Path:
+        path = folder / name
+        if not path.exists():
+            pytest.skip(f"real data absent: {path} (DEFORMNB_TEST_DATA names their folder)")
+        return path
+
+    return find
+
+
+@pytest.fixture
+def isolated_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Empty cache and configuration folders for this test alone, below the path returned; it is also the home."""
+    for variable, name in (("XDG_CACHE_HOME", "cache"), ("XDG_CONFIG_HOME", "config"), ("XDG_DATA_HOME", "data")):
+        monkeypatch.setenv(variable, str(tmp_path / name))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path

@@ -1,0 +1,223 @@
+"""The project's own promises: requirements, imports, commands, and what never enters a file."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+import subprocess
+import sys
+import textwrap
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import deformnb
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "deformnb"
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+
+# Where the name of an import is not that of its distribution.
+DISTRIBUTION = {"nrrd": "pynrrd", "PIL": "pillow", "skimage": "scikit-image", "yaml": "pyyaml"}
+# VTK's version is pyvista's business: asking for a second bound here could only contradict it.
+COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
+# Required by the interactive part, which imports them in the widgets.
+NOT_IMPORTED_YET = {"anywidget", "ipywidgets", "trame"}
+HEAVY = {
+    "anywidget",
+    "ipywidgets",
+    "matplotlib",
+    "nibabel",
+    "nrrd",
+    "PIL",
+    "pooch",
+    "pyvista",
+    "SimpleITK",
+    "trame",
+    "vtkmodules",
+}
+CONDA_NAME = {"matplotlib": "matplotlib-base"}
+# Files longer than 400 lines: path -> the reason.
+LONG_FILES: dict[str, str] = {}
+
+
+def _requirements(*extras: str) -> dict[str, str]:
+    """Version bound by distribution name, of the package and of the named extras."""
+    lines = list(PROJECT["dependencies"])
+    for extra in extras:
+        lines += EXTRAS[extra]
+    bounds = {}
+    for line in lines:
+        name, bound = re.fullmatch(r"([\w.-]+(?:\[[\w,]+\])?)(.*)", line).groups()  # type: ignore[union-attr]
+        if name.startswith("deformnb["):
+            bounds.update(_requirements(*name[len("deformnb[") : -1].split(",")))
+        else:
+            bounds[name.lower()] = bound
+    return bounds
+
+
+def _imported(folder: Path) -> set[str]:
+    """Distributions that the files of a folder import, anywhere in them; the standard library and ourselves left out."""
+    own = {"deformnb", folder.name, *(path.stem for path in folder.rglob("*.py"))}
+    names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
+    return {DISTRIBUTION.get(name, name).lower() for name in names - own - sys.stdlib_module_names - COMES_WITH_PYVISTA}
+
+
+def _import_names(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def _committed_files() -> list[Path]:
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [path for name in listing.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def _python(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+# -- requirements ------------------------------------------------------------------------------------------------------
+
+
+def test_conda_environment_equals_the_requirements() -> None:
+    lines = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
+    found = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in lines if isinstance(line, str))  # type: ignore[union-attr]
+    assert found.pop("python") == PROJECT["requires-python"]
+    assert found.pop("pip") == ""
+    wanted = _requirements("formats", "notebook")
+    assert found == {CONDA_NAME.get(name, name): bound for name, bound in wanted.items()}
+
+
+@pytest.mark.parametrize(
+    ("folder", "extras"), [("deformnb", ["formats"]), ("tests", ["test"]), ("benchmarks", ["benchmark"])]
+)
+def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
+    if not (ROOT / folder).is_dir():
+        pytest.skip(f"no folder {folder}")
+    assert _imported(ROOT / folder) - set(_requirements(*extras)) == set()
+
+
+def test_everything_required_is_imported() -> None:
+    assert set(_requirements()) - _imported(PACKAGE) - NOT_IMPORTED_YET == set()
+
+
+# -- imports -----------------------------------------------------------------------------------------------------------
+
+
+def test_import_loads_nothing_heavy(record_property: Callable[[str, object], None]) -> None:
+    code = """
+        import json, sys, time
+        start = time.perf_counter()
+        import deformnb
+        print(json.dumps([time.perf_counter() - start, sorted(sys.modules)]))
+    """
+    seconds, loaded = json.loads(_python(textwrap.dedent(code)))
+    record_property("import_seconds", seconds)  # for reading only: time on a shared machine proves nothing
+    assert HEAVY & set(loaded) == set()
+
+
+def test_import_leaves_global_jax_settings_alone() -> None:
+    code = "import jax; before = dict(jax.config.values); import deformnb; print(before == dict(jax.config.values))"
+    assert _python(code).strip() == "True"
+
+
+def test_imports_point_one_way() -> None:
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_package_imports_no_pickle() -> None:
+    forbidden = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
+    for path in PACKAGE.rglob("*.py"):
+        assert not {name.partition(".")[0] for name in _import_names(path)} & forbidden, path
+        assert not re.search(r"allow_pickle\s*=\s*True", path.read_text(encoding="utf-8")), path
+
+
+# -- the public face ---------------------------------------------------------------------------------------------------
+
+
+def test_public_names_are_documented() -> None:
+    assert deformnb.__doc__
+    public = {name: getattr(deformnb, name) for name in deformnb.__all__}
+    for name, thing in list(public.items()):
+        if inspect.isclass(thing):  # a method may have its documentation from the class it fills in
+            methods = {f"{name}.{m}": getattr(thing, m) for m in vars(thing) if not m.startswith("_")}
+            public |= {m: method for m, method in methods.items() if callable(method) or isinstance(method, property)}
+    assert public
+    assert [name for name, thing in public.items() if callable(thing) and not inspect.getdoc(thing)] == []
+
+
+def test_version_is_one_and_in_the_changelog() -> None:
+    assert deformnb.__version__ == PROJECT["version"]
+    assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+
+
+# -- commands ----------------------------------------------------------------------------------------------------------
+
+
+def _run_tasks() -> set[str]:
+    return set(re.findall(r"^    (\w+)(?: \|[^)]*)?\)$", (ROOT / "run").read_text(), re.MULTILINE))
+
+
+def _make_targets() -> set[str]:
+    return set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def test_make_and_run_offer_the_same_and_list_it() -> None:
+    tasks = _run_tasks()
+    assert "demo" in tasks
+    assert _make_targets() == tasks
+    listed_by_run = subprocess.run(["sh", "run", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    listed_by_make = set(re.findall(r"^(\w+):  ## \S", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert set(re.findall(r"^  (\w+)  ", listed_by_run, re.MULTILINE)) == tasks
+    assert listed_by_make == tasks
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_documented_commands_exist(name: str) -> None:
+    blocks = "\n".join(re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(), re.MULTILINE | re.DOTALL))
+    used = set(re.findall(r"^(?:sh run|make) (\w+)", blocks, re.MULTILINE))
+    assert used
+    assert used <= _run_tasks()
+
+
+def test_unknown_task_is_refused() -> None:
+    result = subprocess.run(["sh", "run", "nonsense"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode != 0
+    assert "sh run help" in result.stderr
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_files_stay_short() -> None:
+    lengths = {p.relative_to(ROOT).as_posix(): len(p.read_text().splitlines()) for p in PACKAGE.rglob("*.py")}
+    assert {path: lines for path, lines in lengths.items() if lines > 400 and path not in LONG_FILES} == {}
+    assert {path for path in LONG_FILES if lengths.get(path, 0) <= 400} == set(), "no longer long: take it off the list"
+
+
+def test_no_file_names_a_place_on_somebodys_machine() -> None:
+    # Put together here, so that this file does not name them either.
+    place = re.compile("|".join(f"(?<![\\w.])/{folder}/" for folder in ("work", "root", "home", "Users")))
+    found = []
+    for path in _committed_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # a picture or other data
+        found += [f"{path.relative_to(ROOT)}: {line.strip()}" for line in text.splitlines() if place.search(line)]
+    assert found == []
