@@ -6,14 +6,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
-if TYPE_CHECKING:
-    from deformnb.plane import Raster
-    from deformnb.volume import Grid
+from deformnb.compilation import float64
+from deformnb.errors import DeformError
+from deformnb.plane import Raster
+from deformnb.volume import Grid
 
 
 class AbstractField(ABC):
@@ -36,12 +42,138 @@ class AbstractField(ABC):
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         """Displacements (..., dim) at points (..., dim), in float64 NumPy; the path of scripts and tests."""
 
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """dD/dx at points (..., dim): shape (..., dim, dim); row m holds the gradient of component m."""
+        x = np.asarray(points, dtype=np.float64)
+        with float64():
+            rows = jax.vmap(jax.jacfwd(self))(jnp.asarray(x.reshape(-1, self.dim)))
+        return np.asarray(rows).reshape(*x.shape, self.dim)
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        """Displacements at all points ``rows[:, r] + columns[:, c]``: any regular lattice in two blocks of lines.
+
+        Parameters
+        ----------
+        rows : (dim, R) and columns : (dim, C), physical coordinates to be added.
+        resolution : the pixel or voxel size that the result is meant for; an error far below it does not matter.
+
+        Returns
+        -------
+        (dim, R, C) float32, components first.
+        """
+        points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
+        return np.asarray(np.moveaxis(self.displacement(np.moveaxis(points, 0, -1)), -1, 0), dtype=np.float32)
+
     def on_raster(self, raster: Raster) -> NDArray[np.float32]:
-        """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components first."""
-        return np.ascontiguousarray(np.moveaxis(self.displacement(raster.points()), -1, 0), dtype=np.float32)
+        """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
+        rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
+        columns = np.stack([raster.columns, np.zeros(raster.shape[1])])
+        return self.on_outer_sum(rows, columns, min(raster.spacing))
 
     def on_grid(self, grid: Grid) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
-        k, j, i = np.indices(grid.shape)
-        points = grid.index_to_point(np.stack([i, j, k], axis=-1))
-        return np.ascontiguousarray(np.moveaxis(self.displacement(points), -1, 0), dtype=np.float32)
+        (nz, ny, nx), m = grid.shape, grid.matrix
+        z, y, x = (m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx)))
+        rows = np.asarray(grid.origin)[:, None, None] + z[:, :, None] + y[:, None, :]
+        return self.on_outer_sum(rows.reshape(3, -1), x, min(grid.spacing)).reshape(3, nz, ny, nx)
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
+@dataclass(frozen=True, eq=False)
+class DisplacementField(AbstractField):
+    """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx, 3) on a grid, components x, y, z; or (nv, nu, 2) on a raster, components a, b. Backward
+        displacements in physical units.
+    lattice : the Grid or Raster of the samples.
+    """
+
+    values: Any
+    lattice: Grid | Raster
+
+    def __post_init__(self) -> None:
+        shape = getattr(self.values, "shape", None)
+        if shape is not None and shape != (*self.lattice.shape, len(self.lattice.shape)):
+            raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape} (components last).")
+
+    @classmethod
+    def sample(cls, field: AbstractField, lattice: Grid | Raster) -> DisplacementField:
+        """Samples of another field."""
+        planar = field.on_raster(lattice) if isinstance(lattice, Raster) else field.on_grid(lattice)
+        return cls(np.ascontiguousarray(np.moveaxis(planar, 0, -1)), lattice)
+
+    @property
+    def dim(self) -> int:
+        return len(self.lattice.shape)
+
+    def __call__(self, points: Any) -> Any:
+        index = _index(self.lattice, jnp.asarray(points))
+        at = [index[..., k] for k in reversed(range(self.dim))]
+        order1 = partial(jax.scipy.ndimage.map_coordinates, coordinates=at, order=1, mode="nearest")
+        return jnp.stack([order1(jnp.asarray(self.values)[..., m]) for m in range(self.dim)], axis=-1)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        index = np.moveaxis(np.asarray(_index(self.lattice, np.asarray(points, dtype=np.float64))), -1, 0)[::-1]
+        values = np.asarray(self.values, dtype=np.float64)
+        parts = [ndimage.map_coordinates(values[..., m], index, order=1, mode="nearest") for m in range(self.dim)]
+        return np.stack(parts, axis=-1)
+
+
+def _index(lattice: Grid | Raster, points: Any) -> Any:
+    """Fractional index (x, y, z) or (column, row) of points; for NumPy and JAX arrays alike."""
+    if isinstance(lattice, Raster):
+        return (points - np.asarray(lattice.origin)) / np.asarray(lattice.spacing)
+    return (points - np.asarray(lattice.origin)) @ np.linalg.inv(lattice.matrix).T
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["dim"])
+@dataclass(frozen=True)
+class Identity(AbstractField):
+    """No displacement at all."""
+
+    dim: int = 3  # type: ignore[misc]
+
+    def __call__(self, points: Any) -> Any:
+        return jnp.zeros_like(points)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.zeros_like(np.asarray(points, dtype=np.float64))
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Composed(AbstractField):
+    """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
+
+    Backward maps compose in reverse order: the place in the result is looked up in ``then`` first.
+    """
+
+    first: AbstractField
+    then: AbstractField
+
+    @property
+    def dim(self) -> int:
+        return self.then.dim
+
+    def __call__(self, points: Any) -> Any:
+        d = self.then(points)
+        return d + self.first(points + d)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        d = self.then.displacement(x)
+        return d + self.first.displacement(x + d)
+
+
+def compose(*fields: AbstractField) -> AbstractField:
+    """One field that does the given deformations one after the other, first to last; the identity in space if none."""
+    if not fields:
+        return Identity(3)
+    if len({f.dim for f in fields}) > 1:
+        raise DeformError("fields over a plane and in space do not compose; extrude the plane's first.")
+    total = fields[0]
+    for f in fields[1:]:
+        total = Composed(total, f)
+    return total

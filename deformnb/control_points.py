@@ -1,0 +1,200 @@
+"""Control points: where a feature is (source) and where it shall go (target).
+
+Dragging a point moves its target. The backward displacement at the target is ``source - target``, so the feature of
+the source appears exactly where it was dropped. Every change makes a new object; ids are never given twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+
+# Beyond this a coordinate squared loses all digits of its neighbours, and LAPACK routines were seen to hang on inf.
+LARGEST_COORDINATE = 1e15
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """A set of control points in the plane of a picture (dim 2) or in space (dim 3).
+
+    Parameters
+    ----------
+    source, target : (N, dim) float64, physical coordinates: (a, b) of a picture's plane or (x, y, z).
+    ids : N different integers, stable for the life of the set.
+    names : N texts, free and not necessarily different.
+    active : (N,) bool; a point that is switched off keeps its place but has no say.
+    weight : (N,) positive; how much a point counts when smoothing is on (inverse variance).
+    next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0]], [[0, 0], [12, 1]], names=["tail", "head"])
+    >>> points.displacement.tolist()
+    [[0.0, 0.0], [-2.0, -1.0]]
+    >>> points = points.move(1, [11, 0]).add([5, 5], name="fin")
+    >>> points.ids, points.names
+    ((0, 1, 2), ('tail', 'head', 'fin'))
+    """
+
+    source: NDArray[np.float64]
+    target: NDArray[np.float64]
+    ids: tuple[int, ...]
+    names: tuple[str, ...]
+    active: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+    next_id: int = field(default=0)
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        if self.source.ndim != 2 or self.source.shape[1] not in (2, 3) or self.source.shape != self.target.shape:
+            raise DeformError(
+                "source and target must both have shape (N, 2) or (N, 3), "
+                f"got {self.source.shape} and {self.target.shape}."
+            )
+        if not (len(self.source) == n == len(self.names) == len(self.active) == len(self.weight)):
+            raise DeformError(f"{len(self.source)} points need as many ids, names, switches and weights.")
+        if len(set(self.ids)) != n:
+            twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
+            raise DeformError(f"control point ids must differ; {twice} come more than once.")
+        self._check_numbers()
+        for array in (self.source, self.target, self.active, self.weight):
+            array.flags.writeable = False
+        object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
+
+    def _check_numbers(self) -> None:
+        for what, array in (("source", self.source), ("target", self.target)):
+            good = (np.abs(array) <= LARGEST_COORDINATE).all(axis=1)  # False for NaN as well
+            if not good.all():
+                k = int(np.flatnonzero(~good)[0])
+                raise DeformError(
+                    f"the {what} of {self.label(k)} is {array[k].tolist()}; coordinates must be finite and below 1e15. "
+                    "Correct or remove that point."
+                )
+        if not (np.isfinite(self.weight) & (self.weight > 0)).all():
+            k = int(np.flatnonzero(~(np.isfinite(self.weight) & (self.weight > 0)))[0])
+            raise DeformError(f"the weight of {self.label(k)} is {self.weight[k]}; weights must be positive numbers.")
+
+    @classmethod
+    def from_arrays(cls, source: ArrayLike, target: ArrayLike | None = None, *, ids: Sequence[int] | None = None,
+                    names: Sequence[str] | None = None, active: ArrayLike | None = None,
+                    weight: ArrayLike | None = None) -> ControlPoints:
+        """Points from arrays of shape (N, 2) or (N, 3); the targets are the sources where not given."""
+        s = _as_points(source, "source")
+        t = s.copy() if target is None else _as_points(target, "target")
+        n = len(s)
+        return cls(
+            s, t, tuple(int(i) for i in (range(n) if ids is None else ids)),
+            tuple(str(name) for name in ([""] * n if names is None else names)),
+            np.ones(n, dtype=bool) if active is None else np.array(active, dtype=bool),
+            np.ones(n) if weight is None else np.array(weight, dtype=np.float64),
+        )
+
+    @classmethod
+    def empty(cls, dim: int = 2) -> ControlPoints:
+        """No points yet, in the plane (dim 2) or in space (dim 3)."""
+        return cls.from_arrays(np.zeros((0, dim)))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ControlPoints):
+            return NotImplemented
+        return (
+            self.ids == other.ids and self.names == other.names and self.next_id == other.next_id
+            and np.array_equal(self.source, other.source) and np.array_equal(self.target, other.target)
+            and np.array_equal(self.active, other.active) and np.array_equal(self.weight, other.weight)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def dim(self) -> int:
+        """2 for points on a picture, 3 for points in space."""
+        return int(self.source.shape[1])
+
+    @property
+    def displacement(self) -> NDArray[np.float64]:
+        """Backward displacement at the targets: ``source - target``, shape (N, dim)."""
+        return np.asarray(self.source - self.target)
+
+    def label(self, index: int) -> str:
+        """How messages name the point at a position: 'control point 3 ("nose")'."""
+        name = f' ("{self.names[index]}")' if self.names[index] else ""
+        return f"control point {self.ids[index]}{name}"
+
+    def index(self, point: int) -> int:
+        """Position of the point with this id; DeformError if there is none."""
+        try:
+            return self.ids.index(point)
+        except ValueError:
+            raise DeformError(f"there is no control point {point}; there are {list(self.ids)}.") from None
+
+    def add(self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "",
+            weight: float = 1.0) -> ControlPoints:
+        """One more point, under the id ``next_id``; its target is its source unless given."""
+        s = np.asarray(source, dtype=np.float64).reshape(1, -1)
+        t = s if target is None else np.asarray(target, dtype=np.float64).reshape(1, -1)
+        if s.shape[1] != self.dim or t.shape[1] != self.dim:
+            raise DeformError(f"a point of this set has {self.dim} coordinates, got {s.shape[1]} and {t.shape[1]}.")
+        return ControlPoints(
+            np.concatenate([self.source, s]), np.concatenate([self.target, t]), (*self.ids, self.next_id),
+            (*self.names, name), np.append(self.active, True), np.append(self.weight, weight), self.next_id + 1,
+        )
+
+    def move(self, point: int, target: ArrayLike) -> ControlPoints:
+        """Drop the point with this id at another target."""
+        return self.edit(point, target=target)
+
+    def edit(self, point: int, *, source: ArrayLike | None = None, target: ArrayLike | None = None,
+             name: str | None = None, active: bool | None = None, weight: float | None = None) -> ControlPoints:
+        """Change what is given of the point with this id."""
+        k = self.index(point)
+        changed: dict[str, Any] = {}
+        for key, value in (("source", source), ("target", target), ("active", active), ("weight", weight)):
+            if value is not None:
+                array = np.array(getattr(self, key))
+                array[k] = value
+                changed[key] = array
+        if name is not None:
+            changed["names"] = (*self.names[:k], name, *self.names[k + 1 :])
+        return replace(self, **changed)
+
+    def remove(self, *points: int) -> ControlPoints:
+        """Without the points of these ids; the other ids stay as they are."""
+        gone = {self.index(p) for p in points}
+        return self.take([k for k in range(len(self)) if k not in gone])
+
+    def take(self, positions: Iterable[int]) -> ControlPoints:
+        """The points at these positions, in this order."""
+        k = [int(p) for p in positions]
+        return ControlPoints(
+            self.source[k], self.target[k], tuple(self.ids[p] for p in k), tuple(self.names[p] for p in k),
+            self.active[k], self.weight[k], self.next_id,
+        )
+
+    def blended(self, strength: float) -> ControlPoints:
+        """The same points dragged ``strength`` times as far: 0 not at all, 1 as now, 2 exaggerated, -1 opposite."""
+        if not np.isfinite(strength):
+            raise DeformError(f"strength must be a finite number, got {strength}.")
+        return replace(self, target=self.source + strength * (self.target - self.source))
+
+    def reset(self) -> ControlPoints:
+        """Every target back at its source."""
+        return replace(self, target=self.source.copy())
+
+
+def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DeformError(f"{what} must be an array of numbers of shape (N, 2) or (N, 3): {error}.") from None
+    if array.ndim != 2:
+        raise DeformError(f"{what} must have shape (N, 2) or (N, 3), got {array.shape}.")
+    return array

@@ -1,0 +1,294 @@
+r"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected in :mod:`trend`.
+
+The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with centres x_j at the *targets* and
+``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
+are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
+digits, and evaluation can run in float32.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.compilation import compiled, float64
+from deformnb.control_points import ControlPoints
+from deformnb.degenerate import PreparedPoints, crossing_pairs, prepare
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.kernels import AbstractKernel, WendlandC2, kernel_named
+from deformnb.rbf_evaluation import at_lattice, at_points
+from deformnb.trend import NO_ANGLE, TRENDS, Trend, complete, trend_named
+
+CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
+"""Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
+
+# A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
+# above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
+_RESIDUAL = 1e-7
+
+# float32 evaluation errs by at most about 8 ulp of the largest weight (design notes, conditioning); beyond this share
+# of a pixel evaluation runs in float64.
+_FLOAT32_ERROR = 8 * 6e-8
+_PIXEL_SHARE = 1e-3
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count"],
+    meta_fields=["kernel", "trend", "notes", "ids"],
+)
+@dataclass(frozen=True, eq=False)
+class RBFInterpolant(AbstractField):
+    """The solved interpolant; a backward displacement field of dimension 2 or 3.
+
+    Parameters
+    ----------
+    centers : (C, dim) targets as (x - origin) / support, zero beyond ``count``.
+    coefficients : (C, dim) alpha_j in physical units, zero beyond ``count``.
+    linear, constant : A (dim, dim) and t (dim,) of the trend of D in relative coordinates, physical units.
+    origin, support : the relative coordinates.
+    count : number of centres in use; C is one of :data:`CAPACITIES`.
+    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
+    notes : remarks for a status line ("points on one line: ...").
+    ids : ids of the control points behind the centres, in order.
+    """
+
+    centers: Any
+    coefficients: Any
+    linear: Any
+    constant: Any
+    origin: Any
+    support: Any
+    count: Any
+    kernel: type[AbstractKernel] = WendlandC2
+    trend: str = "affine"
+    notes: tuple[str, ...] = field(default=())
+    ids: tuple[int, ...] = field(default=())
+
+    @property
+    def dim(self) -> int:
+        return int(self.centers.shape[-1])
+
+    def __call__(self, points: Any) -> Any:
+        """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
+        p = (jnp.asarray(points) - self.origin) / self.support
+        s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
+        return p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        if x.shape[-1:] != (self.dim,):
+            raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
+        relative = ((x - self.origin) / self.support).reshape(-1, self.dim).T
+        return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(x.shape)
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
+        other = np.asarray(columns, dtype=np.float64) / self.support
+        dtype = np.float64 if self.float32_error > _PIXEL_SHARE * resolution else np.float32
+        return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
+
+    @property
+    def float32_error(self) -> float:
+        """Bound of the error of evaluating in float32, in physical units."""
+        return float(_FLOAT32_ERROR * np.abs(np.asarray(self.coefficients)).max(initial=0.0))
+
+    def _leaves(self, dtype: Any) -> tuple[Any, ...]:
+        arrays = (self.centers, self.coefficients, self.linear, self.constant)
+        return (*(np.asarray(a, dtype=dtype) for a in arrays), np.int32(self.count))
+
+
+def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+            support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
+            previous: RBFInterpolant | None = None) -> RBFInterpolant:
+    """Fit the displacement of control points.
+
+    Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
+    components at once, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
+
+    Parameters
+    ----------
+    points : control points of dimension 2 or 3; inactive ones are left out.
+    kernel : a name of :data:`deformnb.kernels.KERNELS`, a kernel class, or a kernel with its support.
+    support : support radius R in physical units; default is the diagonal of the box of the sources.
+    trend : a name of :data:`deformnb.trend.TRENDS`.
+    smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
+    previous : the fit before this one; where the points leave an angle open, its trend is kept.
+
+    Returns
+    -------
+    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend.
+
+    Raises
+    ------
+    DeformError
+        Naming the points: same place but different displacements, coordinates that are not finite, too many points, a
+        kernel that needs a richer trend, a system too ill-conditioned to interpolate.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [12, 1], [0, 10]])
+    >>> fit = fit_rbf(points)
+    >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
+    True
+    """
+    kind, radius = _resolve_kernel(kernel, support)
+    chosen = trend_named(trend)
+    _check_pairing(kind, chosen, smoothing)
+    ready = prepare(points, kind, radius, chosen, smoothing)
+    if ready.count == 0:
+        return _identity(points.dim, ready, kind)
+    return _solve_prepared(ready, kind, smoothing, previous)
+
+
+def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
+                    support: float | None) -> tuple[type[AbstractKernel], float | None]:
+    if isinstance(kernel, AbstractKernel):
+        return type(kernel), kernel.support if support is None else support
+    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
+    if support is not None:
+        kind(support)  # checks it
+    return kind, support
+
+
+def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
+    if not (np.isfinite(smoothing) and smoothing >= 0):
+        raise DeformError(f"smoothing must be 0 or a positive number, got {smoothing}.")
+    if trend.order < kernel.order:
+        able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
+        raise DeformError(
+            f"the {kernel.name} kernel is not positive definite on its own and needs a trend of {able}; "
+            f"choose that, or a Wendland kernel for the trend {trend.name!r}."
+        )
+
+
+def _identity(dim: int, ready: PreparedPoints, kernel: type[AbstractKernel]) -> RBFInterpolant:
+    zero = np.zeros((CAPACITIES[0], dim))
+    return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
+                          ready.notes, ())
+
+
+def capacity(n: int) -> int:
+    """The smallest of :data:`CAPACITIES` that holds n points."""
+    return next(c for c in CAPACITIES if c >= n)
+
+
+def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
+                    previous: RBFInterpolant | None) -> RBFInterpolant:
+    n, dim = ready.targets.shape
+    size = capacity(n)
+    x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
+    x[:n] = (ready.targets - ready.origin) / ready.support
+    d[:n] = ready.displacements / ready.support
+    nugget[:n] = smoothing / ready.weights
+    turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
+    with float64():
+        solved = _solve(x, d, np.arange(size) < n, nugget, ready.basis, turn, kernel=kernel, trend=ready.trend)
+        alpha, linear, constant, residual = (np.array(a) for a in solved)
+    scale = np.abs(d).max()
+    if not residual <= _RESIDUAL * scale:  # NaN as well
+        raise DeformError(
+            f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
+            f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
+            "kernel, or a little smoothing."
+        )
+    r, notes = ready.support, ready.notes + _warnings(ready, np.eye(dim) + linear)
+    return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
+                          ready.ids)
+
+
+def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[str, ...]:
+    """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
+    crossed = crossing_pairs(ready, map_linear)
+    notes = [f"control points {i} and {j} cross: the map folds between them" for i, j in crossed]
+    if ready.trend == "similarity" and np.abs(map_linear).max() < NO_ANGLE:
+        notes.append("the sources nearly coincide: the trend collapses everything to one place")
+    return tuple(notes)
+
+
+def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
+    """The turn of a fit's trend, or no turn."""
+    m = np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
+    u, _, vt = np.linalg.svd(m)
+    r = u @ vt
+    return r if np.linalg.det(r) > 0 else np.eye(fit.dim)
+
+
+# ---- the compiled solve ---------------------------------------------------------------------------------------------
+
+
+def solve(x: Any, d: Any, active: Any, nugget: Any, basis: Any, turn: Any, *, kernel: type[AbstractKernel],
+          trend: str) -> tuple[Any, Any, Any, Any]:
+    """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
+
+    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``basis`` (dim, rank) spans the centred
+    points, ``turn`` is the rotation to fall back on. Returns alpha (C, dim), A (dim, dim), t (dim,) and the largest
+    residual of the interpolation conditions.
+    """
+    both = active[:, None] & active[None, :]
+    s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
+    phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
+    one = active.astype(x.dtype)[:, None]
+    if kernel.order == 2:
+        alpha, linear, constant = _bordered_affine(phi, x, d, one, basis)
+    elif TRENDS[trend].linear is None:
+        alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
+    else:
+        alpha, linear, constant = _least_energy(phi, x, d, one, basis, turn, kernel, trend)
+    miss = one * (phi @ alpha + x @ linear.T + constant - d)
+    return alpha, linear, constant, jnp.max(jnp.abs(miss))
+
+
+def _inverse_of(phi: Any) -> Any:
+    factor = jax.scipy.linalg.cho_factor(phi, lower=True)
+    return lambda b: jax.scipy.linalg.cho_solve(factor, b)
+
+
+def _least_energy(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, kernel: type[AbstractKernel],
+                  trend: str) -> tuple[Any, Any, Any]:
+    """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
+    dim = x.shape[1]
+    rhs = jnp.concatenate([x, d], axis=1)
+    if kernel.order == 0:
+        v = _inverse_of(phi)(jnp.concatenate([one, rhs], axis=1))
+        mean = (one.T @ v[:, 1:]) / (one.T @ v[:, :1])
+        w = v[:, 1:] - v[:, :1] * mean
+    else:  # Phi is not definite: only the bordered system is well posed
+        bordered = jnp.block([[phi, one], [one.T, jnp.zeros((1, 1))]])
+        v = jnp.linalg.solve(bordered, jnp.concatenate([rhs, jnp.zeros((1, 2 * dim))]))
+        w, mean = v[:-1], v[-1:]
+    wx, wd = w[:, :dim], w[:, dim:]
+    s = x.T @ wx
+    rule = TRENDS[trend].linear
+    assert rule is not None
+    linear = rule(s, s + d.T @ wx, basis, turn) - jnp.eye(dim)
+    return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
+
+
+def _bordered_affine(phi: Any, x: Any, d: Any, one: Any, basis: Any) -> tuple[Any, Any, Any]:
+    """Eqs. 3-4 as printed, for kernels of order 2: [Phi P; P^T 0], P = (1, x on the span of the points)."""
+    n, (dim, rank) = x.shape[0], basis.shape
+    p = jnp.concatenate([one, x @ basis], axis=1)
+    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((rank + 1, rank + 1))]]))
+
+    def bordered(b: Any) -> Any:
+        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((rank + 1, dim))]))
+
+    v = bordered(d)
+    if rank == dim:
+        return v[:n], v[n + 1 :].T @ basis.T, v[n]
+    linear = complete(basis + v[n + 1 :].T, basis) - jnp.eye(dim)
+    # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
+    # fit what is left. Its trend is of the size of that rounding, and is kept.
+    rest = bordered(d - x @ linear.T)
+    return rest[:n], linear + rest[n + 1 :].T @ basis.T, rest[n]
+
+
+_solve = compiled(solve, static_argnames=("kernel", "trend"))
