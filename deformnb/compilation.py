@@ -29,11 +29,11 @@ def use_disk_cache() -> str | None:
     if present:
         return str(present)
     # A cached CPU program holds machine code: one folder for each kind of machine that may share the home folder.
-    folder = os.path.join(platformdirs.user_cache_dir("deformnb"), "jax", f"{jax.__version__}-{platform.machine()}")
-    jax.config.update("jax_compilation_cache_dir", folder)
+    folder = platformdirs.user_cache_path("deformnb") / "jax" / f"{jax.__version__}-{platform.machine()}"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    return folder
+    return str(folder)
 
 
 @cache

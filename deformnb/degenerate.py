@@ -193,10 +193,9 @@ def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int
     if neighbours < 2:
         return []
     _, near = scipy.spatial.cKDTree(ready.targets).query(ready.targets, k=neighbours)
-    pairs = {(min(i, int(j)), max(i, int(j))) for i, row in enumerate(near) for j in row if i != j}
-    crossed = []
-    for i, j in sorted(pairs):
-        along = x[i] - x[j]
-        if np.linalg.norm((y[i] - y[j]) - along) > np.linalg.norm(along):
-            crossed.append((ready.ids[i], ready.ids[j]))
-    return crossed[:most]
+    first, second = np.repeat(np.arange(len(x)), neighbours - 1), near[:, 1:].ravel()
+    along = x[first] - x[second]
+    beside = y[first] - y[second] - along
+    crossed = np.linalg.norm(beside, axis=1) > np.linalg.norm(along, axis=1)
+    pairs = {(min(i, j), max(i, j)) for i, j in zip(first[crossed].tolist(), second[crossed].tolist(), strict=True)}
+    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(pairs)[:most]]

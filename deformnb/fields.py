@@ -96,7 +96,7 @@ class DisplacementField(AbstractField):
     def __post_init__(self) -> None:
         shape = getattr(self.values, "shape", None)
         if shape is not None and shape != (*self.lattice.shape, len(self.lattice.shape)):
-            raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape} (components last).")
+            raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape}, components last")
 
     @classmethod
     def sample(cls, field: AbstractField, lattice: Grid | Raster) -> DisplacementField:

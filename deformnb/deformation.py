@@ -1,0 +1,233 @@
+"""The document: everything a user did to a volume, immutable, independent of any volume's voxels.
+
+A :class:`Deformation` is a list of :class:`Step`, done one after the other (section 4.3 of the paper: deform on one
+plane, turn the volume, deform on another). An edit makes a new document, so undo is the list of old ones, and the same
+document can be applied to another volume. ``document.py`` turns it into JSON and back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from deformnb.control_points import ControlPoints
+from deformnb.degenerate import default_support
+from deformnb.errors import DeformError
+from deformnb.extrusion import EXTRUSIONS, Weights, extrude
+from deformnb.fields import AbstractField, compose
+from deformnb.kernels import kernel_named
+from deformnb.plane import Plane
+from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.trend import trend_named
+from deformnb.volume import Grid, Volume
+from deformnb.warp import warp
+
+# Where the points themselves say nothing of a reach (one point without trend), a quarter of the volume's diagonal is
+# a bump one can see and grab.
+_LONE_POINT_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class Step:
+    """One deformation: control points on a plane with a rule of extrusion, or control points in space.
+
+    Parameters
+    ----------
+    maps : one set of control points; several for the rule "interpolate".
+    plane : where the points lie; None for points in space (dimension 3, Eq. 9).
+    kernel, trend : names of :data:`~deformnb.kernels.KERNELS` and :data:`~deformnb.trend.TRENDS`.
+    support : support radius in physical units; None takes the diagonal of the box of each set's sources.
+    smoothing : lambda of the fit, 0 interpolates.
+    extrusion : a name of :data:`~deformnb.extrusion.EXTRUSIONS`.
+    curve : f(z) of the rule "modulate": a formula, or values at equal steps.
+    knots : depths in [0, 1] of the maps of the rule "interpolate".
+    strength : how far the points are dragged: 1 as they are, 0 not at all, 2 twice, -1 the opposite way.
+    enabled : a step that is switched off stays in the list.
+    name : shown to people.
+    extra : fields of a newer minor version, kept for saving.
+
+    Raises
+    ------
+    DeformError
+        If the parts do not fit together.
+    """
+
+    maps: tuple[ControlPoints, ...]
+    plane: Plane | None = None
+    kernel: str = "wendland_c2"
+    support: float | None = None
+    trend: str = "affine"
+    smoothing: float = 0.0
+    extrusion: str = "replicate"
+    curve: str | tuple[float, ...] = "z"
+    knots: tuple[float, ...] = ()
+    strength: float = 1.0
+    enabled: bool = True
+    name: str = ""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        kernel_named(self.kernel)
+        trend_named(self.trend)
+        if self.extrusion not in EXTRUSIONS:
+            raise DeformError(f"unknown extrusion {self.extrusion!r}; choose one of {', '.join(EXTRUSIONS)}.")
+        if not np.isfinite(self.strength):
+            raise DeformError(f"strength must be a finite number, got {self.strength}.")
+        dim = 3 if self.plane is None else 2
+        wanted = len(self.knots) if self.extrusion == "interpolate" else 1
+        if len(self.maps) != wanted:
+            raise DeformError(f"the rule {self.extrusion!r} needs {wanted} set(s) of points, got {len(self.maps)}.")
+        if any(m.dim != dim for m in self.maps):
+            raise DeformError(
+                "control points on a plane have two coordinates, control points in space have three and no plane; "
+                f"these have {self.maps[0].dim} and {'no' if dim == 3 else 'a'} plane."
+            )
+        if dim == 3 and self.extrusion != "replicate":
+            raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
+        self.weights()  # checks the curve and the knots
+
+    @property
+    def points(self) -> ControlPoints:
+        """The (first) set of control points."""
+        return self.maps[0]
+
+    def with_points(self, points: ControlPoints, key: int = 0) -> Step:
+        """The same step with another set of control points (the key-th, for the rule "interpolate")."""
+        if not 0 <= key < len(self.maps):
+            raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
+        return replace(self, maps=(*self.maps[:key], points, *self.maps[key + 1 :]))
+
+    def weights(self) -> Weights:
+        """Knots and weights of the extrusion rule."""
+        arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
+        return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
+
+    def fits(self, grid: Grid) -> tuple[RBFInterpolant, ...]:
+        """The solved interpolant of each set of control points."""
+        return tuple(self._fit(points, grid) for points in self.maps)
+
+    def _fit(self, points: ControlPoints, grid: Grid) -> RBFInterpolant:
+        dragged = points if self.strength == 1 else points.blended(self.strength)
+        support = self.support or default_support(points) or _LONE_POINT_SHARE * grid.diagonal
+        return fit_rbf(dragged, kernel=self.kernel, support=support, trend=self.trend, smoothing=self.smoothing)
+
+    def field(self, grid: Grid) -> AbstractField:
+        """The backward displacement in space of this step on a volume's grid."""
+        fits = self.fits(grid)
+        return fits[0] if self.plane is None else extrude(self.plane, grid, fits, self.weights())
+
+
+@dataclass(frozen=True)
+class VolumeReference:
+    """Which volume a document was made on: enough to find it again and to notice that it changed.
+
+    Parameters
+    ----------
+    name : of the volume; never a path.
+    shape, spacing : of its grid.
+    sha256 : of type, shape and voxels.
+    """
+
+    name: str
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    sha256: str
+
+    @classmethod
+    def of(cls, volume: Volume) -> VolumeReference:
+        """The reference of a volume."""
+        digest = hashlib.sha256(f"{volume.dtype.name} {volume.shape} ".encode())
+        for plane in volume.values:  # slice by slice: a strided or mapped array is never copied whole
+            digest.update(np.ascontiguousarray(plane).data)
+        return cls(volume.name, volume.shape, volume.grid.spacing, digest.hexdigest())
+
+    def matches(self, volume: Volume) -> bool:
+        """True if the voxels are the same; the name does not count."""
+        return self.shape == volume.shape and self.sha256 == VolumeReference.of(volume).sha256
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """An immutable list of steps, applied first to last.
+
+    Parameters
+    ----------
+    steps : the steps in the order in which they are done.
+    name : shown to people.
+    volume : the volume it was made on, if known.
+    extra : fields of a newer minor version, kept for saving.
+
+    Examples
+    --------
+    >>> from deformnb.volume import Grid, Volume
+    >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
+    >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
+    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation.apply(volume).shape
+    (4, 8, 8)
+    """
+
+    steps: tuple[Step, ...] = ()
+    name: str = ""
+    volume: VolumeReference | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def on_picture(cls, grid: Grid, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
+        """One step on a picture of a volume.
+
+        Parameters
+        ----------
+        grid : of the volume.
+        view : one of :data:`~deformnb.plane.VIEWS`, or any plane.
+        points : control points in the picture's coordinates.
+        options : further fields of :class:`Step`.
+        """
+        plane = view if isinstance(view, Plane) else Plane.along(grid, view)
+        return cls((Step((points,), plane, **options),))
+
+    @classmethod
+    def in_space(cls, points: ControlPoints, **options: Any) -> Deformation:
+        """One step with control points (x, y, z) in space."""
+        return cls((Step((points,), None, **options),))
+
+    def then(self, step: Step) -> Deformation:
+        """One more step at the end."""
+        return replace(self, steps=(*self.steps, step))
+
+    def with_step(self, index: int, step: Step) -> Deformation:
+        """Another step in the place of an old one."""
+        self._check(index)
+        return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
+
+    def without_step(self, index: int) -> Deformation:
+        """One step less."""
+        self._check(index)
+        return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
+
+    def _check(self, index: int) -> None:
+        if not 0 <= index < len(self.steps):
+            raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
+
+    def blended(self, strength: float) -> Deformation:
+        """Every step ``strength`` times as strong."""
+        return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
+
+    def field(self, grid: Grid) -> AbstractField:
+        """The backward displacement in space of all enabled steps, composed exactly."""
+        return compose(*(step.field(grid) for step in self.steps if step.enabled))
+
+    def notes(self, grid: Grid) -> tuple[str, ...]:
+        """Remarks of all fits ("points on one line ..."), each once."""
+        found = (note for step in self.steps if step.enabled for fit in step.fits(grid) for note in fit.notes)
+        return tuple(dict.fromkeys(found))
+
+    def apply(self, volume: Volume, **options: Any) -> Volume:
+        """The deformed volume; options are those of :func:`deformnb.warp.warp`."""
+        return warp(volume, self.field(volume.grid), **options)
+
+

@@ -1,0 +1,232 @@
+"""A deformation as JSON text and back.
+
+The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added are kept
+and written out again. The reader trusts nothing: no NaN, no infinity, bounded size and nesting, and every error names
+the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.errors import DeformError
+from deformnb.plane import Plane
+
+FORMAT = "deformnb-deformation"
+VERSION = (1, 0)
+
+LONGEST = 32 * 2**20
+"""Characters; 2000 points of 40 steps fit ten times over."""
+
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+"""From major version n to n + 1; a fixture of every released version is kept in the tests."""
+
+
+def to_json(deformation: Deformation) -> str:
+    """The document as text, one control point a line, so that versions differ by the lines that changed."""
+    data: dict[str, Any] = {
+        "format": FORMAT, "version": f"{VERSION[0]}.{VERSION[1]}", "name": deformation.name,
+        "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
+    }
+    text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False)
+    return _tidied(text) + "\n"
+
+
+def _tidied(text: str) -> str:
+    """Vectors and control points on one line each, where json.dumps gives every number its own.
+
+    Both patterns begin with a line break, which inside a JSON string is always escaped: no name is ever touched.
+    """
+    text = re.sub(r"\[\n\s*((?:-?[\d.eE+-]+,?\s+)+)\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
+    return re.sub(r'\{\n\s*("id":[^{}]*?)\n\s*\}', lambda m: "{" + re.sub(r"\n\s*", " ", m[1]) + "}", text)
+
+
+def from_json(text: str | bytes) -> Deformation:
+    """The document of a text.
+
+    Raises
+    ------
+    DeformError
+        In one sentence: empty, cut short, not JSON, not UTF-8, of a newer major version, or malformed at a named place.
+    """
+    data = _parse(text)
+    if data.get("format") != FORMAT:
+        raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r}, not {FORMAT!r}.")
+    data = _migrate(data)
+    r = _Reader(data, "document")
+    steps = [_step(s) for s in r.items("steps", [])]
+    volume = None if data.get("volume") is None else _volume(r.part("volume"))
+    known = {"format", "version", "name", "volume", "steps"}
+    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known))
+
+
+def _parse(text: str | bytes) -> dict[str, Any]:
+    if len(text) > LONGEST:
+        raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST} are read.")
+    try:
+        decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+        if not decoded.strip():
+            raise DeformError("the document is empty.")
+        data = json.loads(decoded, parse_constant=_no_constant)
+    except UnicodeDecodeError:
+        raise DeformError("the document is not UTF-8 text.") from None
+    except RecursionError:
+        raise DeformError("the document is nested too deeply.") from None
+    except json.JSONDecodeError as error:
+        raise DeformError(f"the document is not complete JSON: {error.msg} in line {error.lineno}.") from None
+    if not isinstance(data, dict):
+        raise DeformError("the document is not a JSON object.")
+    return data
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise DeformError(f"the document contains {name}, which is not a number.")
+
+
+def _migrate(data: dict[str, Any]) -> dict[str, Any]:
+    match = re.fullmatch(r"(\d{1,4})\.(\d{1,4})", str(data.get("version")))
+    if match is None:
+        raise DeformError(f"the document's version {data.get('version')!r} is not of the form 1.0.")
+    major = int(match[1])
+    if major > VERSION[0] or major < 1:
+        raise DeformError(
+            f"the document has version {match[0]}, this program reads up to {VERSION[0]}.x; update deformnb to open it."
+        )
+    for version in range(major, VERSION[0]):
+        data = MIGRATIONS[version](data)
+    return data
+
+
+def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
+    if volume is None:
+        return None
+    return {"name": volume.name, "shape": list(volume.shape), "spacing": list(volume.spacing), "sha256": volume.sha256}
+
+
+def _step_data(step: Step) -> dict[str, Any]:
+    plane = None if step.plane is None else {k: list(getattr(step.plane, k)) for k in ("origin", "u", "v")}
+    curve = step.curve if isinstance(step.curve, str) else list(step.curve)
+    return {
+        **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
+        "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
+        "extrusion": step.extrusion, "curve": curve, "knots": list(step.knots),
+        "maps": [_points_data(m) for m in step.maps],
+    }
+
+
+def _points_data(points: ControlPoints) -> dict[str, Any]:
+    rows = [
+        {"id": i, "name": name, "source": s.tolist(), "target": t.tolist(), "active": bool(a), "weight": float(w)}
+        for i, name, s, t, a, w in zip(points.ids, points.names, points.source, points.target, points.active,
+                                       points.weight, strict=True)
+    ]
+    return {"dim": points.dim, "next_id": points.next_id, "points": rows}
+
+
+class _Reader:
+    """Typed access to a JSON object; every complaint names the place."""
+
+    def __init__(self, data: Any, where: str) -> None:
+        if not isinstance(data, dict):
+            raise DeformError(f"{where} must be an object, got {type(data).__name__}.")
+        self.data, self.where = data, where
+
+    def value(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
+        value = self.data.get(key, default)
+        if value is ... or not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+            what = " or ".join(k.__name__ for k in kinds)
+            got = "nothing" if value is ... else repr(value)[:40]
+            raise DeformError(f"{self.where}.{key} must be of type {what}, got {got}.")
+        return value
+
+    def text(self, key: str, default: Any = ...) -> str:
+        return str(self.value(key, (str,), default))
+
+    def flag(self, key: str, default: Any = ...) -> bool:
+        return bool(self.value(key, (bool,), default))
+
+    def integer(self, key: str, default: Any = ...) -> int:
+        value = self.value(key, (int,), default)
+        if abs(value) > 2**53:
+            raise DeformError(f"{self.where}.{key} is too large.")
+        return int(value)
+
+    def number(self, key: str, default: Any = ...) -> float:
+        return self._finite(self.value(key, (int, float), default), key)
+
+    def numbers(self, key: str, length: int | None = None, default: Any = ...) -> tuple[float, ...]:
+        values = self.value(key, (list, tuple), default)
+        if length is not None and len(values) != length:
+            raise DeformError(f"{self.where}.{key} must have {length} numbers, got {len(values)}.")
+        for v in values:
+            if not isinstance(v, (int, float)) or isinstance(v, bool):
+                raise DeformError(f"{self.where}.{key} must be a list of numbers, got {v!r:.40}.")
+        return tuple(self._finite(v, key) for v in values)
+
+    def _finite(self, value: Any, key: str) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = np.inf
+        if not np.isfinite(number):
+            raise DeformError(f"{self.where}.{key} is not a finite number.")
+        return number
+
+    def part(self, key: str) -> _Reader:
+        return _Reader(self.data.get(key), f"{self.where}.{key}")
+
+    def items(self, key: str, default: Any = ...) -> list[_Reader]:
+        return [_Reader(v, f"{self.where}.{key}[{k}]") for k, v in enumerate(self.value(key, (list,), default))]
+
+    def rest(self, known: set[str]) -> Mapping[str, Any]:
+        return {k: v for k, v in self.data.items() if k not in known}
+
+
+def _volume(r: _Reader) -> VolumeReference:
+    z, y, x = r.numbers("shape", 3)
+    a, b, c = r.numbers("spacing", 3)
+    digest = r.text("sha256")
+    if not re.fullmatch(r"[0-9a-f]{64}", digest):
+        raise DeformError(f"{r.where}.sha256 must be 64 hexadecimal digits.")
+    return VolumeReference(r.text("name", ""), (int(z), int(y), int(x)), (a, b, c), digest)
+
+
+def _step(r: _Reader) -> Step:
+    plane = None
+    if r.data.get("plane") is not None:
+        p = r.part("plane")
+        plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
+    known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
+             "knots", "maps"}
+    curve = r.data.get("curve", "z")
+    try:
+        return Step(
+            tuple(_points(m) for m in r.items("maps")), plane, r.text("kernel", "wendland_c2"),
+            None if r.data.get("support") is None else r.number("support"), r.text("trend", "affine"),
+            r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
+            curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
+            r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
+        )
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _points(r: _Reader) -> ControlPoints:
+    dim = r.integer("dim")
+    if dim not in (2, 3):
+        raise DeformError(f"{r.where}.dim must be 2 or 3, got {dim}.")
+    rows = r.items("points")
+    return ControlPoints(
+        np.array([p.numbers("source", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
+        np.array([p.numbers("target", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
+        tuple(p.integer("id") for p in rows), tuple(p.text("name", "") for p in rows),
+        np.array([p.flag("active", True) for p in rows], dtype=bool),
+        np.array([p.number("weight", 1.0) for p in rows], dtype=np.float64), r.integer("next_id", 0),
+    )
