@@ -25,7 +25,7 @@ def use_disk_cache() -> str | None:
     """Keep compiled functions on disk between processes; returns the folder in use, or None."""
     if os.environ.get("DEFORMNB_COMPILATION_CACHE", "").lower() == "off":
         return None
-    present = jax.config.jax_compilation_cache_dir
+    present = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     if present:
         return str(present)
     # A cached CPU program holds machine code: one folder for each kind of machine that may share the home folder.

@@ -18,6 +18,7 @@ more than 2000                     DeformError
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -117,7 +118,9 @@ def _merge(points: ControlPoints, radius: float, smoothing: float) -> tuple[
     """Points at one place become one; returns targets, displacements, weights, first positions and notes."""
     n = len(points)
     x, d, w = points.target, points.displacement, points.weight
-    pairs = scipy.spatial.cKDTree(x).query_pairs(SAME_PLACE * radius, output_type="ndarray") if n > 1 else ()
+    pairs: NDArray[Any] = np.zeros((0, 2), dtype=np.int64)
+    if n > 1:
+        pairs = scipy.spatial.cKDTree(x).query_pairs(SAME_PLACE * radius, output_type="ndarray")
     if len(pairs) == 0:
         return x, d, w, list(range(n)), ()
     if smoothing == 0:
@@ -134,7 +137,7 @@ def _merge(points: ControlPoints, radius: float, smoothing: float) -> tuple[
     return mean[0], mean[1], total, first, notes
 
 
-def _refuse_conflicts(points: ControlPoints, pairs: NDArray[np.int64], radius: float) -> None:
+def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float) -> None:
     gap = np.linalg.norm(points.displacement[pairs[:, 0]] - points.displacement[pairs[:, 1]], axis=1)
     bad = np.flatnonzero(gap > SAME_DISPLACEMENT * radius)
     if len(bad):
@@ -177,9 +180,15 @@ def _closest(points: ControlPoints, targets: NDArray[np.float64], first: list[in
     """The two points that lie closest to each other, for the message of a singular system."""
     if len(targets) < 2:
         return "a single point"
-    distance, other = scipy.spatial.cKDTree(targets).query(targets, k=2)
+    distance, other = _neighbours(targets, 2)
     k = int(distance[:, 1].argmin())
     return f"{points.label(first[k])} and {points.label(first[int(other[k, 1])])}"
+
+
+def _neighbours(points: NDArray[np.float64], k: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Distances and positions (n, k) of the k nearest points of each point, itself first."""
+    distance, position = scipy.spatial.cKDTree(points).query(points, k=k)
+    return np.asarray(distance), np.asarray(position)
 
 
 def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int = 3) -> list[tuple[int, int]]:
@@ -192,7 +201,7 @@ def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int
     neighbours = min(len(x), 5)
     if neighbours < 2:
         return []
-    _, near = scipy.spatial.cKDTree(ready.targets).query(ready.targets, k=neighbours)
+    _, near = _neighbours(ready.targets, neighbours)
     first, second = np.repeat(np.arange(len(x)), neighbours - 1), near[:, 1:].ravel()
     along = x[first] - x[second]
     beside = y[first] - y[second] - along

@@ -133,7 +133,7 @@ def _index(lattice: Grid | Raster, points: Any) -> Any:
 class Identity(AbstractField):
     """No displacement at all."""
 
-    dim: int = 3  # type: ignore[misc]
+    dim: int = 3
 
     def __call__(self, points: Any) -> Any:
         return jnp.zeros_like(points)
