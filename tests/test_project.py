@@ -25,7 +25,13 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
-DISTRIBUTION = {"lazy_loader": "lazy-loader", "nrrd": "pynrrd", "PIL": "pillow", "skimage": "scikit-image", "yaml": "pyyaml"}
+DISTRIBUTION = {
+    "lazy_loader": "lazy-loader",
+    "nrrd": "pynrrd",
+    "PIL": "pillow",
+    "skimage": "scikit-image",
+    "yaml": "pyyaml",
+}
 # VTK's version is pyvista's business: asking for a second bound here could only contradict it.
 COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
 # Required by the interactive part, which imports them in the widgets.
