@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, MissingPackageError
+from deformnb.voxels import cast, not_finite_note, three_axes
 
 Float3 = tuple[float, float, float]
 Matrix3 = tuple[Float3, Float3, Float3]
@@ -26,6 +28,17 @@ DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float
 # How far the direction columns may be from orthonormal. NIfTI and DICOM store float32 cosines (rounding 1e-7) and
 # scanners print four to six decimals; 1e-4 accepts both and a gantry tilt of 0.006 degrees.
 ORTHONORMAL_TOLERANCE = 1e-4
+
+# From LPS to RAS and back: x and y change sign. NIfTI and nibabel speak RAS.
+_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def _optional(package: str) -> Any:
+    try:
+        return import_module(package)
+    except ImportError as error:
+        message = f"this needs the package {package}, which is not installed: pip install {package}"
+        raise MissingPackageError(message) from error
 
 
 @dataclass(frozen=True)
@@ -85,6 +98,57 @@ class Grid:
     def matrix(self) -> NDArray[np.float64]:
         """3 x 3 map from an index (i, j, k) to a vector in space: direction times spacing."""
         return np.asarray(self.direction) * np.asarray(self.spacing)
+
+    @classmethod
+    def from_affine(cls, shape: tuple[int, int, int], affine: ArrayLike) -> Grid:
+        """The grid whose voxel (i, j, k) lies at ``affine @ (i, j, k, 1)`` in LPS space; affine is 4 x 4.
+
+        Raises
+        ------
+        DeformError
+            If the affine is not finite, has columns of length zero or linearly dependent, or is sheared.
+
+        Examples
+        --------
+        >>> Grid.from_affine((4, 5, 6), np.diag([-2.0, 1.0, 3.0, 1.0])).spacing
+        (2.0, 1.0, 3.0)
+        """
+        matrix = np.asarray(affine, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise DeformError(f"the affine must be 4 x 4 finite numbers, got {matrix.tolist()}.")
+        # Divided by the largest entry first: the square of a length of 1e-200 would vanish.
+        largest = np.abs(matrix[:3, :3]).max(axis=0)
+        scaled = matrix[:3, :3] / np.where(largest > 0, largest, 1.0)
+        lengths = np.linalg.norm(scaled, axis=0)
+        if (largest == 0).any() or np.linalg.matrix_rank(scaled / lengths) < 3:
+            raise DeformError(f"the affine is singular: the columns of {matrix[:3, :3].tolist()} do not span space.")
+        origin, spacing = tuple(matrix[:3, 3].tolist()), tuple((lengths * largest).tolist())
+        return cls(shape, spacing, origin, tuple(tuple(row) for row in (scaled / lengths).tolist()))  # type: ignore[arg-type]
+
+    @property
+    def affine(self) -> NDArray[np.float64]:
+        """4 x 4 map from an index (i, j, k, 1) to a point in LPS space."""
+        affine = np.eye(4)
+        affine[:3, :3] = self.matrix
+        affine[:3, 3] = self.origin
+        return affine
+
+    @property
+    def orientation(self) -> str:
+        """Where growing i, j and k lead, one letter each: Left or Right, Posterior or Anterior, Superior or Inferior.
+
+        Examples
+        --------
+        >>> Grid((4, 5, 6)).orientation
+        'LPS'
+        """
+        left = np.array(self.direction)
+        letters = ["", "", ""]
+        for _ in range(3):  # the most certain axis first, so that an oblique grid never gets the same letter twice
+            axis, column = (int(n) for n in np.unravel_index(np.nanargmax(np.abs(left)), (3, 3)))
+            letters[column] = ("LR", "PA", "SI")[axis][int(left[axis, column] < 0)]
+            left[axis, :] = left[:, column] = np.nan
+        return "".join(letters)
 
     @property
     def size(self) -> int:
@@ -147,14 +211,14 @@ class Grid:
             raise DeformError("give the spacing or the shape of the new grid, not both.")
         lengths = np.asarray(self.lengths) + 2 * np.broadcast_to(np.asarray(margin, dtype=np.float64), (3,))
         if not (np.isfinite(lengths).all() and (lengths > 0).all()):
-            raise DeformError(f"a margin of {margin} leaves nothing of a box of {self.lengths}.")
+            raise DeformError(f"a margin of {margin!r} leaves nothing of a box of {self.lengths}.")
         if shape is not None:
             counts = np.asarray(shape[::-1], dtype=np.int64)
             new = lengths / counts
         else:
             new = np.broadcast_to(np.asarray(self.spacing if spacing is None else spacing, dtype=np.float64), (3,))
             if not (np.isfinite(new).all() and (new > 0).all()):
-                raise DeformError(f"spacing must be positive, got {spacing}.")
+                raise DeformError(f"spacing must be positive, got {spacing!r}.")
             counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
         first = np.asarray(self.center) - np.asarray(self.direction) @ (new * (counts - 1) / 2)
         return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
@@ -184,6 +248,120 @@ class Volume:
             raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
             raise DeformError(f"voxel type {self.values.dtype} is not kept as it is; use Volume.from_array to cast it.")
+
+    @classmethod
+    def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
+                   direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None) -> Volume:
+        """A volume of any array of numbers [z, y, x]; a 2-D image [y, x] becomes one slice.
+
+        The array is not copied where its type can stay (memory-mapped, read-only and Fortran arrays included).
+        Big-endian becomes native; int64, uint32 and uint64 become int32 if all values fit, else float64 if that is
+        exact; float16 becomes float32.
+
+        Parameters
+        ----------
+        array : [z, y, x] or [y, x].
+        spacing, origin, direction : see :class:`Grid`.
+        name : shown to people.
+        is_labels : voxels are names, not amounts; by default only bool voxels are.
+
+        Raises
+        ------
+        DeformError
+            For other axes (time, colour), no voxels, complex or object types, values no type holds exactly, masked
+            arrays, and for a spacing, origin or direction that :class:`Grid` refuses.
+
+        Examples
+        --------
+        >>> Volume.from_array(np.zeros((4, 5, 6), dtype=">i2"), spacing=(1, 1, 2)).dtype.name
+        'int16'
+        """
+        if isinstance(array, np.ma.MaskedArray):
+            raise DeformError("masked arrays are not supported; choose what hidden voxels hold: array.filled(value).")
+        values, axis_notes = three_axes(np.asanyarray(array))
+        values, cast_notes = cast(values)
+        shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
+        labels = values.dtype == np.bool_ if is_labels is None else is_labels
+        notes = axis_notes + cast_notes + not_finite_note(values)
+        return cls(values, Grid(shape, spacing, origin, direction), name, bool(labels), notes)
+
+    @classmethod
+    def from_affine(cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None) -> Volume:
+        """A volume of an array [z, y, x] and the 4 x 4 LPS affine of its indices (i, j, k)."""
+        plain = cls.from_array(array, name=name, is_labels=is_labels)
+        return replace(plain, grid=Grid.from_affine(plain.shape, affine))
+
+    @classmethod
+    def from_pyvista(cls, image: Any, scalars: str | None = None, is_labels: bool | None = None) -> Volume:
+        """A volume that shares the point data of a pyvista or VTK image; ``scalars`` defaults to the active ones.
+
+        Raises
+        ------
+        DeformError
+            If it is no image, or has no such point data of one component.
+        """
+        pyvista = _optional("pyvista")
+        image = pyvista.wrap(image)
+        if not isinstance(image, pyvista.ImageData):
+            raise DeformError(f"from_pyvista takes an ImageData (a regular grid), not {type(image).__name__}.")
+        names = list(image.point_data.keys())
+        name = scalars if scalars is not None else image.point_data.active_scalars_name or (names or [""])[0]
+        if name not in names:
+            raise DeformError(f"the image has no point data called {name!r} (it has {names}); for cell data call "
+                              "image.cells_to_points() first.")
+        nx, ny, nz = image.dimensions
+        values = np.asarray(image.point_data[name])
+        axes = np.asarray(image.direction_matrix) * np.asarray(image.spacing)
+        # An extent need not start at 0, and VTK's origin is where index 0 would be.
+        affine = np.eye(4)
+        affine[:3, :3], affine[:3, 3] = axes, np.asarray(image.origin) + axes @ np.asarray(image.extent[::2])
+        return cls.from_affine(values.reshape(nz, ny, nx, *values.shape[1:]), affine, name, is_labels)
+
+    @classmethod
+    def from_sitk(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
+        """A volume of a scalar SimpleITK image of two or three dimensions (its voxels are copied)."""
+        sitk = _optional("SimpleITK")
+        if image.GetDimension() == 2:
+            image = sitk.JoinSeries(image)
+        values = sitk.GetArrayFromImage(image)
+        if values.ndim != 3:  # more dimensions or several components: named there, with how to pick
+            return cls.from_array(values)
+        direction = np.reshape(image.GetDirection(), (3, 3)).tolist()
+        return cls.from_array(values, image.GetSpacing(), image.GetOrigin(), direction, name, is_labels)
+
+    @classmethod
+    def from_nibabel(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
+        """A volume that shares the voxels of a nibabel image; RAS becomes LPS and [x, y, z] becomes [z, y, x]."""
+        _optional("nibabel")
+        values = np.asanyarray(image.dataobj)
+        return cls.from_affine(values.T, _RAS @ np.asarray(image.affine, dtype=np.float64), name, is_labels)
+
+    def to_pyvista(self) -> Any:
+        """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values"."""
+        grid = self.grid
+        image = _optional("pyvista").ImageData(dimensions=self.shape[::-1], spacing=grid.spacing, origin=grid.origin,
+                                               direction_matrix=np.asarray(grid.direction))
+        name = self.name or "values"
+        image.point_data.set_array(np.asarray(self.values).reshape(-1), name)
+        image.point_data.active_scalars_name = name
+        return image
+
+    def to_sitk(self) -> Any:
+        """A ``SimpleITK.Image`` with the same voxels (copied) at the same places; bool becomes uint8."""
+        values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
+        image = _optional("SimpleITK").GetImageFromArray(np.ascontiguousarray(values))
+        image.SetSpacing(self.grid.spacing)
+        image.SetOrigin(self.grid.origin)
+        image.SetDirection(np.ravel(self.grid.direction).tolist())
+        return image
+
+    def to_nibabel(self) -> Any:
+        """A ``nibabel.Nifti1Image`` that shares these voxels, with a RAS affine; bool becomes uint8."""
+        values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
+        image = _optional("nibabel").Nifti1Image(values.T, _RAS @ self.grid.affine)
+        image.header.set_xyzt_units("mm")
+        image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
+        return image
 
     @property
     def shape(self) -> tuple[int, int, int]:

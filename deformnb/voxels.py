@@ -1,0 +1,145 @@
+"""Which arrays become voxels: the cast table, and what is refused by name.
+
+Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+
+KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
+
+# Whole numbers up to 2**53 have an exact float64.
+_EXACT_INTEGER = 2**53
+
+# Temporaries of a check over all voxels stay below this, so that a memory-mapped volume is never copied whole.
+_SLAB_BYTES = 16 * 2**20
+
+_REFUSED = {
+    "c": "complex voxels are not supported; pass the magnitude (abs(array)) or one part (array.real).",
+    "O": "object arrays are not supported; convert the array to numbers first, for example array.astype('float32').",
+    "V": "structured voxels are not supported; pass one field of the array.",
+    "S": "text is not a voxel type; convert the array to numbers first.",
+    "U": "text is not a voxel type; convert the array to numbers first.",
+    "M": "dates are not a voxel type; convert the array to numbers first.",
+    "m": "time differences are not a voxel type; convert the array to numbers first.",
+}
+
+
+def slabs(array: NDArray[Any]) -> list[NDArray[Any]]:
+    """The array as a list of views along its first axis, each of about 16 MiB or one slice."""
+    rows = max(1, _SLAB_BYTES // max(1, array[:1].nbytes))
+    return [array[start:start + rows] for start in range(0, array.shape[0], rows)]
+
+
+def three_axes(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
+    """The array with exactly three axes [z, y, x], and a note if one was added.
+
+    Raises
+    ------
+    DeformError
+        If the array has no voxels, or axes that are not z, y or x; the message says how to pick.
+    """
+    notes: tuple[str, ...] = ()
+    if array.ndim == 2:
+        array, notes = array[None], ("a 2-D image was taken as a volume of one slice",)
+    elif array.ndim != 3:
+        raise DeformError(_too_many(array.shape))
+    if array.size == 0:
+        raise DeformError(f"the array has no voxels: its shape is {array.shape}; every axis needs at least one.")
+    if array.dtype == np.uint8 and array.shape[-1] in (3, 4) and min(array.shape[:2]) >= 16:
+        # One cannot tell a colour picture from a volume three voxels wide, so say it instead of refusing either.
+        notes += (f"the x axis has {array.shape[-1]} voxels: if these are colours, pass one channel: array[..., 0]",)
+    return array, notes
+
+
+def _too_many(shape: tuple[int, ...]) -> str:
+    if len(shape) < 2:
+        return f"a volume has three axes [z, y, x] but this array has shape {shape}; reshape it first."
+    axes = ", ".join(f"axis {n}: {count}" for n, count in enumerate(shape))
+    if shape[-1] in (2, 3, 4) and len(shape) == 4:
+        hint = "The last axis looks like colours or components: pick one with array[..., 0]"
+    else:
+        hint = "Pick one time or channel, for example array[0] for the first of the first axis"
+    return f"a volume has three axes [z, y, x] but this array has {len(shape)} ({axes}). {hint}."
+
+
+def cast(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
+    """The same values in a native voxel type of :data:`KEPT`, and a note if the type changed.
+
+    The array comes back itself if it can stay: memory-mapped, read-only and Fortran arrays are not copied.
+
+    Raises
+    ------
+    DeformError
+        For types without an order (complex, object, text ...) and for whole numbers no kept type holds exactly.
+
+    Examples
+    --------
+    >>> cast(np.array([[[1, 2**31]]]))[0].dtype.name
+    'float64'
+    >>> cast(np.zeros((2, 2, 2), dtype=">i2"))[1]
+    ()
+    """
+    stored = array.dtype
+    if stored.kind in _REFUSED:
+        raise DeformError(f"voxel type {stored.name}: {_REFUSED[stored.kind]}")
+    native = stored.newbyteorder("=")
+    if native.name in KEPT:
+        return (array if stored.isnative else array.astype(native)), ()
+    if native.name == "float16":
+        target = np.dtype(np.float32)
+    elif stored.kind in "iu":
+        target = _integer_target(array)
+    else:
+        target = _extended_target(array)
+    return array.astype(target), (f"voxels of type {native.name} became {target.name}; no value changed",)
+
+
+def _integer_target(array: NDArray[Any]) -> np.dtype[Any]:
+    low, high = int(array.min()), int(array.max())
+    limits = np.iinfo(np.int32)
+    if limits.min <= low and high <= limits.max:
+        return np.dtype(np.int32)
+    if max(-low, high) <= _EXACT_INTEGER or all(_exact_in_float64(slab) for slab in slabs(array)):
+        return np.dtype(np.float64)
+    raise DeformError(
+        f"voxel type {array.dtype.name} with values from {low} to {high}: neither int32 nor float64 holds all of them "
+        "exactly. Subtract an offset or number the labels anew first."
+    )
+
+
+def _exact_in_float64(slab: NDArray[Any]) -> bool:
+    # 2.0**63 and 2.0**64 do not fit back into the integer type; the conversion back would wrap and lie.
+    real = slab.astype(np.float64)
+    below = real < float(2 ** (63 if slab.dtype.kind == "i" else 64))
+    return bool(below.all() and (real.astype(slab.dtype) == slab).all())
+
+
+def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
+    for slab in slabs(array):
+        with np.errstate(over="ignore"):
+            real = slab.astype(np.float64)
+        if not ((real == slab) | (np.isnan(real) & np.isnan(slab))).all():
+            raise DeformError(
+                f"voxel type {array.dtype.name} holds values that float64 would round; "
+                "convert the array yourself with array.astype('float64') if that is meant."
+            )
+    return np.dtype(np.float64)
+
+
+def not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
+    """A note that counts the voxels that are NaN or infinite, if any."""
+    if array.dtype.kind != "f":
+        return ()
+    bad = sum(int(slab.size - np.count_nonzero(np.isfinite(slab))) for slab in slabs(array))
+    if not bad:
+        return ()
+    many = f"{bad:,}".replace(",", " ")
+    return (f"{many} voxels are not finite, shown as background" if bad > 1
+            else "1 voxel is not finite, shown as background",)
