@@ -20,7 +20,8 @@ LONGEST = 200
 DEEPEST = 20
 LARGEST_POWER = 64.0
 
-CONSTANTS = {"pi": np.pi, "e": np.e}
+# NumPy numbers: Python's raise ZeroDivisionError and OverflowError, and (-pi)^0.5 is complex.
+CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "sin": (np.sin, 1), "cos": (np.cos, 1), "tan": (np.tan, 1), "exp": (np.exp, 1), "log": (np.log, 1),
     "sqrt": (np.sqrt, 1), "abs": (np.abs, 1), "min": (np.minimum, 2), "max": (np.maximum, 2),

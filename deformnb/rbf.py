@@ -32,6 +32,8 @@ CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
 # above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
 _RESIDUAL = 1e-7
+# Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
+_ROUNDING = 1e-10
 
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5 to
 # 14 times ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and supports of 1/8 to 3/2 of the image.
@@ -93,6 +95,8 @@ class RBFInterpolant(AbstractField):
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
         other = np.asarray(columns, dtype=np.float64) / self.support
+        middle = other[:, [0, -1]].mean(axis=1, keepdims=True) if other.size else 0.0
+        first, other = first + middle, other - middle  # float32 has no digits left for pixels far from their origin
         reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*first, *other))))
         dtype = np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
@@ -100,8 +104,10 @@ class RBFInterpolant(AbstractField):
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
-        largest = np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max()
-        return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest)
+        # Places far away in units of the support are rounded too; a kernel's slope is about 2.
+        largest = max(np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max(), reach / 6)
+        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
+        return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
     def _leaves(self, dtype: Any) -> tuple[Any, ...]:
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
@@ -191,12 +197,16 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
     x[:n] = (ready.targets - ready.origin) / ready.support
     d[:n] = ready.displacements / ready.support
     nugget[:n] = smoothing / ready.weights
+    if not d.any():  # exactly the identity, which a solve would miss by rounding
+        zero = np.zeros((dim, dim))
+        return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
+                              ready.trend, ready.notes, ready.ids)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     with float64():
         solved = _solve(x, d, np.arange(size) < n, nugget, ready.basis, turn, kernel=kernel, trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved)
     # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
-    if not np.abs(miss).max() <= _RESIDUAL * np.abs(d).max():
+    if not np.abs(miss).max() <= _RESIDUAL * np.abs(d).max() + _ROUNDING * np.abs(x).max():
         raise DeformError(
             f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
             f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
@@ -207,12 +217,21 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
                           ready.ids)
 
 
+_COLLAPSES = {
+    "affine": "the trend collapses everything to one place",
+    "similarity": "the trend collapses everything to one place",
+    "rigid": "the turn is open and stays what it was",
+}
+
+
 def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[str, ...]:
     """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
     crossed = crossing_pairs(ready, map_linear)
     notes = [f"control points {i} and {j} cross: the map folds between them" for i, j in crossed]
-    if ready.trend == "similarity" and np.abs(map_linear).max() < NO_ANGLE:
-        notes.append("the sources nearly coincide: the trend collapses everything to one place")
+    sources = ready.targets + ready.displacements
+    spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
+    if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
+        notes.append(f"the sources nearly coincide: {_COLLAPSES[ready.trend]}")
     return tuple(notes)
 
 

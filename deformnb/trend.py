@@ -15,7 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 from deformnb.errors import DeformError
 
@@ -51,13 +53,13 @@ def _affine(s: Any, h: Any, basis: Any, previous: Any) -> Any:
 
 
 def _similarity(s: Any, h: Any, basis: Any, previous: Any) -> Any:
-    rotation = nearest_rotation(h, previous)
+    rotation = nearest_rotation(h, jnp.trace(s), previous)
     scale = jnp.sum(rotation * h) / jnp.trace(s)
     return jnp.maximum(scale, 0.0) * rotation
 
 
 def _rigid(s: Any, h: Any, basis: Any, previous: Any) -> Any:
-    return nearest_rotation(h, previous)
+    return nearest_rotation(h, jnp.trace(s), previous)
 
 
 TRENDS: dict[str, Trend] = {
@@ -81,23 +83,46 @@ def trend_named(name: str) -> Trend:
         raise DeformError(f"unknown trend {name!r}; choose one of {', '.join(TRENDS)}.") from None
 
 
-def nearest_rotation(h: Any, previous: Any) -> Any:
+def nearest_rotation(h: Any, size: Any, previous: Any) -> Any:
     """The rotation R with the largest tr(R^T H); ``previous`` where H leaves the angle open.
 
-    In space a small multiple of ``previous`` is added first: points on one line leave the turn about the line free, and
-    the singular vectors alone would pick any (zero displacement was seen to move voxels by 91 of 100).
+    ``size`` is tr S, the size H has where nothing is dragged: measured by H alone, the rounding of sources that
+    coincide would pass for a turn. In space a small multiple of ``previous`` is added where a turn is open: points on
+    one line leave the turn about the line free, and the singular vectors alone would pick any (zero displacement was
+    seen to move voxels by 91 of 100). Adding it everywhere would miss rigid motions by that multiple.
     """
-    size = jnp.sqrt(jnp.sum(h * h)) + 1e-300
+    least = NO_ANGLE * jnp.maximum(size, jnp.sqrt(jnp.sum(h * h)))
     if h.shape[0] == 2:
         c, s = h[0, 0] + h[1, 1], h[1, 0] - h[0, 1]
-        length = jnp.hypot(c, s)
-        known = length > NO_ANGLE * size
-        safe = jnp.where(known, length, 1.0)
-        c, s = c / safe, s / safe
-        return jnp.where(known, jnp.array([[c, -s], [s, c]]), previous)
-    u, _, vt = jnp.linalg.svd(h + NO_ANGLE * size * previous)
-    sign = jnp.sign(jnp.linalg.det(u) * jnp.linalg.det(vt))
-    return (u * jnp.array([1.0, 1.0, sign], dtype=h.dtype)) @ vt
+        known = c * c + s * s > least * least
+        length = jnp.sqrt(jnp.where(known, c * c + s * s, 1.0))
+        return jnp.where(known, jnp.array([[c, -s], [s, c]]) / length, previous)
+    stretch = _polar(lax.stop_gradient(h))[2]
+    known = stretch[1] + stretch[2] > least
+    return _polar_rotation(h + jnp.where(known, 0.0, least) * previous)
+
+
+def _polar(h: Any) -> tuple[Any, Any, Any]:
+    """R, V and p of H = R V diag(p) V^T with R a rotation; p falls, its last is negative where H mirrors."""
+    u, sigma, vt = jnp.linalg.svd(h)
+    proper = jnp.array([1.0, 1.0, jnp.sign(jnp.linalg.det(u) * jnp.linalg.det(vt))], dtype=h.dtype)
+    return (u * proper) @ vt, vt.T, sigma * proper
+
+
+@jax.custom_jvp
+def _polar_rotation(h: Any) -> Any:
+    return _polar(h)[0]
+
+
+@_polar_rotation.defjvp
+def _polar_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    # R V [K_ij / (p_i + p_j)] V^T with K the skew part of R^T dH; differentiating through the singular vectors divides
+    # by p_i - p_j instead, zero for a ball of points.
+    (h,), (dh,) = primals, tangents
+    r, v, p = _polar(h)
+    k = v.T @ (r.T @ dh - dh.T @ r) @ v
+    both = p[:, None] + p[None, :]
+    return r, r @ v @ (k / jnp.where(both > 0, both, 1.0)) @ v.T
 
 
 def complete(images: Any, basis: Any) -> Any:
