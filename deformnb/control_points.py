@@ -68,6 +68,9 @@ class ControlPoints:
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
 
     def _check_numbers(self) -> None:
+        for what, array in (("switches", self.active), ("weights", self.weight)):
+            if array.ndim != 1:
+                raise DeformError(f"the {what} of control points must be one for each, got shape {array.shape}.")
         for what, array in (("source", self.source), ("target", self.target)):
             good = (np.abs(array) <= LARGEST_COORDINATE).all(axis=1)  # False for NaN as well
             if not good.all():
@@ -139,14 +142,21 @@ class ControlPoints:
     def add(self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "",
             weight: float = 1.0) -> ControlPoints:
         """One more point, under the id ``next_id``; its target is its source unless given."""
-        s = np.asarray(source, dtype=np.float64).reshape(1, -1)
-        t = s if target is None else np.asarray(target, dtype=np.float64).reshape(1, -1)
-        if s.shape[1] != self.dim or t.shape[1] != self.dim:
-            raise DeformError(f"a point of this set has {self.dim} coordinates, got {s.shape[1]} and {t.shape[1]}.")
+        s = self._one_place(source, "source")[None]
+        t = s if target is None else self._one_place(target, "target")[None]
         return ControlPoints(
             np.concatenate([self.source, s]), np.concatenate([self.target, t]), (*self.ids, self.next_id),
             (*self.names, name), np.append(self.active, True), np.append(self.weight, weight), self.next_id + 1,
         )
+
+    def _one_place(self, value: ArrayLike, what: str) -> NDArray[np.float64]:
+        try:
+            place = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DeformError(f"the {what} of a point must be {self.dim} numbers, got {value!r}.") from None
+        if place.shape != (self.dim,):  # a single number would be taken for all coordinates
+            raise DeformError(f"the {what} of a point of this set has {self.dim} coordinates, got {value!r}.")
+        return place
 
     def move(self, point: int, target: ArrayLike) -> ControlPoints:
         """Drop the point with this id at another target."""
@@ -160,7 +170,7 @@ class ControlPoints:
         for key, value in (("source", source), ("target", target), ("active", active), ("weight", weight)):
             if value is not None:
                 array = np.array(getattr(self, key))
-                array[k] = value
+                array[k] = self._one_place(value, key) if array.ndim == 2 else value
                 changed[key] = array
         if name is not None:
             changed["names"] = (*self.names[:k], name, *self.names[k + 1 :])

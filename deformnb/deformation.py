@@ -77,6 +77,10 @@ class Step:
             raise DeformError(f"unknown extrusion {self.extrusion!r}; choose one of {', '.join(EXTRUSIONS)}.")
         if not np.isfinite(self.strength):
             raise DeformError(f"strength must be a finite number, got {self.strength}.")
+        if self.support is not None and not (np.isfinite(self.support) and self.support > 0):
+            raise DeformError(f"the support radius must be a positive length, got {self.support}.")
+        if not (np.isfinite(self.smoothing) and self.smoothing >= 0):
+            raise DeformError(f"smoothing must be 0 or a positive number, got {self.smoothing}.")
         dim = 3 if self.plane is None else 2
         wanted = len(self.knots) if self.extrusion == "interpolate" else 1
         if len(self.maps) != wanted:

@@ -22,6 +22,9 @@ from deformnb.plane import Plane
 FORMAT = "deformnb-deformation"
 VERSION = (1, 0)
 
+DEEPEST = 50
+"""Levels of nesting; a document of today has six."""
+
 LONGEST = 32 * 2**20
 """Characters; 2000 points of 40 steps fit ten times over."""
 
@@ -36,6 +39,8 @@ def to_json(deformation: Deformation) -> str:
         "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
     }
     text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False)
+    # Half a surrogate pair is a legal name in Python and JSON, but not in UTF-8.
+    text = re.sub("[\ud800-\udfff]", lambda m: f"\\u{ord(m[0]):04x}", text)
     return _tidied(text) + "\n"
 
 
@@ -58,7 +63,7 @@ def from_json(text: str | bytes) -> Deformation:
     """
     data = _parse(text)
     if data.get("format") != FORMAT:
-        raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r}, not {FORMAT!r}.")
+        raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r:.40}, not {FORMAT!r}.")
     data = _migrate(data)
     r = _Reader(data, "document")
     steps = [_step(s) for s in r.items("steps", [])]
@@ -74,13 +79,18 @@ def _parse(text: str | bytes) -> dict[str, Any]:
         decoded = text.decode("utf-8") if isinstance(text, bytes) else text
         if not decoded.strip():
             raise DeformError("the document is empty.")
-        data = json.loads(decoded, parse_constant=_no_constant)
+        data = json.loads(decoded, parse_constant=_no_constant, parse_float=_finite_float)
+        _check_depth(data)
     except UnicodeDecodeError:
         raise DeformError("the document is not UTF-8 text.") from None
     except RecursionError:
         raise DeformError("the document is nested too deeply.") from None
     except json.JSONDecodeError as error:
         raise DeformError(f"the document is not complete JSON: {error.msg} in line {error.lineno}.") from None
+    except DeformError:
+        raise
+    except ValueError:  # Python reads no integers of more than 4300 digits
+        raise DeformError("the document contains a number that is too long.") from None
     if not isinstance(data, dict):
         raise DeformError("the document is not a JSON object.")
     return data
@@ -90,10 +100,28 @@ def _no_constant(name: str) -> NoReturn:
     raise DeformError(f"the document contains {name}, which is not a number.")
 
 
+def _finite_float(text: str) -> float:
+    number = float(text)
+    if not np.isfinite(number):
+        raise DeformError(f"the document contains {text:.20}, which is too large for a number.")
+    return number
+
+
+def _check_depth(data: Any) -> None:
+    """Refuse nesting beyond :data:`DEEPEST`: fields that are only kept must be written again, and writing recurses."""
+    level = [data]
+    for _ in range(DEEPEST):
+        level = [inner for value in level if isinstance(value, (dict, list))
+                 for inner in (value.values() if isinstance(value, dict) else value)]
+        if not level:
+            return
+    raise DeformError(f"the document is nested too deeply; at most {DEEPEST} levels are read.")
+
+
 def _migrate(data: dict[str, Any]) -> dict[str, Any]:
     match = re.fullmatch(r"(\d{1,4})\.(\d{1,4})", str(data.get("version")))
     if match is None:
-        raise DeformError(f"the document's version {data.get('version')!r} is not of the form 1.0.")
+        raise DeformError(f"the document's version {data.get('version')!r:.40} is not of the form 1.0.")
     major = int(match[1])
     if major > VERSION[0] or major < 1:
         raise DeformError(
@@ -192,6 +220,8 @@ class _Reader:
 def _volume(r: _Reader) -> VolumeReference:
     z, y, x = r.numbers("shape", 3)
     a, b, c = r.numbers("spacing", 3)
+    if not all(n == int(n) and n >= 1 for n in (z, y, x)) or min(a, b, c) <= 0:
+        raise DeformError(f"{r.where} must have a shape of whole numbers and a spacing of positive ones.")
     digest = r.text("sha256")
     if not re.fullmatch(r"[0-9a-f]{64}", digest):
         raise DeformError(f"{r.where}.sha256 must be 64 hexadecimal digits.")

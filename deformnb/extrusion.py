@@ -216,10 +216,13 @@ class Extrusion(AbstractField):
 
     def axis_of(self, grid: Grid) -> int | None:
         """The array axis of ``grid`` (0 z, 1 y, 2 x) along which the plane's normal runs; None if it is oblique."""
-        along = np.abs(np.asarray(grid.direction).T @ np.asarray(self.plane.normal))
+        direction, normal = np.asarray(grid.direction), np.asarray(self.plane.normal)
+        along = np.abs(direction.T @ normal)
         k = int(along.argmax())
-        # sine of the angle below 1e-6: over 1000 voxels it moves nothing by more than a thousandth of a voxel
-        return 2 - k if np.linalg.norm(np.delete(along, k)) < 1e-6 else None
+        # sine of the angle below 1e-6: over 1000 voxels it moves nothing by more than a thousandth of a voxel. The axis
+        # itself counts too: the columns of a direction may be four digits off right angles.
+        sines = np.linalg.norm(np.delete(along, k)), np.linalg.norm(np.cross(direction[:, k], normal))
+        return 2 - k if max(sines) < 1e-6 else None
 
 
 def extrude(plane: Plane, grid: Grid, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:

@@ -169,7 +169,10 @@ class Plane:
         toward = np.eye(3)["xyz".index(axis)] * (1.0 if view[0] == "+" else -1.0)
         direction = np.asarray(grid.direction)
         n = _nearest_column(direction, toward)
+        n = n / np.linalg.norm(n)
         v = -_nearest_column(direction, np.array(_UP[axis]), without=n)
+        v = v - (v @ n) * n  # a grid may be four digits off right angles, a plane may not
+        v = v / np.linalg.norm(v)
         u = np.cross(v, n)
         corners = grid.corners(centres=True)
         start = [float((corners @ w).min()) for w in (u, v, n)]

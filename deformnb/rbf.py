@@ -35,9 +35,9 @@ _RESIDUAL = 1e-7
 # Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
 _ROUNDING = 1e-10
 
-# Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5 to
-# 14 times ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and supports of 1/8 to 3/2 of the image.
-# Where 12 times that is more than this share of a pixel, evaluation runs in float64 (2.8 times as long).
+# Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
+# to 14 times ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and supports of 1/8 to 3/2 of the
+# image. Where 12 times that is more than this share of a pixel, evaluation runs in float64 (2.8 times as long).
 _FLOAT32_ERROR = 12 * 6e-8
 _PIXEL_SHARE = 1e-3
 
@@ -227,7 +227,7 @@ _COLLAPSES = {
 def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[str, ...]:
     """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
     crossed = crossing_pairs(ready, map_linear)
-    notes = [f"control points {i} and {j} cross: the map folds between them" for i, j in crossed]
+    notes = [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
     sources = ready.targets + ready.displacements
     spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
     if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
