@@ -91,13 +91,14 @@ def nearest_rotation(h: Any, size: Any, previous: Any) -> Any:
     one line leave the turn about the line free, and the singular vectors alone would pick any (zero displacement was
     seen to move voxels by 91 of 100). Adding it everywhere would miss rigid motions by that multiple.
     """
-    least = NO_ANGLE * jnp.maximum(size, jnp.sqrt(jnp.sum(h * h)))
+    fixed = lax.stop_gradient(h)
+    least = NO_ANGLE * jnp.maximum(lax.stop_gradient(size), jnp.sqrt(jnp.sum(fixed * fixed)))
     if h.shape[0] == 2:
         c, s = h[0, 0] + h[1, 1], h[1, 0] - h[0, 1]
         known = c * c + s * s > least * least
         length = jnp.sqrt(jnp.where(known, c * c + s * s, 1.0))
         return jnp.where(known, jnp.array([[c, -s], [s, c]]) / length, previous)
-    stretch = _polar(lax.stop_gradient(h))[2]
+    stretch = _polar(fixed)[2]
     known = stretch[1] + stretch[2] > least
     return _polar_rotation(h + jnp.where(known, 0.0, least) * previous)
 
@@ -153,12 +154,14 @@ def _smallest_turn(q: Any, image: Any) -> Any:
     """Scale times the smallest rotation that takes the unit vector q to the direction of ``image`` (Rodrigues)."""
     length = jnp.sqrt(jnp.sum(image * image))
     t = image / jnp.where(length > 0, length, 1.0)
-    axis, cosine = jnp.cross(q, t), jnp.dot(q, t)
+    opposite = jnp.dot(q, t) < -1 + 1e-9  # half a turn, about any axis across q, and the rest from there
+    start = jnp.where(opposite, -q, q)
+    axis = jnp.cross(start, t)
     k = jnp.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    opposite = cosine < -1 + 1e-9  # half a turn: any axis across q will do
     other = jnp.eye(3, dtype=q.dtype)[jnp.argmin(jnp.abs(q))]
     other = other - jnp.dot(other, q) * q
     other = other / jnp.sqrt(jnp.sum(other * other))
     half = 2 * jnp.outer(other, other) - jnp.eye(3, dtype=q.dtype)
-    turn = jnp.eye(3, dtype=q.dtype) + k + (k @ k) / jnp.where(opposite, 1.0, 1 + cosine)
-    return length * jnp.where(opposite, half, turn)
+    # 1 + cosine as |q + t|^2 / 2, which keeps its digits next to half a turn
+    turn = jnp.eye(3, dtype=q.dtype) + k + (k @ k) * (2 / jnp.sum((start + t) ** 2))
+    return length * jnp.where(opposite, turn @ half, turn)

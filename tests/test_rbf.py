@@ -1,0 +1,349 @@
+"""Theorems of the fit over every kernel, trend and dimension, and its agreement with oracles and other programs."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracle
+import pytest
+import scipy.interpolate
+import skimage.transform
+from scipy.spatial.transform import Rotation
+
+from deformnb import rbf
+from deformnb.compilation import float64
+from deformnb.control_points import ControlPoints
+from deformnb.errors import DeformError
+from deformnb.kernels import KERNELS, WendlandC2
+from deformnb.plane import Raster
+from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.trend import TRENDS
+
+# Published: the order of each kernel (Wendland 2004, chapter 8), and the largest order each trend can serve.
+KERNEL_ORDER = {"wendland_c0": 0, "wendland_c2": 0, "wendland_c4": 0, "gaussian": 0, "multiquadric": 1, "linear": 1,
+                "thin_plate": 2, "cubic": 2}
+TREND_ORDER = {"none": 0, "translation": 1, "similarity": 1, "rigid": 1, "affine": 2}
+PAIRS = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] >= KERNEL_ORDER[k]]
+REFUSED = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] < KERNEL_ORDER[k]]
+CASES = [(k, t, dim) for k, t in PAIRS for dim in (2, 3)]
+SUPPORT = 80.0
+EXTENT = 100.0
+# Ten thousand roundings: the condition numbers of these seven points stay below 1e4.
+CLOSE = 1e-11 * EXTENT
+
+
+def sources(dim: int, n: int = 7) -> np.ndarray:
+    """Points in a box of 100, none nearer than 15 to another."""
+    rng = np.random.default_rng(3)
+    kept: list[np.ndarray] = []
+    while len(kept) < n:
+        p = rng.uniform(0, EXTENT, dim)
+        if all(np.linalg.norm(p - q) > 15 for q in kept):
+            kept.append(p)
+    return np.array(kept)
+
+
+def drag(dim: int, size: float = 6.0, n: int = 7) -> np.ndarray:
+    return np.random.default_rng(4).normal(0, size, (n, dim))
+
+
+@cache
+def fitted(kernel: str, trend: str, dim: int) -> tuple[ControlPoints, RBFInterpolant]:
+    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim))
+    return points, fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
+
+
+def elsewhere(dim: int, n: int = 20) -> np.ndarray:
+    return np.random.default_rng(5).uniform(-30, 130, (n, dim))
+
+
+def linear_part(fit: RBFInterpolant) -> np.ndarray:
+    """M of T(x) = M x + ..., the trend's linear part."""
+    return np.eye(fit.dim) + fit.linear / fit.support
+
+
+def turn(dim: int, angle: float = 0.7) -> np.ndarray:
+    if dim == 3:
+        return Rotation.from_rotvec(angle * np.array([2, -1, 2]) / 3).as_matrix()
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+# ---- theorems --------------------------------------------------------------------------------------------------------
+
+
+def test_the_order_tables_know_every_kernel_and_trend() -> None:
+    assert set(KERNELS) == set(KERNEL_ORDER)
+    assert set(TRENDS) == set(TREND_ORDER)
+
+
+@pytest.mark.parametrize(("kernel", "trend"), REFUSED)
+def test_pairings_that_are_not_well_posed_are_refused_with_the_trends_that_are(kernel: str, trend: str) -> None:
+    points, _ = fitted("wendland_c2", "affine", 2)
+    with pytest.raises(DeformError, match=f"the {kernel} kernel .* needs a trend of") as error:
+        fit_rbf(points, kernel=kernel, trend=trend, support=SUPPORT)
+    for name, order in TREND_ORDER.items():
+        assert (name in str(error.value).split("needs a trend of")[1].split(";")[0]) == (order >= KERNEL_ORDER[kernel])
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
+def test_interpolates_at_the_targets(kernel: str, trend: str, dim: int) -> None:
+    points, fit = fitted(kernel, trend, dim)
+    np.testing.assert_allclose(fit.displacement(points.target), points.source - points.target, atol=CLOSE)
+    assert fit.trend == trend
+    assert fit.ids == points.ids
+    assert not [note for note in fit.notes if "pulled past" not in note]
+
+
+def groups(trend: str, dim: int) -> dict[str, tuple[Any, Any]]:
+    """Linear maps and shifts that a trend must reproduce."""
+    shift = np.arange(1.0, dim + 1) * 7
+    sheared = turn(dim) @ (np.eye(dim) + 0.4 * np.eye(dim, k=1)) * 1.3
+    kinds = {"translation": (np.eye(dim), shift), "rigid": (turn(dim), shift), "similarity": (1.7 * turn(dim), shift),
+             "affine": (sheared, shift)}
+    own = {"none": [], "translation": ["translation"], "rigid": ["translation", "rigid"],
+           "similarity": ["translation", "rigid", "similarity"], "affine": list(kinds)}
+    return {name: kinds[name] for name in own[trend]}
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim"), [c for c in CASES if c[1] != "none"])
+def test_a_trend_reproduces_its_own_group_with_nothing_left_for_the_kernels(kernel: str, trend: str, dim: int) -> None:
+    x = sources(dim)
+    for m, shift in groups(trend, dim).values():
+        fit = fit_rbf(ControlPoints.from_arrays(x @ m.T + shift, x), kernel=kernel, support=SUPPORT, trend=trend)
+        assert np.abs(fit.coefficients).max() < CLOSE
+        far = 10 * elsewhere(dim)
+        np.testing.assert_allclose(far + fit.displacement(far), far @ m.T + shift, atol=100 * CLOSE)
+        np.testing.assert_allclose(linear_part(fit), m, atol=1e-11)
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
+def test_no_drag_is_exactly_the_identity_and_a_tiny_drag_is_tiny(kernel: str, trend: str, dim: int) -> None:
+    x = sources(dim)
+    still = fit_rbf(ControlPoints.from_arrays(x), kernel=kernel, support=SUPPORT, trend=trend)
+    assert (still.displacement(elsewhere(dim)) == 0).all()
+    assert still.ids == tuple(range(7))
+    moved = x.copy()
+    moved[0] += 1e-12
+    tiny = fit_rbf(ControlPoints.from_arrays(x, moved), kernel=kernel, support=SUPPORT, trend=trend)
+    assert np.abs(tiny.displacement(elsewhere(dim))).max() < 1e-10
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
+def test_turning_scaling_and_permuting_everything_does_so_to_the_result(kernel: str, trend: str, dim: int) -> None:
+    points, fit = fitted(kernel, trend, dim)
+    r, scale, shift = turn(dim, -1.1), 0.031, np.full(dim, -44.0)
+    order = [3, 0, 6, 2, 5, 1, 4]
+    other = ControlPoints.from_arrays(*(scale * p[order] @ r.T + shift for p in (points.source, points.target)))
+    again = fit_rbf(other, kernel=kernel, support=scale * SUPPORT, trend=trend)
+    x = elsewhere(dim)
+    np.testing.assert_allclose(again.displacement(scale * x @ r.T + shift), scale * fit.displacement(x) @ r.T,
+                               atol=scale * CLOSE)
+
+
+@pytest.mark.parametrize("trend", TRENDS)
+def test_inactive_points_count_for_nothing(trend: str) -> None:
+    points, _ = fitted("wendland_c2", trend, 2)
+    more = points.add([500.0, 500.0], [-900.0, 3.0]).add(points.source[0], points.target[0] + 5)
+    more = more.edit(7, active=False).edit(8, active=False)
+    a, b = (fit_rbf(p, trend=trend) for p in (points, more))  # the default support must not see them either
+    assert a.support == b.support
+    assert a.ids == b.ids
+    assert (a.displacement(elsewhere(2)) == b.displacement(elsewhere(2))).all()
+
+
+@pytest.mark.parametrize(("kernel", "trend"), [("wendland_c2", "rigid"), ("multiquadric", "similarity"),
+                                               ("thin_plate", "affine"), ("wendland_c2", "none")])
+def test_padding_never_changes_a_result(kernel: str, trend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    points, fit = fitted(kernel, trend, 2)
+    monkeypatch.setattr(rbf, "CAPACITIES", (16, 32))
+    wide = fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
+    assert len(wide.centers) == 16
+    np.testing.assert_allclose(wide.displacement(elsewhere(2)), fit.displacement(elsewhere(2)), atol=CLOSE)
+    far = Raster((3, 4), (9.0, 9.0), (10.0, 10.0))
+    np.testing.assert_allclose(wide.on_raster(far), fit.on_raster(far), atol=1e-5)  # float32 of values below 100
+
+
+@pytest.mark.parametrize("n", [8, 9])
+def test_capacities_change_over_without_a_jump(n: int) -> None:
+    x = sources(2, n)
+    fit = fit_rbf(ControlPoints.from_arrays(x, x + drag(2, n=n)), support=SUPPORT)
+    assert len(fit.centers) == rbf.capacity(n) == (8 if n == 8 else 16)
+    np.testing.assert_allclose(fit.displacement(x + drag(2, n=n)), -drag(2, n=n), atol=CLOSE)
+
+
+# ---- derivatives -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kernel", "dim"), [(k, d) for k in KERNELS for d in (2, 3)])
+def test_jacobian_is_that_of_central_differences_also_at_the_points(kernel: str, dim: int) -> None:
+    points, fit = fitted(kernel, "affine", dim)
+    x = np.concatenate([points.target, elsewhere(dim, 10)])
+    h = 1e-4
+    steps = [fit.displacement(x + h * e) - fit.displacement(x - h * e) for e in np.eye(dim)]
+    wanted = np.stack(steps, axis=-1) / (2 * h)
+    # h^2 times the third derivative is 1e-9; C1 at the point itself (thin plates) leaves less than h log h
+    np.testing.assert_allclose(fit.jacobian(x), wanted, atol=2e-3 if kernel == "thin_plate" else 1e-6)
+    assert fit.jacobian(x[0]).shape == (dim, dim)
+
+
+@pytest.mark.parametrize(("trend", "dim"), [(t, d) for t in TRENDS for d in (2, 3)])
+def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, dim: int) -> None:
+    x, d = sources(dim) / EXTENT, drag(dim) / EXTENT
+    args = (np.ones(7, dtype=bool), np.zeros(7), np.eye(dim), np.eye(dim))
+
+    def total(x: Any, d: Any) -> Any:
+        alpha, linear, constant, _ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        return jnp.sum(jnp.sin(alpha)) + jnp.sum(linear**2) + jnp.sum(constant)
+
+    with float64():
+        gradients = jax.jit(jax.grad(total, argnums=(0, 1)))(x, d)
+        value = jax.jit(total)
+        for k, gradient in enumerate(gradients):
+            step = np.random.default_rng(6).normal(size=x.shape) * 1e-6
+            plus, minus = ((x + s * step, d) if k == 0 else (x, d + s * step) for s in (1, -1))
+            wanted = (value(*plus) - value(*minus)) / 2
+            assert float(jnp.sum(gradient * step)) == pytest.approx(float(wanted), rel=1e-6)
+
+
+@pytest.mark.parametrize("trend", TRENDS)
+def test_gradients_stay_finite_where_nothing_is_dragged_and_the_points_form_a_ball(trend: str) -> None:
+    x = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    args = (np.ones(8, dtype=bool), np.zeros(8), np.eye(3), np.eye(3))
+
+    def total(d: Any) -> Any:
+        alpha, linear, _, _ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        return jnp.sum(alpha) + jnp.sum(linear * np.arange(9).reshape(3, 3))
+
+    with float64():  # all singular values of H are equal: the derivative of an SVD is not finite there
+        assert np.isfinite(np.asarray(jax.jit(jax.grad(total))(np.zeros((8, 3))))).all()
+
+
+# ---- oracles and other programs --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_affine_is_the_printed_system(dim: int) -> None:
+    points, fit = fitted("wendland_c2", "affine", dim)
+
+    def phi(r: float) -> float:
+        return oracle.psi31(r / SUPPORT)
+
+    alpha, gamma = oracle.equations_3_and_4(points.target, points.displacement, phi)
+    x = elsewhere(dim)
+    wanted = np.array([oracle.equation_2(p, points.target, alpha, gamma, phi) for p in x])
+    np.testing.assert_allclose(fit.displacement(x), wanted, atol=CLOSE)
+    np.testing.assert_allclose(fit.coefficients[:7], alpha, atol=CLOSE)
+
+
+SCIPY = {"thin_plate": ("thin_plate_spline", 1, 1.0), "cubic": ("cubic", 1, 1.0), "linear": ("linear", 0, 1.0),
+         "multiquadric": ("multiquadric", 0, 4 / SUPPORT), "gaussian": ("gaussian", -1, 3 / np.sqrt(2) / SUPPORT)}
+
+
+@pytest.mark.parametrize(("kernel", "dim"), [(k, d) for k in SCIPY for d in (2, 3)])
+def test_scipy_gives_the_same_field(kernel: str, dim: int) -> None:
+    name, degree, epsilon = SCIPY[kernel]
+    trend = {1: "affine", 0: "translation", -1: "none"}[degree]
+    points, fit = fitted(kernel, trend, dim)
+    theirs = scipy.interpolate.RBFInterpolator(points.target, points.displacement, kernel=name, degree=degree,
+                                               epsilon=epsilon)
+    np.testing.assert_allclose(fit.displacement(elsewhere(dim)), theirs(elsewhere(dim)), atol=100 * CLOSE)
+
+
+def test_scikit_image_gives_the_same_thin_plate() -> None:
+    points, fit = fitted("thin_plate", "affine", 2)
+    theirs = skimage.transform.ThinPlateSplineTransform.from_estimate(points.target, points.source)
+    x = elsewhere(2)
+    np.testing.assert_allclose(x + fit.displacement(x), theirs(x), atol=1e-5)  # theirs is r^2 log(r^2 + 1e-8)
+
+
+@pytest.mark.parametrize("name", ["thin_plate", "cubic", "linear"])
+def test_kernels_without_a_scale_do_not_depend_on_the_support(name: str) -> None:
+    points, fit = fitted(name, "affine", 2)
+    other = fit_rbf(points, kernel=name, support=7.0, trend="affine")
+    np.testing.assert_allclose(other.displacement(elsewhere(2)), fit.displacement(elsewhere(2)), atol=10 * CLOSE)
+
+
+# ---- smoothing -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim"), [c for c in CASES if c[0] in ("wendland_c2", "linear", "cubic")])
+def test_smoothing_leaves_what_its_theory_says(kernel: str, trend: str, dim: int) -> None:
+    weight = np.array([1.0, 0.2, 3.0, 1.0, 7.0, 0.5, 1.0])
+    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim), weight=weight)
+    fit = fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend, smoothing=0.3)
+    left = points.displacement - fit.displacement(points.target)
+    np.testing.assert_allclose(left, 0.3 * fit.coefficients[:7] / weight[:, None], atol=CLOSE)
+    assert np.abs(left).max() > 0.1
+
+
+def test_endless_smoothing_is_the_weighted_least_squares_trend() -> None:
+    weight = np.array([1.0, 0.2, 3.0, 1.0, 7.0, 0.5, 1.0])
+    points = ControlPoints.from_arrays(sources(2), sources(2) + drag(2), weight=weight)
+    p = np.c_[points.target, np.ones(7)] * np.sqrt(weight)[:, None]
+    gamma = np.linalg.solve(p.T @ p, p.T @ (points.displacement * np.sqrt(weight)[:, None]))
+    wanted = np.c_[elsewhere(2), np.ones(20)] @ gamma
+    for kernel in ("wendland_c2", "gaussian"):
+        fit = fit_rbf(points, kernel=kernel, support=SUPPORT, smoothing=1e8)
+        np.testing.assert_allclose(fit.displacement(elsewhere(2)), wanted, atol=1e-6)  # 1 / smoothing of the extent
+
+
+@pytest.mark.parametrize("bad", [-1e-9, -1.0, np.nan, np.inf])
+def test_smoothing_that_is_none_is_refused(bad: float) -> None:
+    with pytest.raises(DeformError, match="smoothing must be 0 or a positive number"):
+        fit_rbf(fitted("wendland_c2", "affine", 2)[0], smoothing=bad)
+
+
+# ---- exactness -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize(("trend", "support", "gap"), [
+    ("affine", 4.0, 4e-3), ("affine", 0.5, 5e-4), ("similarity", 4.0, 4e-3), ("rigid", 1.0, 1e-3),
+    ("translation", 1.0, 1e-3), ("none", 4.0, 4e-3),
+])
+def test_float64_is_within_a_billionth_of_the_extent(trend: str, support: float, gap: float, offset: float) -> None:
+    """The promise of the manual, for pairs as near as 1/1000 of the support and supports up to four extents."""
+    x = sources(2, 8)
+    x[7] = x[0] + gap * EXTENT / np.sqrt(2)
+    d = drag(2, n=8)
+    d[7] = d[0] + 0.2 * gap * EXTENT  # a slope of 0.28 between the two
+    x, d = x + offset, np.round(d * 2**20) / 2**20
+    x = np.round(x * 2**20) / 2**20  # so that sources and targets at the offset are exact
+    at = elsewhere(2, 12) + offset
+    fit = fit_rbf(ControlPoints.from_arrays(x + d, x), support=support * EXTENT, trend=trend)
+    wanted = oracle.fifty_digits(x, d, "wendland_c2", support * EXTENT, trend, at)
+    assert np.abs(fit.displacement(at) - wanted).max() < 1e-9 * EXTENT
+
+
+@pytest.mark.parametrize(("kernel", "support"), [(k, s) for k in KERNELS for s in (5.0, 80.0, 400.0)])
+def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support: float) -> None:
+    """At points that lie on pixels: on_raster against what was asked, for small and for wide kernels."""
+    target = np.array([[3, 5], [90, 8], [40, 50], [12, 93], [95, 95], [44, 54], [70, 30]], dtype=float)
+    points = ControlPoints.from_arrays(target + drag(2, 15.0), target)
+    fit = fit_rbf(points, kernel=kernel, support=support, trend="affine")
+    for offset in (0.0, 4e6):
+        moved = ControlPoints.from_arrays(points.source + offset, points.target + offset)
+        fit = fit_rbf(moved, kernel=kernel, support=support, trend="affine")
+        picture = fit.on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
+        assert picture.dtype == np.float32
+        shown = picture[:, target[:, 1].astype(int), target[:, 0].astype(int)].T
+        assert np.abs(shown - (points.source - points.target)).max() < 1e-3
+
+
+def test_results_are_arrays_of_the_right_kind() -> None:
+    points, fit = fitted("wendland_c2", "affine", 2)
+    assert fit.displacement(points.target).dtype == np.float64
+    assert fit.displacement([1.0, 2.0]).shape == (2,)
+    assert fit.displacement(np.zeros((0, 2))).shape == (0, 2)
+    assert fit.displacement(np.zeros((3, 1, 2))).shape == (3, 1, 2)
+    assert fit.dim == 2
+    with pytest.raises(DeformError, match=r"points must have shape \(\.\.\., 2\)"):
+        fit.displacement(np.zeros((4, 3)))
+    for value in (fit.coefficients, fit.centers, fit.linear):
+        assert value.dtype == np.float64
+    np.testing.assert_allclose(fit_rbf(points, kernel=WendlandC2(SUPPORT)).displacement(points.source),
+                               fit.displacement(points.source), atol=0)
