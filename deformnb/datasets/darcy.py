@@ -1,0 +1,277 @@
+"""D'Arcy Thompson's grids: one fish turned into another by bending the net it is drawn on (figure 3 of the paper).
+
+The nodes were read from the scans of *On Growth and Form* (1917), which are in the public domain. In all eight figures
+the head points left. The grids of a pair have their own drawing scale and place on the page; how they are brought
+together is said at :func:`thompson_map`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.errors import DeformError
+
+Nodes = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class ThompsonGrid:
+    """The net of one figure.
+
+    Parameters
+    ----------
+    figure : number in the edition of 1917.
+    species : the name Thompson prints.
+    modern : the name in use today, with the English one.
+    image : file name of the scan in Project Gutenberg's ebook 55264.
+    quality : what is uncertain about the nodes; empty where the usual 2 pixels hold.
+    nodes : (rows, columns, 2) in pixels of the scan, x right and y down; rows from back to belly, columns from head to
+        tail.
+    """
+
+    figure: int
+    species: str
+    modern: str
+    image: str
+    quality: str
+    nodes: Nodes
+
+    def polylines(self) -> list[Nodes]:
+        """The grid lines for drawing: all rows, then all columns, each (n, 2)."""
+        return grid_lines(self.nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class ThompsonMap:
+    """A pair of grids laid on a picture.
+
+    Parameters
+    ----------
+    source, target : the grids of the figures.
+    source_nodes, target_nodes : (rows, columns, 2), the same in picture coordinates (a, b).
+    """
+
+    source: ThompsonGrid
+    target: ThompsonGrid
+    source_nodes: Nodes
+    target_nodes: Nodes
+
+    @property
+    def points(self) -> ControlPoints:
+        """One control point per node, named by figure row and column ("r2 c5"), row by row."""
+        rows, columns = self.source_nodes.shape[:2]
+        names = [f"r{i} c{j}" for i in range(rows) for j in range(columns)]
+        source, target = self.source_nodes.reshape(-1, 2), self.target_nodes.reshape(-1, 2)
+        return ControlPoints.from_arrays(source, target, names=names)
+
+    def polylines(self) -> tuple[list[Nodes], list[Nodes]]:
+        """The lines of the source net and of the target net, in picture coordinates."""
+        return grid_lines(self.source_nodes), grid_lines(self.target_nodes)
+
+
+def grid_lines(nodes: ArrayLike) -> list[Nodes]:
+    """Rows and then columns of a net of nodes (rows, columns, 2) as polylines."""
+    n = np.asarray(nodes, dtype=np.float64)
+    return [*n, *n.transpose(1, 0, 2)]
+
+
+@cache
+def thompson_grids() -> dict[int, ThompsonGrid]:
+    """All digitised nets by figure number.
+
+    Examples
+    --------
+    >>> thompson_grids()[380].modern
+    'Antigonia capros (deepbody boarfish)'
+    """
+    grids = {}
+    for number, row in _file()["figures"].items():
+        nodes = np.array(row["nodes"], dtype=np.float64)
+        nodes.flags.writeable = False
+        texts = (row["species"], row["modern"], row["image"], row["quality"])
+        grids[int(number)] = ThompsonGrid(int(number), *texts, nodes)
+    return grids
+
+
+def thompson_grid(name: str | int) -> ThompsonGrid:
+    """The net of a species by Thompson's name or the beginning of it, or by its figure number.
+
+    Examples
+    --------
+    >>> thompson_grid("antigonia").nodes.shape
+    (7, 8, 2)
+    """
+    found = [g for g in thompson_grids().values()
+             if g.figure == name or (isinstance(name, str) and name and g.species.lower().startswith(name.lower()))]
+    if len(found) != 1:
+        known = ", ".join(f"{g.species} ({g.figure})" for g in thompson_grids().values())
+        what = "no figure" if not found else "more than one figure"
+        raise DeformError(f"{what} of Thompson is called {name!r}; there are {known}.")
+    return found[0]
+
+
+def thompson_pairs() -> list[tuple[str, str]]:
+    """Source and target species of Thompson's transformations, ready for :func:`thompson_points`.
+
+    Examples
+    --------
+    >>> thompson_pairs()[3]
+    ('Polyprion', 'Antigonia capros')
+    """
+    grids = thompson_grids()
+    return [(grids[a].species, grids[b].species) for a, b in _file()["pairs"]]
+
+
+def _by_area(source: Nodes, target: Nodes, room: Nodes) -> float:
+    """Both nets cover the same area: a body inscribed in them neither grows nor shrinks as a whole."""
+    return float(np.sqrt(_area(source) / _area(target)))
+
+
+def _by_length(source: Nodes, target: Nodes, room: Nodes) -> float:
+    """Both fishes are equally long: equal mean distance from the head column to the tail column."""
+    return _length(source) / _length(target)
+
+
+def _inside(source: Nodes, target: Nodes, room: Nodes) -> float:
+    """As large as equal area, but no larger than what lets every node of the target stay in the frame."""
+    ratio = room / np.ptp(target.reshape(-1, 2), axis=0)
+    return min(_by_area(source, target, room), float(ratio.min()))
+
+
+SCALES: dict[str, Callable[[Nodes, Nodes, Nodes], float]] = {"inside": _inside, "area": _by_area, "length": _by_length}
+"""How large the target net is drawn beside the source net: a factor on Thompson's own drawing, from both nets and the
+width and height of the frame, in pixels of the source's drawing."""
+
+CELLS = ("fill", "square")
+"""How the source net lies on the box: stretched over it, or with the proportions of the drawing."""
+
+HEADS = ("left", "right")
+"""Which way the fish on the picture looks."""
+
+
+def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia", *,
+                 box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
+                 cells: str = "fill", head: str = "left") -> ThompsonMap:
+    """Lay a pair of Thompson's nets on a picture.
+
+    Parameters
+    ----------
+    source, target : species (or the beginning of the name, or the figure number) with nets of equally many lines.
+    box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source net is laid
+        over it, so that the fish is inscribed as Thompson's is.
+    frame : the box that ``scale="inside"`` respects, best that of the whole picture
+        (:attr:`deformnb.plane.Raster.box`); default is ``box`` itself, which makes a deep fish small in a low box.
+    scale : one of :data:`SCALES`. "inside": equal area, or less if the target net would leave the frame. "area" and
+        "length" keep the area or the length of the fish; a slender fish that becomes a deep one then needs an output
+        grid with a margin above and below.
+    cells : "fill" stretches the source net over the box, as the paper inscribes its carp; "square" keeps the
+        proportions of the drawing: the net is as long as the box and centred, and may reach beyond it up and down.
+    head : where the head of the fish on the picture points. Thompson's point left; "right" mirrors both nets.
+
+    Returns
+    -------
+    ThompsonMap
+        With ``points`` for a fit and ``polylines()`` for drawing.
+
+    Notes
+    -----
+    1. The page decides nothing: the target net is scaled about its centre by the rule of ``scale``. It is neither
+       turned (the sternoptychid's shear is the point of that figure) nor stretched.
+    2. It is moved so that its mean node falls on the source's mean node, which is the translation of least
+       squares; under "inside" it is then pushed back into the frame, by as little as possible.
+    3. One affine map, from the source net's box to ``box``, then carries both nets to the picture. Because both are
+       carried alike, a species mapped to itself moves nothing, however far the box is stretched.
+
+    Raises
+    ------
+    DeformError
+        For an unknown name, a bad box, or two nets of different size.
+
+    Examples
+    --------
+    >>> laid = thompson_map("Polyprion", "Scorpaena", box=(0.0, 512.0, 0.0, 200.0))
+    >>> laid.source_nodes.reshape(-1, 2).max(axis=0).round(9).tolist()
+    [512.0, 200.0]
+    """
+    a, b = thompson_grid(source), thompson_grid(target)
+    if a.nodes.shape != b.nodes.shape:
+        raise DeformError(f"the nets of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
+                          f"rows and columns and do not correspond; Thompson's pairs are {thompson_pairs()}.")
+    for what, value, known in (("scale", scale, tuple(SCALES)), ("cells", cells, CELLS), ("head", head, HEADS)):
+        if value not in known:
+            raise DeformError(f"unknown {what} {value!r}; choose one of {', '.join(known)}.")
+    corner, size = _check_box(box)
+    flat = a.nodes.reshape(-1, 2)
+    low, extent = flat.min(axis=0), np.ptp(flat, axis=0)
+    factor = size / extent if cells == "fill" else np.full(2, size[0] / extent[0])
+    shift = corner + size / 2 - factor * (low + extent / 2)
+    frame_corner, frame_size = _check_box(box if frame is None else frame)
+    if head == "right":  # the nets are laid out for a head on the left and mirrored at the end; so must the frame be
+        frame_corner = np.array([2 * corner[0] + size[0] - frame_corner[0] - frame_size[0], frame_corner[1]])
+    goal = b.nodes * SCALES[scale](a.nodes, b.nodes, frame_size / factor)
+    goal = (goal + (_mean(a.nodes) - _mean(goal))) * factor + shift
+    if scale == "inside":
+        goal = goal + _way_back(goal, frame_corner, frame_size)
+    nodes = [a.nodes * factor + shift, goal]
+    if head == "right":
+        mirror, offset = np.array([-1.0, 1.0]), np.array([2 * corner[0] + size[0], 0.0])
+        nodes = [n * mirror + offset for n in nodes]
+    return ThompsonMap(a, b, nodes[0], nodes[1])
+
+
+def thompson_points(source: str | int = "Polyprion", target: str | int = "Antigonia", box: Box = (0.0, 1.0, 0.0, 1.0),
+                    *, frame: Box | None = None, scale: str = "inside", cells: str = "fill",
+                    head: str = "left") -> ControlPoints:
+    """Control points that turn a fish inscribed in ``box`` into another species; see :func:`thompson_map`.
+
+    Examples
+    --------
+    >>> len(thompson_points(box=(0.0, 512.0, 0.0, 200.0)))
+    56
+    """
+    return thompson_map(source, target, box=box, frame=frame, scale=scale, cells=cells, head=head).points
+
+
+@cache
+def _file() -> dict[str, Any]:
+    text = resources.files("deformnb.datasets").joinpath("darcy_grids.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))
+
+
+def _check_box(box: Box) -> tuple[Nodes, Nodes]:
+    values = np.asarray(box, dtype=np.float64)
+    if values.shape != (4,) or not np.isfinite(values).all() or values[1] <= values[0] or values[3] <= values[2]:
+        raise DeformError(f"a box is (a_min, a_max, b_min, b_max) with a_min < a_max and b_min < b_max, got {box!r}.")
+    return values[[0, 2]], values[[1, 3]] - values[[0, 2]]
+
+
+def _area(nodes: Nodes) -> float:
+    """Area inside the outline of a net (shoelace formula)."""
+    rim = np.concatenate([nodes[0], nodes[1:, -1], nodes[-1, -2::-1], nodes[-2:0:-1, 0]])
+    x, y = rim.T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+
+
+def _length(nodes: Nodes) -> float:
+    return float(np.linalg.norm(nodes[:, -1] - nodes[:, 0], axis=-1).mean())
+
+
+def _mean(nodes: Nodes) -> Nodes:
+    return np.asarray(nodes.reshape(-1, 2).mean(axis=0))
+
+
+def _way_back(nodes: Nodes, corner: Nodes, size: Nodes) -> Nodes:
+    """The smallest translation that brings all nodes into a box they fit in."""
+    flat = nodes.reshape(-1, 2)
+    below, above = corner - flat.min(axis=0), corner + size - flat.max(axis=0)
+    return np.asarray(np.maximum(below, 0) + np.minimum(above, 0))

@@ -1,0 +1,130 @@
+"""Thompson's grids: the numbers of the file, and the rules by which a pair is laid on a picture."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deformnb.datasets import thompson_grid, thompson_grids, thompson_map, thompson_pairs, thompson_points
+from deformnb.datasets.darcy import CELLS, SCALES
+from deformnb.errors import DeformError
+
+BOX = (10.0, 522.0, 22.0, 176.0)
+PAIRS = thompson_pairs()
+
+
+def cells(nodes):
+    """Signed area of each cell (b downwards, rows downwards: positive means not turned over)."""
+    p, q, r, s = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
+    d1, d2 = r - p, s - q
+    return (d1[..., 0] * d2[..., 1] - d1[..., 1] * d2[..., 0]) / 2
+
+
+def test_the_nodes_are_those_that_were_read(real_data):
+    read = json.loads((real_data("darcy") / "grid_nodes.json").read_text())
+    assert len(read["figures"]) == len(thompson_grids()) == 8
+    for key, figure in read["figures"].items():
+        np.testing.assert_array_equal(thompson_grids()[int(key[:3])].nodes, figure["nodes"])
+    assert [[a.split("_", 1)[1].replace("_", " ") for a in pair] for pair in read["pairs"]] == [list(p) for p in PAIRS]
+
+
+@pytest.mark.parametrize("figure", sorted(thompson_grids()))
+def test_no_cell_of_a_net_is_turned_over(figure):
+    grid = thompson_grids()[figure]
+    assert cells(grid.nodes).min() > 0
+    assert grid.modern
+    assert len(grid.polylines()) == sum(grid.nodes.shape[:2])
+    assert not grid.nodes.flags.writeable
+
+
+def test_doubtful_nodes_are_said_to_be():
+    assert "5 px" in thompson_grid("Antigonia").quality
+    assert thompson_grid(377).quality == ""
+
+
+@pytest.mark.parametrize("name", ["", "Poly pron", "P", 12])
+def test_unknown_or_ambiguous_names_list_the_known(name):
+    with pytest.raises(DeformError, match="Antigonia capros"):
+        thompson_grid(name)
+
+
+@pytest.mark.parametrize("head", ["left", "right"])
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("scale", sorted(SCALES))
+def test_a_species_mapped_to_itself_moves_nothing(scale, cell, head):
+    laid = thompson_map("Polyprion", "Polyprion", box=BOX, scale=scale, cells=cell, head=head,
+                        frame=(-500.0, 1000.0, -500.0, 700.0))
+    np.testing.assert_allclose(laid.points.displacement, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
+def test_source_net_fills_the_box_and_target_stays_in_the_frame(source, target):
+    frame = (0.0, 560.0, 0.0, 200.0)
+    laid = thompson_map(source, target, box=BOX, frame=frame)
+    low, high = laid.source_nodes.reshape(-1, 2).min(axis=0), laid.source_nodes.reshape(-1, 2).max(axis=0)
+    np.testing.assert_allclose([low[0], high[0], low[1], high[1]], BOX, atol=1e-9)
+    t = laid.target_nodes.reshape(-1, 2)
+    assert (t >= np.array([frame[0], frame[2]]) - 1e-9).all()
+    assert (t <= np.array([frame[1], frame[3]]) + 1e-9).all()
+    assert cells(laid.target_nodes).min() > 0
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS)
+def test_area_and_length_are_kept(source, target):
+    by_area = thompson_map(source, target, box=BOX, scale="area")
+    assert cells(by_area.target_nodes).sum() == pytest.approx(cells(by_area.source_nodes).sum(), rel=1e-9)
+    np.testing.assert_allclose(by_area.target_nodes.mean(axis=(0, 1)), by_area.source_nodes.mean(axis=(0, 1)),
+                               atol=1e-9)
+    # Lengths are compared before the stretch, so the net keeps the proportions of the drawing here.
+    by_length = thompson_map(source, target, box=BOX, scale="length", cells="square")
+    lengths = [np.linalg.norm(n[:, -1] - n[:, 0], axis=-1).mean()
+               for n in (by_length.source_nodes, by_length.target_nodes)]
+    assert lengths[0] == pytest.approx(lengths[1], rel=1e-9)
+
+
+def test_square_cells_keep_the_drawing_and_the_length_of_the_box():
+    nodes = thompson_map(box=BOX, cells="square").source_nodes
+    drawn = thompson_grid("Polyprion").nodes
+    factor = (nodes[-1, -1] - nodes[0, 0]) / (drawn[-1, -1] - drawn[0, 0])
+    assert factor[0] == pytest.approx(factor[1], rel=1e-9)
+    assert np.ptp(nodes[..., 0]) == pytest.approx(512.0)
+    assert (nodes[..., 1].min() + nodes[..., 1].max()) / 2 == pytest.approx((22 + 176) / 2)
+
+
+@given(st.sampled_from(PAIRS), st.floats(-50, 50), st.floats(0, 80))
+def test_a_head_on_the_right_is_the_mirror_image(pair, shift, room):
+    frame = (BOX[0] - room, BOX[1] + room, BOX[2] - room, BOX[3] + room)
+    left = thompson_map(*pair, box=BOX, frame=frame)
+    right = thompson_map(*pair, box=BOX, frame=frame, head="right")
+    for a, b in ((left.source_nodes, right.source_nodes), (left.target_nodes, right.target_nodes)):
+        np.testing.assert_allclose(b[..., 0], BOX[0] + BOX[1] - a[..., 0], atol=1e-9)
+        np.testing.assert_allclose(b[..., 1], a[..., 1], atol=1e-9)
+    moved = thompson_map(*pair, box=(BOX[0] + shift, BOX[1] + shift, *BOX[2:]),
+                         frame=(frame[0] + shift, frame[1] + shift, *frame[2:]))
+    np.testing.assert_allclose(moved.target_nodes[..., 0], left.target_nodes[..., 0] + shift, atol=1e-9)
+
+
+def test_points_are_the_nodes_row_by_row():
+    laid, points = thompson_map(box=BOX), thompson_points(box=BOX)
+    assert points == laid.points
+    k = points.names.index("r2 c5")
+    np.testing.assert_array_equal(points.source[k], laid.source_nodes[2, 5])
+    np.testing.assert_array_equal(points.target[k], laid.target_nodes[2, 5])
+    source_lines, target_lines = laid.polylines()
+    np.testing.assert_array_equal(source_lines[7 + 5], laid.source_nodes[:, 5])
+    assert len(source_lines) == len(target_lines) == 15
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"box": (0, 0, 0, 1)}, "a_min < a_max"), ({"box": (0, 1, 0)}, "a_min"),
+    ({"box": (0, 1, 0, float("nan"))}, "a_min"),
+    ({"frame": (3, 2, 0, 1)}, "a_min"), ({"scale": "big"}, "inside, area, length"), ({"cells": "x"}, "fill, square"),
+    ({"head": "up"}, "left, right"), ({"target": "Diodon"}, "do not correspond"),
+])
+def test_bad_arguments_say_what_is_possible(arguments, words):
+    with pytest.raises(DeformError, match=words):
+        thompson_map(**{"box": BOX, **arguments})
