@@ -1,0 +1,285 @@
+"""Real volumes: where they come from, whose they are, and a download that is checked and kept.
+
+Nothing here ships with the package and nothing is downloaded at import. A file that is already there is used without
+a network: in ``folder``, else in the folder that the environment variable ``DEFORMNB_DATA`` names, else in the user's
+cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from deformnb.errors import DeformError, VolumeFileError
+from deformnb.volume import Float3, Volume
+
+Progress = Callable[[float], None]
+
+
+CHUNK = 1 << 14
+"""Bytes read at a time: about two hundred steps of the bar for the smallest file."""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A row of :data:`DATASETS`.
+
+    Parameters
+    ----------
+    title : what it is.
+    file : its file name, in the cache too.
+    address : where it is downloaded from; None if it has to be put into the folder by hand, see ``source``.
+    sha256, size : checksum and bytes of exactly that file; None where several versions are in circulation.
+    credit : whom to name.
+    licence : what is known about the terms.
+    source : where it comes from, in words.
+    phantom : the offline stand-in, a name in PHANTOMS.
+    spacing : the true voxel spacing (x, y, z) where the file's header is wrong or silent; None trusts the header.
+    is_labels : voxels are numbers of structures.
+    remark : what else a user should know.
+    """
+
+    title: str
+    file: str
+    address: str | None
+    sha256: str | None
+    size: int | None
+    credit: str
+    licence: str
+    source: str
+    phantom: str
+    spacing: Float3 | None = None
+    is_labels: bool = False
+    remark: str = ""
+
+
+_MRICROGL = "https://raw.githubusercontent.com/neurolabusc/MRIcroGL/e1392fd1a260f3dfd4dc8906376b3370f5ed352e/Distro/"
+_TOTALSEGMENTATOR = ("https://raw.githubusercontent.com/wasserth/TotalSegmentator/"
+                     "0e65a448d557382b1e925276212b3bec7f5aff83/tests/reference_files/")
+
+DATASETS: dict[str, Dataset] = {
+    "carp": Dataset(
+        "CT of a carp, the paper's own (figure 3), 256 x 512 x 256", "carp.nii.gz", _MRICROGL + "carp.nii.gz",
+        "65c94568fcb941d888e37c8465e7fc0a7b9338b056bf3ca47209890dbac26f7a", 3036369,
+        "Michael Scheuring, Computer Graphics Group, University of Erlangen", "no licence is stated",
+        "copy in the repository of MRIcroGL", "fish", spacing=(0.390625, 1.0, 0.78125),
+        remark="The header says 1, 1, 1; the spacing here is that of the animal's anatomy.",
+    ),
+    "head_ct": Dataset(
+        "CT of a human head, 208 x 256 x 225, scaled to 0..1", "ct.nii.gz", _MRICROGL + "ct.nii.gz",
+        "78dfd74fa1336a0160a74969dc3ac5148fdbdc47a5694bfb44e5d324a22e1fc4", 2784530,
+        "MRIcroGL, Chris Rorden", "the repository is under the BSD 2-clause licence", "repository of MRIcroGL", "head",
+    ),
+    "abdomen_ct": Dataset(
+        "CT of abdomen and pelvis in Hounsfield units, 122 x 101 x 112 voxels of 3 mm", "example_ct.nii.gz",
+        _TOTALSEGMENTATOR + "example_ct.nii.gz",
+        "dbd3ae6d614d1d7ef3a46925c30c70038ed52da6b37fdd6afdc7b9b71387e3e1", 2206612,
+        "TotalSegmentator, Jakob Wasserthal, University Hospital Basel",
+        "the repository is under the Apache 2.0 licence",
+        "test data in the repository of TotalSegmentator", "abdomen",
+    ),
+    "lobster": Dataset(
+        "CT of a lobster, the paper's own (figure 5), 301 x 324 x 56", "lobster.nrrd", None, None, None,
+        "VolVis distribution of SUNY Stony Brook, New York", "no licence is stated",
+        "the Open SciVis Datasets offer lobster_301x324x56_uint8.raw, bytes without a header; save them as NRRD with the "
+        "spacing 1, 1, 1.4", "lobster", spacing=(1.0, 1.0, 1.4),
+    ),
+    "knee_labels": Dataset(
+        "Labels of the SPL knee atlas, 512 x 512 x 119: femur 95, tibia 96, fibula 97, patella 98", "knee_labels.nrrd",
+        None, "7b1eba4d06a24d8d769fe0342bf57042d6a6d3afb67da04f2749f62007670091", 466251,
+        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
+        "the SPL knee atlas", "knee", is_labels=True,
+    ),
+    "abdomen_labels": Dataset(
+        "Labels of the SPL abdominal atlas, 256 x 256 x 113: liver 3, spleen 4, aorta 7, kidneys 51 and 52",
+        "abdomen_labels.nrrd", None, "f6ccae59157948bd790c0783ca672ba1bfb719239bb5ac1a9f023f63357ea02f", 232498,
+        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
+        "the SPL abdominal atlas", "abdomen", is_labels=True,
+    ),
+}
+"""Real volumes by name. Only those whose exact file has a permanent address and a checksum can be downloaded."""
+
+
+def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
+    """Where real volumes are kept: ``folder``, else DEFORMNB_DATA, else the user's cache."""
+    chosen = folder or os.environ.get("DEFORMNB_DATA")
+    if chosen:
+        return Path(chosen).expanduser()
+    from platformdirs import user_cache_path
+
+    return user_cache_path("deformnb", appauthor=False) / "data"
+
+
+def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Path:
+    """The path of a real volume, downloaded the first time.
+
+    Parameters
+    ----------
+    name : a key of :data:`DATASETS`.
+    progress : True for a bar, False for none, a function called with 0..1 (it may raise
+        :class:`~deformnb.errors.Cancelled`); default is a bar where the error stream is a terminal.
+    folder : where to look and to keep it; default see :func:`data_folder`.
+
+    Raises
+    ------
+    DeformError
+        If there is no such name, if a file of that name is there but is another one (it is never overwritten), if
+        there is no network, room or permission, or if what came is not the published file. No partial file is left.
+
+    Examples
+    --------
+    >>> fetch("carpp")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.DeformError: there is no dataset 'carpp'; there are carp, head_ct, abdomen_ct, lobster, ...
+    """
+    data = _row(name)
+    place = data_folder(folder)
+    path = place / data.file
+    if path.is_file():
+        _check_present(path, data)
+        return path
+    if data.address is None:
+        raise DeformError(f"{name} has no download: get it from {data.source}, put it at {path}, or use "
+                          f"{_stand_in(data)}.")
+    _make_room(place, data)
+    try:
+        _download(data, place, progress)
+    except OSError as error:  # requests' errors are OSErrors, as are a full disk and a refused permission
+        raise VolumeFileError(_offline_message(name, data, path, error)) from error
+    return path
+
+
+def load(name: str, *, progress: bool | Progress | None = None,
+         folder: str | os.PathLike[str] | None = None) -> Volume:
+    """A real volume with its true spacing, downloaded the first time; parameters and errors as :func:`fetch`."""
+    from deformnb.io import read_volume
+
+    data = _row(name)
+    path = fetch(name, progress=progress, folder=folder)
+    volume: Volume = read_volume(path, spacing=data.spacing, is_labels=data.is_labels)
+    return replace(volume, name=name)
+
+
+def credits() -> str:  # noqa: A001 (the word users look for; the module never needs the builtin of the same name)
+    """Whom to thank for which volume, one paragraph each.
+
+    Examples
+    --------
+    >>> print(credits().splitlines()[0])
+    carp: CT of a carp, the paper's own (figure 3), 256 x 512 x 256.
+    """
+    return "\n\n".join(
+        f"{name}: {d.title}.\n  Credit: {d.credit}.\n  Terms: {d.licence}.\n  Source: {d.address or d.source}."
+        + (f"\n  {d.remark}" if d.remark else "")
+        for name, d in DATASETS.items()
+    )
+
+
+def _row(name: str) -> Dataset:
+    try:
+        return DATASETS[name]
+    except KeyError:
+        raise DeformError(f"there is no dataset {name!r}; there are {', '.join(DATASETS)}.") from None
+
+
+def _stand_in(data: Dataset) -> str:
+    labels = "_labels" if data.is_labels else ""
+    return f"the phantom deformnb.datasets.{data.phantom}{labels}() instead"
+
+
+def _check_present(path: Path, data: Dataset) -> None:
+    if data.sha256 is None:
+        return
+    try:
+        with path.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise VolumeFileError(f"{path} cannot be read ({error.strerror or error}); check its permissions.") from error
+    if found != data.sha256:
+        raise VolumeFileError(f"{path} is not the published file: its sha256 begins with {found[:12]}, not with "
+                              f"{data.sha256[:12]}. Move it away, and it is fetched again.")
+
+
+def _make_room(place: Path, data: Dataset) -> None:
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(place).free
+    except OSError as error:
+        raise VolumeFileError(f"the folder {place} for downloads cannot be made ({error.strerror or error}); name "
+                              "another one in the environment variable DEFORMNB_DATA.") from error
+    if data.size is not None and free < 2 * data.size:
+        raise VolumeFileError(f"{data.file} takes {data.size:,} bytes and {place} has only {free:,} left; make room "
+                              "or name another folder in the environment variable DEFORMNB_DATA.")
+
+
+def _download(data: Dataset, place: Path, progress: bool | Progress | None) -> None:
+    """Through pooch: into a temporary file beside the target, checked, then renamed; removed on any failure."""
+    import pooch
+
+    # pooch reports each new file on a logger that prints by default; the caller has the bar, or the path.
+    pooch.get_logger().setLevel("ERROR")
+    meter = _Meter(data, progress)
+    opened: list[Any] = []
+    downloader = pooch.HTTPDownloader(progressbar=meter, chunk_size=CHUNK, timeout=30, hooks={
+        "response": lambda response, **_: opened.append(response)})
+    try:
+        pooch.retrieve(data.address, known_hash=f"sha256:{data.sha256}", fname=data.file, path=place,
+                       downloader=downloader)
+    except ValueError as error:  # pooch's way to say that the checksum differs
+        raise OSError("what came is not the published file, its checksum differs") from error
+    finally:
+        meter.close()
+        for response in opened:  # pooch leaves the connection open when anything goes wrong
+            response.close()
+
+
+def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> str:
+    host = urlsplit(data.address or "").hostname
+    reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
+    return (f"{name} could not be downloaded from {host} ({reason}); put {data.file} from {data.address} at {path} by "
+            f"hand, or use {_stand_in(data)}.")
+
+
+class _Meter:
+    """What pooch calls while bytes arrive: passes them on to a bar or a function, and stops when too many come.
+
+    pooch reports every chunk as a full one, and at the end calls ``reset`` and ``update`` with the length that the
+    server announced; so counts here may run one chunk ahead of the file.
+    """
+
+    def __init__(self, data: Dataset, progress: bool | Progress | None) -> None:
+        self.total = 0  # set by pooch
+        self._size = data.size or 0
+        self._seen = 0
+        self._tell = progress if callable(progress) else None
+        self._bar: Any = None
+        if sys.stderr.isatty() if progress is None else progress is True:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=data.size, desc=data.file, unit="B", unit_scale=True, leave=False)
+
+    def update(self, count: int) -> None:
+        self._seen += count
+        if self._seen >= self._size + CHUNK:
+            raise OSError(f"the server sends more than the published {self._size:,} bytes")
+        if self._bar is not None:
+            self._bar.update(count)
+        if self._tell is not None:
+            self._tell(min(1.0, self._seen / self._size))
+
+    def reset(self) -> None:
+        self._seen = 0
+        if self._bar is not None:
+            self._bar.reset()
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
