@@ -202,7 +202,7 @@ def test_knee_bones_are_hard_shells_in_the_right_order():
     for bone in (95, 96, 97, 98):
         inside = labels == bone
         core = ndimage.binary_erosion(inside, iterations=3)
-        assert values[inside & ~ndimage.binary_erosion(inside)].mean() > values[core].mean() + 30, "hard shell, soft core"
+        assert values[inside & ~ndimage.binary_erosion(inside)].mean() > values[core].mean() + 30, "hard"
     gap = (labels == 95).any(axis=(1, 2)) & (labels == 96).any(axis=(1, 2))
     assert gap.sum() < 8, "femur and tibia meet at the joint and hardly overlap in height"
     assert not np.logical_and(labels == 95, np.roll(labels == 96, 1, axis=0)).any(), "a joint space, not one bone"

@@ -88,7 +88,7 @@ DATASETS: dict[str, Dataset] = {
     "lobster": Dataset(
         "CT of a lobster, the paper's own (figure 5), 301 x 324 x 56", "lobster.nrrd", None, None, None,
         "VolVis distribution of SUNY Stony Brook, New York", "no licence is stated",
-        "the Open SciVis Datasets offer lobster_301x324x56_uint8.raw, bytes without a header; save them as NRRD with the "
+        "the Open SciVis Datasets offer lobster_301x324x56_uint8.raw, bytes without a header; save as NRRD with the "
         "spacing 1, 1, 1.4", "lobster", spacing=(1.0, 1.0, 1.4),
     ),
     "knee_labels": Dataset(

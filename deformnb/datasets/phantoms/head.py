@@ -132,7 +132,7 @@ def _skull() -> list[Part]:
                    *(Ellipsoid((MIDDLE + s * 52, 152, 84), (10, 14, 17)) for s in (-1, 1)),
                    Ellipsoid((MIDDLE, 224, 112), (16, 8, 8))), 8.0)
     parts = [Part(ridge, ((0.0, 212.0), (2.0, 160.0)))]
-    parts.append(Part(Blend(_vault(), 24.0), ((0.0, _table), (1.8, 165.0), (4.6, _table), (6.6, 84.0), (8.4, _cortex))))
+    parts.append(Part(Blend(_vault(), 24.0), ((0.0, _table), (2.6, 165.0), (4.6, _table), (6.6, 84.0), (8.4, _cortex))))
     parts += [Part(mastoid, ((0.0, _cells),)) for mastoid in _pair((52.0, 153.0, 82.0), (7.0, 10.0, 12.0))]
     petrous = _both((55, 145, 104), (42, 140, 106), (20, 122, 108))
     parts += [Part(Tube(line, (11.0, 11.0, 11.0, 10.0, 10.0, 9.0, 8.0, 6.0, 4.0)), ((0.0, 205.0), (3.0, 240.0)))

@@ -64,7 +64,7 @@ def scene() -> Scene:
     flesh += [Ellipsoid(_at((s * 4.5, 203, 146)), (5, 9, 10)) for s in (-1, 1)]
     flesh += [_tube(((s * 4.5, 194, 163, 3.2), (s * 6, 194, 170, 2.8), (s * 6, 195, 177, 0.8))) for s in (-1, 1)]
     parts = [Part(_tube(MANE), ((0.0, 120.0),)), Part(_tube(TAIL), ((0.0, 120.0),)),
-             Part(Blend(tuple(flesh), 7.0), ((0.0, 175.0), (1.5, 150.0)))]
+             Part(Blend(tuple(flesh), 7.0), ((0.0, 175.0), (3.0, 150.0)))]
     for leg in LEGS:
         x, y, z, _ = leg[-1]
         hoof = _tube(((x, y, z, 4.2), (x, y + 3, z - 8, 6.5)))
