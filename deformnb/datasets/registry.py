@@ -34,7 +34,7 @@ class Dataset:
     Parameters
     ----------
     title : what it is.
-    file : its file name, in the cache too.
+    file : its name in the folder; the address may end otherwise.
     address : where it is downloaded from; None if it has to be put into the folder by hand, see ``source``.
     sha256, size : checksum and bytes of exactly that file; None where several versions are in circulation.
     credit : whom to name.
@@ -73,12 +73,12 @@ DATASETS: dict[str, Dataset] = {
         remark="The header says 1, 1, 1; the spacing here is that of the animal's anatomy.",
     ),
     "head_ct": Dataset(
-        "CT of a human head, 208 x 256 x 225, scaled to 0..1", "ct.nii.gz", _MRICROGL + "ct.nii.gz",
+        "CT of a human head, 208 x 256 x 225, scaled to 0..1", "head_ct.nii.gz", _MRICROGL + "ct.nii.gz",
         "78dfd74fa1336a0160a74969dc3ac5148fdbdc47a5694bfb44e5d324a22e1fc4", 2784530,
         "MRIcroGL, Chris Rorden", "the repository is under the BSD 2-clause licence", "repository of MRIcroGL", "head",
     ),
     "abdomen_ct": Dataset(
-        "CT of abdomen and pelvis in Hounsfield units, 122 x 101 x 112 voxels of 3 mm", "example_ct.nii.gz",
+        "CT of abdomen and pelvis in Hounsfield units, 122 x 101 x 112 voxels of 3 mm", "abdomen_ct.nii.gz",
         _TOTALSEGMENTATOR + "example_ct.nii.gz",
         "dbd3ae6d614d1d7ef3a46925c30c70038ed52da6b37fdd6afdc7b9b71387e3e1", 2206612,
         "TotalSegmentator, Jakob Wasserthal, University Hospital Basel",
@@ -244,8 +244,8 @@ def _download(data: Dataset, place: Path, progress: bool | Progress | None) -> N
 def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> str:
     host = urlsplit(data.address or "").hostname
     reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
-    return (f"{name} could not be downloaded from {host} ({reason}); put {data.file} from {data.address} at {path} by "
-            f"hand, or use {_stand_in(data)}.")
+    return (f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} by hand, "
+            f"or use {_stand_in(data)}.")
 
 
 class _Meter:
