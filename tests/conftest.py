@@ -23,6 +23,8 @@ os.environ["MPLBACKEND"] = "Agg"
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["JAX_DEBUG_NANS"] = "1"  # a NaN is an error where it is made, not where it is noticed; see allow_nan
 os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must be asked for where it is needed
+for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):
+    os.environ.pop(_own, None)  # a developer's own settings change no result
 
 hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
 # The same examples at each run, so that a change is not blamed for what chance has found; the nightly run searches.

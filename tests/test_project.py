@@ -34,6 +34,9 @@ DISTRIBUTION = {
 }
 # VTK's version is pyvista's business: asking for a second bound here could only contradict it.
 COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
+# Of use where it happens to be installed, and done without elsewhere.
+USED_IF_PRESENT = {"psutil"}
+LEFT_OUT = sys.stdlib_module_names | COMES_WITH_PYVISTA | USED_IF_PRESENT
 # Required by the interactive part, which imports them in the widgets.
 NOT_IMPORTED_YET = {"anywidget", "ipywidgets", "trame"}
 HEAVY = {
@@ -73,7 +76,7 @@ def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {"deformnb", folder.name, *(path.stem for path in folder.rglob("*.py"))}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
-    return {DISTRIBUTION.get(name, name).lower() for name in names - own - sys.stdlib_module_names - COMES_WITH_PYVISTA}
+    return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
 
 def _import_names(path: Path) -> Iterator[str]:
@@ -82,6 +85,10 @@ def _import_names(path: Path) -> Iterator[str]:
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
+        elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            called = getattr(node.func, "id", getattr(node.func, "attr", ""))  # import_module("nibabel") and its like
+            if called in {"import_module", "_optional", "importorskip"}:
+                yield str(node.args[0].value)
 
 
 def _committed_files() -> list[Path]:
@@ -118,6 +125,14 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 def test_everything_required_is_imported() -> None:
     assert set(_requirements()) - _imported(PACKAGE) - NOT_IMPORTED_YET == set()
+
+
+def test_doctor_looks_for_what_is_required() -> None:
+    from deformnb import doctor
+
+    assert {name.lower() for name in doctor.REQUIRED} - COMES_WITH_PYVISTA <= set(_requirements())
+    for name, (_, extra) in doctor.OPTIONAL.items():
+        assert name.lower() in _requirements(extra), f"{name} is not in the extra {extra}"
 
 
 # -- imports -----------------------------------------------------------------------------------------------------------
