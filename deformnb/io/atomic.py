@@ -1,0 +1,114 @@
+"""Writing that either finishes or never happened."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from deformnb.errors import VolumeFileError
+from deformnb.io.headers import fail, human_bytes, shown
+
+
+def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Path:
+    """The real path to write to, checked before any work: folder, permissions, free space.
+
+    Parameters
+    ----------
+    path : the file to write; a symbolic link is followed.
+    overwrite : whether an existing file may be replaced.
+    needed : bytes the file may take.
+
+    Raises
+    ------
+    VolumeFileError
+        One sentence that says what stands in the way.
+    """
+    try:
+        target = Path(path).expanduser().resolve()
+        exists = target.exists()
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
+        raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({error}).") from error
+    folder = target.parent
+    if not folder.is_dir():
+        raise fail(target, f"cannot be written: there is no folder {shown(folder)}. Create it first.")
+    if target.is_dir():
+        raise fail(target, "cannot be written: this is a folder. Name a file in it.")
+    if exists and not target.is_file():
+        raise fail(target, "cannot be written: this is a device or pipe, not a file.")
+    if exists and not overwrite:
+        raise fail(target, "exists already and overwrite is False. Choose another name.")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise fail(target, f"cannot be written: the folder {shown(folder)} is read-only for you.")
+    if exists and not os.access(target, os.W_OK):
+        raise fail(target, "cannot be written: the file is read-only. Choose another name or lift its protection.")
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise fail(target, f"needs {human_bytes(needed)} but the disk has only {human_bytes(free)} free.")
+    return target
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Iterator[BinaryIO]:
+    """A binary file that takes the place of ``path`` at the end of the block, whole, or not at all.
+
+    It is written next to its target, so that the final rename stays on one disk, and flushed to the disk before: after
+    a crash there is the old file or the new one. An exception (a full disk, :class:`~deformnb.errors.Cancelled`)
+    leaves the old file and no litter. The permissions of an existing file are kept.
+
+    Parameters
+    ----------
+    path, overwrite, needed : see :func:`check_target`.
+
+    Raises
+    ------
+    VolumeFileError
+        If the target cannot be written or the disk fills up.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with atomic_write(folder / "note.txt") as file:
+    ...     _ = file.write(b"whole")
+    >>> (folder / "note.txt").read_bytes()
+    b'whole'
+    """
+    target = check_target(path, overwrite=overwrite, needed=needed)
+    # At most 255 bytes, the limit of common file systems, whatever the length of the target's name.
+    temporary = target.with_name(f".{secrets.token_hex(8)}.deformnb.tmp")
+    try:
+        with temporary.open("xb") as file:
+            if target.exists():
+                with suppress(OSError):  # a file system without permissions
+                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
+            raise
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        why = "the disk (or your share of it) is full" if full else f"the system says: {error.strerror or error}"
+        raise fail(target, f"was not written, {why}; an older file of this name is untouched.") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    _flush_folder(target.parent)
+
+
+def _flush_folder(folder: Path) -> None:
+    # The rename itself lives in the folder. Windows cannot open folders, network drives may refuse: the file is whole.
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

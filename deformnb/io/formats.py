@@ -1,0 +1,328 @@
+"""Reading and writing volumes: one registry of formats, one way in, one way out."""
+
+from __future__ import annotations
+
+import lzma
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
+from deformnb.io.atomic import check_target
+from deformnb.io.headers import Header, fail, human_bytes, regular_file, shown
+from deformnb.io.memory import default_limit
+from deformnb.io.packing import Progress
+from deformnb.volume import Float3, Grid, Volume
+
+Writer = Callable[[Volume, Path, bool, Progress], None]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One kind of volume file.
+
+    Parameters
+    ----------
+    suffixes : endings of file names, lower case, the usual one first.
+    header : reads everything but the voxels.
+    write : writes (volume, path, overwrite, progress), None where a format is only read.
+    description : for people.
+    """
+
+    suffixes: tuple[str, ...]
+    header: Callable[[Path], Header]
+    write: Writer | None
+    description: str
+
+
+FORMATS: dict[str, Format] = {
+    "nifti": Format((".nii.gz", ".nii"), nifti.read_header, nifti.write, "NIfTI-1 and NIfTI-2 in one file"),
+    "nrrd": Format((".nrrd", ".nhdr"), nrrd.read_header, nrrd.write, "NRRD, attached or detached"),
+    "metaimage": Format((".mha", ".mhd"), metaimage.read_header, metaimage.write, "MetaImage, attached or detached"),
+    "vti": Format((".vti",), vti.read_header, vti.write, "VTK image data (XML)"),
+    "numpy": Format((".npy",), plain.read_npy_header, plain.write_npy, "NumPy array, with a side file .npy.json"),
+    "raw": Format((".raw",), plain.read_raw_header, plain.write_raw, "plain voxels with a side file .raw.json"),
+    "tiff": Format(tiff.SUFFIXES, tiff.read_header, None, "TIFF stack, or a folder of slices"),
+    "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
+}
+"""All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
+
+# First bytes of formats, to say what a file with another suffix is.
+_MARKS = {b"NRRD000": "nrrd", b"\x93NUMPY": "numpy", b"II*\0": "tiff", b"MM\0*": "tiff", b"ObjectType": "metaimage",
+          b"<VTKFile": "vti", b"\x1f\x8b": "nifti"}
+
+# What damaged files and failing disks raise below this level; each becomes one VolumeFileError.
+_DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError, struct.error, MemoryError, OverflowError, ValueError,
+           RecursionError)
+
+
+@dataclass(frozen=True)
+class FileDescription:
+    """What a file is, without its voxels.
+
+    Parameters
+    ----------
+    name : of the file.
+    format : its description in :data:`FORMATS`.
+    grid : where its voxels are.
+    dtype : type of the voxels once loaded.
+    is_labels : True if the file says that voxels are names of regions.
+    file_bytes : on disk (of a folder: of its own files).
+    memory_bytes : of the loaded voxels.
+    notes : remarks.
+    value_range : smallest and largest finite value, None if the voxels were not read.
+    """
+
+    name: str
+    format: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    is_labels: bool
+    file_bytes: int
+    memory_bytes: int
+    notes: tuple[str, ...]
+    value_range: tuple[float, float] | None = None
+
+
+def supported() -> str:
+    """The suffixes that can be read, for messages."""
+    return ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
+
+
+def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
+    """Name and row of the format of a path, by its suffix.
+
+    Raises
+    ------
+    VolumeFileError
+        If there is none, or it cannot be written; with the kinds that can.
+    """
+    lower = path.name.lower()
+    for name, entry in FORMATS.items():
+        if lower.endswith(entry.suffixes):
+            if writing and entry.write is None:
+                raise fail(path, f"{entry.description} is read but not written; write {_writable()}.")
+            return name, entry
+    if writing:
+        raise fail(path, f"the end of its name says no kind of volume file; write {_writable()}.")
+    if dicom.is_dicom(path):  # scanners often write names without a suffix
+        return "dicom", FORMATS["dicom"]
+    with regular_file(path).open("rb") as file:
+        start = file.read(64).lstrip()
+    likely = next((name for mark, name in _MARKS.items() if start.startswith(mark)), None)
+    why = f"this is no known kind of volume file; known are {supported()} and folders of slices."
+    if likely is not None:
+        why += f" It looks like {FORMATS[likely].description}: rename it to end in {FORMATS[likely].suffixes[0]}."
+    raise fail(path, why)
+
+
+def _writable() -> str:
+    return ", ".join(suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes)
+
+
+def _located(path: str | os.PathLike[str]) -> Path:
+    try:
+        place = Path(path).expanduser()
+        place.stat()
+    except FileNotFoundError as error:
+        place = Path(path).expanduser()
+        raise fail(place, f"there is no such file in {shown(place.absolute().parent)}.") from error
+    except (OSError, ValueError, RuntimeError) as error:  # permissions, a NUL, a name too long, a loop of links
+        raise VolumeFileError(f"{shown(path)}: it cannot be opened ({shown(error)}).") from error
+    return place
+
+
+def _read_header(path: Path, series: str | int | None) -> tuple[str, Header]:
+    """Name of the format, and the header."""
+    if path.is_dir():
+        if dicom.dicom_files(path):
+            return "dicom", dicom.read_header(path, series)
+        if any(file.suffix.lower() in tiff.SUFFIXES for file in path.iterdir()):
+            return "tiff", tiff.read_folder_header(path)
+        raise fail(path, "this folder holds neither a DICOM series nor TIFF slices; name a file.")
+    name, entry = format_of(path)
+    regular_file(path)
+    return name, dicom.read_header(path, series) if name == "dicom" else entry.header(path)
+
+
+class _Damage:
+    """Turns what lower levels raise into the one error that names the file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, MemoryError):
+            raise fail(self._path, "there is not enough memory for it; read fewer voxels with stride=2.") from error
+        if isinstance(error, _DAMAGE) and not isinstance(error, DeformError):
+            raise fail(self._path, f"it cannot be read: {shown(error) or type(error).__name__}.") from error
+        if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
+            raise fail(self._path, str(error)) from error
+
+
+def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
+                spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
+                max_bytes: int | None = None, progress: Progress = None) -> Volume:
+    """Read a volume file or a folder of slices.
+
+    Parameters
+    ----------
+    path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices.
+    name : of the volume; by default the file's name without its suffix.
+    series : which DICOM series, if there are several (its number, UID or description).
+    spacing : (x, y, z) instead of the file's; origin and direction stay as the file says.
+    is_labels : voxels are names of regions; by default what the file says, else only bool voxels are.
+    stride : keep every n-th voxel along each axis.
+    max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.
+    progress : told the share done, 0 to 1; may raise Cancelled.
+
+    Raises
+    ------
+    VolumeFileError
+        If the file is missing, damaged, cut short, no volume, or too large; nothing is loaded then.
+    MissingPackageError
+        If a package that the format needs is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_volume(Volume.from_array(np.eye(3), spacing=(1, 2, 3)), folder / "a.nrrd")
+    >>> read_volume(folder / "a.nrrd").grid.spacing
+    (1.0, 2.0, 3.0)
+    """
+    place = _located(path)
+    step = _checked_stride(stride)
+    _check_spacing(spacing)
+    with _Damage(place):
+        kind, header = _read_header(place, series)
+        grid, notes = header.grid(spacing)
+        _check_memory(header, step, max_bytes)
+        loaded = Volume.from_array(_load(header, step, progress))
+    grid = replace(grid, shape=loaded.shape, spacing=tuple(step * s for s in grid.spacing))  # type: ignore[arg-type]
+    labels = header.is_labels if is_labels is None else is_labels
+    if step > 1:
+        notes += (f"every {step}. voxel along each axis was read",)
+    return Volume(loaded.values, grid, _plain_name(place, kind) if name is None else name,
+                  loaded.is_labels if labels is None else labels, header.notes + notes + loaded.notes)
+
+
+def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: bool = True,
+                 progress: Progress = None) -> None:
+    """Write a volume; the suffix chooses the format. The file is complete at once or untouched.
+
+    Parameters
+    ----------
+    volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw.
+    path : ends in a suffix of a writable row of :data:`FORMATS`.
+    overwrite : whether an existing file may be replaced.
+    progress : told the share done, 0 to 1; may raise Cancelled.
+
+    Raises
+    ------
+    VolumeFileError
+        If the folder is missing or read-only, the disk is full, or the format cannot hold the volume.
+    """
+    try:
+        place = Path(path).expanduser()
+    except RuntimeError as error:
+        raise VolumeFileError(f"{shown(path)}: it cannot be written ({shown(error)}).") from error
+    _, entry = format_of(place, writing=True)
+    check_target(place, overwrite=overwrite)
+    assert entry.write is not None
+    entry.write(volume, place, overwrite, progress)
+
+
+def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
+                  voxels: bool = False, progress: Progress = None) -> FileDescription:
+    """What a volume file is; reads its header alone unless the range of values is asked for with ``voxels``.
+
+    Raises
+    ------
+    VolumeFileError
+        As :func:`read_volume` does.
+    """
+    place = _located(path)
+    with _Damage(place):
+        kind, header = _read_header(place, series)
+        grid, notes = header.grid()
+        sizes = [file.stat().st_size for file in place.iterdir() if file.is_file()] if place.is_dir() else [
+            place.stat().st_size]
+    volume = read_volume(place, series=series, progress=progress) if voxels else None
+    dtype = volume.dtype if volume else header.loaded_dtype
+    return FileDescription(
+        shown(place.name), FORMATS[kind].description, grid, dtype, bool(header.is_labels), sum(sizes),
+        grid.size * dtype.itemsize, volume.notes if volume else header.notes + notes,
+        volume.value_range if volume else None,
+    )
+
+
+def _plain_name(path: Path, kind: str) -> str:
+    suffix = next((s for s in FORMATS[kind].suffixes if path.name.lower().endswith(s)), "")
+    return path.name[:len(path.name) - len(suffix)] or path.name
+
+
+def _checked_stride(stride: int) -> int:
+    if isinstance(stride, bool) or not isinstance(stride, (int, np.integer)) or stride < 1:
+        raise DeformError(f"stride must be a whole number from 1 on, got {stride!r}.")
+    return int(stride)
+
+
+def _check_spacing(spacing: Float3 | None) -> None:
+    if spacing is not None:
+        Grid((1, 1, 1), spacing)  # an override is the caller's own: a negative one is a mistake, not a flipped file
+
+
+def _kept(shape: tuple[int, int, int], stride: int) -> tuple[int, int, int]:
+    return (-(-shape[0] // stride), -(-shape[1] // stride), -(-shape[2] // stride))
+
+
+def _memory(header: Header, stride: int) -> int:
+    nz, ny, nx = _kept(header.shape, stride)
+    dtype = header.loaded_dtype
+    # 64-bit and unsigned 32-bit integers are cast after loading: the old and the new array exist at once.
+    per_voxel = dtype.itemsize + (8 if dtype.name in ("int64", "uint64", "uint32") else 0)
+    return nz * ny * nx * per_voxel
+
+
+def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
+    limit = default_limit() if max_bytes is None else int(max_bytes)
+    needed = _memory(header, stride)
+    if needed <= limit:
+        return
+    fitting = next((n for n in range(stride + 1, max(header.shape) + 1) if _memory(header, n) <= limit), None)
+    advice = f"read it with stride={fitting}, or raise max_bytes." if fitting else "raise max_bytes."
+    whose = "60 % of the free memory" if max_bytes is None else "max_bytes"
+    raise fail(header.path, f"needs {human_bytes(needed)} of memory but the limit is {human_bytes(limit)} ({whose}); "
+                            f"{advice}")
+
+
+def _load(header: Header, stride: int, progress: Progress) -> NDArray[Any]:
+    """The voxels [z, y, x], scaled, every ``stride``-th along each axis."""
+    shape = header.shape[::-1] if header.transposed else header.shape
+    out = np.empty(_kept(shape, stride), header.loaded_dtype)
+    start = 0
+    with closing(header.blocks()) as blocks:  # type: ignore[type-var]  # generators can be closed
+        for block in blocks:
+            first = -start % stride
+            part = block[first::stride, ::stride, ::stride]
+            if header.is_scaled:
+                part = part.astype(np.float64) * header.slope + header.intercept
+            at = (start + first) // stride
+            out[at:at + len(part)] = part
+            start += len(block)
+            if progress is not None:
+                progress(start / shape[0])
+    return out.T if header.transposed else out

@@ -1,0 +1,236 @@
+"""What a file says about its voxels, before any voxel is read.
+
+Headers are read by this package's own short parsers with bounds on everything, because common readers crash, hang or
+load garbage in silence when a header lies. Text of a header is only ever text.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError, VolumeFileError
+from deformnb.volume import IDENTITY, Float3, Grid, Matrix3
+
+HEADER_BYTES = 2**20
+"""Longest text header that is read. Real ones have a few kB; scanners' private fields stay below 100 kB."""
+
+# Sizes are Python integers, so nothing overflows; this many bytes no machine has (an exbibyte).
+_TOO_MANY_BYTES = 2**60
+
+_INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
+
+Blocks = Callable[[], Iterator[NDArray[Any]]]
+
+
+@dataclass(frozen=True)
+class Header:
+    """All that is known of a volume file without reading its voxels.
+
+    Parameters
+    ----------
+    path : the file (or the folder of a series).
+    shape : (nz, ny, nx).
+    dtype : voxel type as stored, byte order included.
+    blocks : opens the file and yields the voxels in order, as arrays of whole slices in the stored type.
+    spacing, origin, direction : as the file says, in LPS; a spacing may be negative or wrong until :meth:`grid`.
+    affine : 4 x 4 LPS map of indices (i, j, k), for files that have one instead of the three.
+    slope, intercept : voxels mean ``slope * stored + intercept``.
+    transposed : blocks come along x, as [x, y, z].
+    is_labels : what the file says, None if it says nothing.
+    notes : remarks for a status line.
+    """
+
+    path: Path
+    shape: tuple[int, int, int]
+    dtype: np.dtype[Any]
+    blocks: Blocks
+    spacing: Float3 = (1.0, 1.0, 1.0)
+    origin: Float3 = (0.0, 0.0, 0.0)
+    direction: Matrix3 = IDENTITY
+    affine: NDArray[np.float64] | None = None
+    slope: float = 1.0
+    intercept: float = 0.0
+    transposed: bool = False
+    is_labels: bool | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether stored numbers differ from what they mean."""
+        return (self.slope, self.intercept) != (1.0, 0.0)
+
+    @property
+    def loaded_dtype(self) -> np.dtype[Any]:
+        """Native type of the voxels once loaded; scaled ones become float32, or float64 where 24 bits are too few."""
+        return np.result_type(self.dtype, np.float32) if self.is_scaled else self.dtype.newbyteorder("=")
+
+    def grid(self, spacing: Float3 | None = None) -> tuple[Grid, tuple[str, ...]]:
+        """Where the voxels are, with another spacing if given, and remarks; a negative spacing flips its direction."""
+        notes: tuple[str, ...] = ()
+        try:
+            if self.affine is not None:
+                grid = Grid.from_affine(self.shape, self.affine)
+                return (grid if spacing is None else replace(grid, spacing=spacing)), notes
+            lengths, direction, notes = straighten(self.spacing if spacing is None else spacing, self.direction)
+            return Grid(self.shape, lengths, self.origin, direction), notes
+        except DeformError as error:
+            raise fail(self.path, str(error)) from error
+
+
+def straighten(spacing: Float3, direction: Matrix3) -> tuple[Float3, Matrix3, tuple[str, ...]]:
+    """The same axes with positive spacing: the sign moves into the column of direction; with a remark if one moved."""
+    lengths = np.asarray(spacing, dtype=np.float64)
+    if lengths.shape != (3,) or not (lengths < 0).any():
+        return spacing, direction, ()
+    flips = np.where(lengths < 0, -1.0, 1.0)
+    turned = np.asarray(direction, dtype=np.float64) * flips
+    named = " and ".join(axis for axis, flip in zip("xyz", flips, strict=True) if flip < 0)
+    positive = (float(abs(lengths[0])), float(abs(lengths[1])), float(abs(lengths[2])))
+    rows: Matrix3 = tuple(tuple(row) for row in turned.tolist())  # type: ignore[assignment]
+    return positive, rows, (f"the spacing along {named} is negative in the file: the axis is flipped instead",)
+
+
+def shown(text: object, limit: int = 120) -> str:
+    r"""Text from outside made fit for a message: no control characters, no end of line, not too long.
+
+    Examples
+    --------
+    >>> print(shown("a\x1b[31m b"))
+    a\x1b[31m b
+    """
+    plain = str(text)
+    if len(plain) > limit:
+        plain = plain[:limit] + "..."
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in plain)
+
+
+def fail(path: Path, why: str) -> VolumeFileError:
+    """The error that says which file and why."""
+    return VolumeFileError(f"{shown(path.name or path)}: {why}")
+
+
+def human_bytes(count: int) -> str:
+    """A number of bytes for people.
+
+    Examples
+    --------
+    >>> human_bytes(3 * 2**30)
+    '3.0 GiB'
+    """
+    size = float(count)
+    for unit in ("bytes", "KiB", "MiB", "GiB", "TiB", "PiB"):
+        if size < 1024:
+            return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.1f} {unit}"
+        size /= 1024
+    return f"{size:.0f} EiB"
+
+
+def integers(path: Path, field: str, text: str, count: int | None = None) -> list[int]:
+    """The whole numbers of a header's field; of any size, never wrapped."""
+    words = text.split()
+    if (count is not None and len(words) != count) or len(words) > 100 or not all(map(_INTEGER.fullmatch, words)):
+        expected = "whole numbers" if count is None else f"{count} whole number{'s' * (count != 1)}"
+        raise fail(path, f"the field '{field}' should be {expected} but is '{shown(text)}'.")
+    return [int(word) for word in words]
+
+
+def floats(path: Path, field: str, text: str, count: int | None = None) -> list[float]:
+    """The numbers of a header's field; NaN and infinity are for the caller to refuse."""
+    words = text.split()
+    try:
+        numbers = [float(word) for word in words[:100]]
+    except ValueError:
+        numbers = []
+    if len(numbers) != (len(words) if count is None else count):
+        expected = "numbers" if count is None else f"{count} number{'s' * (count != 1)}"
+        raise fail(path, f"the field '{field}' should be {expected} but is '{shown(text)}'.")
+    return numbers
+
+
+def triple(values: list[float]) -> Float3:
+    """Three floats as a tuple."""
+    return values[0], values[1], values[2]
+
+
+def volume_shape(path: Path, sizes: list[int], itemsize: int) -> tuple[tuple[int, int, int], tuple[str, ...]]:
+    """(nz, ny, nx) of the sizes along x, y, z and beyond, and a remark for a single picture.
+
+    Raises
+    ------
+    VolumeFileError
+        For a size below one, more than three real axes (listed), or more bytes than there can be.
+    """
+    if not sizes or min(sizes) < 1:
+        raise fail(path, f"every size must be at least 1 voxel, but the sizes along x, y, z are {sizes}.")
+    real = list(sizes)
+    while len(real) > 3 and real[-1] == 1:
+        real.pop()
+    if len(real) > 3:
+        names = ("x", "y", "z", "t", "5th", "6th", "7th")
+        axes = ", ".join(f"{name}: {size}" for name, size in zip(names, real, strict=False))
+        raise fail(path, f"a volume has three axes but this file has {len(real)} ({axes}). Save one time point or one "
+                         "channel as a file of its own and read that.")
+    notes = ("a 2-D image was taken as a volume of one slice",) if len(sizes) < 3 else ()
+    nx, ny, nz = (*real, 1, 1)[:3]
+    if math.prod(real) * itemsize >= _TOO_MANY_BYTES:
+        raise fail(path, f"the sizes {real} ask for more memory than any machine has; the header is damaged.")
+    return (nz, ny, nx), notes
+
+
+def regular_file(path: Path) -> Path:
+    """The path if it is a plain file; a pipe would wait for ever and a device has no end."""
+    try:
+        if path.is_file():
+            return path
+        exists = path.exists()
+    except (OSError, ValueError) as error:
+        raise VolumeFileError(f"{shown(path)!r} is not a usable path ({error}).") from error
+    raise fail(path, "this is not a plain file." if exists else f"there is no such file in {shown(path.parent)}.")
+
+
+def detached_file(header: Path, name: str) -> Path:
+    """The data file that a header names, which must lie in the header's own folder or below it.
+
+    Anything else is refused: a header from elsewhere could otherwise show any file of this machine as voxels.
+    """
+    plain = name.strip()
+    parts = re.split(r"[/\\]", plain)
+    if not plain or "\0" in plain or ".." in parts or not parts[0] or os.path.isabs(plain) or ":" in parts[0]:
+        raise fail(header, f"its data file '{shown(plain)}' is not in the header's own folder, so it is not read. "
+                           "Put both files into one folder and name it without a path.")
+    target = header.parent.joinpath(*parts)
+    try:
+        inside = target.resolve().is_relative_to(header.parent.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise fail(header, f"its data file '{shown(plain)}' is not a usable name ({error}).") from error
+    if not inside:
+        raise fail(header, f"its data file '{shown(plain)}' is a link out of the header's own folder; it is not read.")
+    if not target.exists():
+        raise fail(header, f"its data file '{shown(plain)}' is missing; it belongs next to the header.")
+    if target.resolve() == header.resolve():
+        raise fail(header, "it names itself as its data file.")
+    return regular_file(target)
+
+
+def detached_name(header: Path) -> str:
+    """Name of the file of voxels that goes with a header we write; it cannot clash with another format's file.
+
+    Raises
+    ------
+    VolumeFileError
+        For a name that a text header cannot hold: it would be read back as another name, or as more fields.
+    """
+    name = header.name + ".raw"
+    if not name.isprintable() or "%" in name or name != name.strip():
+        raise fail(header, "a header with a detached data file cannot have this name; leave out '%', line ends and "
+                           "spaces at the ends, or write everything into one file (.nrrd, .mha).")
+    return name

@@ -1,0 +1,175 @@
+"""MetaImage, attached (.mha) and detached (.mhd).
+
+The rows of TransformMatrix are the directions of the x, y and z index in LPS. Source: the MetaIO documentation and what
+SimpleITK reads and writes.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deformnb.io.headers import (
+    HEADER_BYTES,
+    Header,
+    detached_file,
+    detached_name,
+    fail,
+    floats,
+    integers,
+    shown,
+    volume_shape,
+)
+from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import Source
+from deformnb.volume import Float3, Matrix3, Volume
+
+_TYPES = {
+    "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
+    "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8",
+    "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
+}
+_NAMES = {"i1": "MET_CHAR", "u1": "MET_UCHAR", "i2": "MET_SHORT", "u2": "MET_USHORT", "i4": "MET_INT",
+          "f4": "MET_FLOAT", "f8": "MET_DOUBLE"}
+
+# MetaImage cannot say that voxels are names of regions; a comment, which every reader keeps or ignores, can.
+_LABELS = "deformnb labels"
+_MOST_SKIPPED = 2**26
+
+
+def _fields(path: Path) -> tuple[dict[str, str], int]:
+    """Fields by lower-case name, and where the header ends: after the line ElementDataFile."""
+    with path.open("rb") as file:
+        data = file.read(HEADER_BYTES)
+    fields: dict[str, str] = {}
+    start = 0
+    while start < len(data):
+        end = data.find(b"\n", start)
+        line = data[start:end if end >= 0 else len(data)].decode("utf-8", "replace").strip()
+        start = end + 1 if end >= 0 else len(data)
+        if not line:
+            continue
+        name, equals, value = line.partition("=")
+        key = name.strip().lower()
+        if not equals or key in fields:
+            why = "appears twice" if equals else "is not 'Name = value'"
+            raise fail(path, f"this is not a MetaImage file or damaged: the line '{shown(line)}' {why}.")
+        fields[key] = value.strip()
+        if key == "elementdatafile":
+            return fields, start
+    raise fail(path, "its header has no line ElementDataFile; it is cut short or damaged.")
+
+
+def _flag(path: Path, fields: dict[str, str], name: str, missing: bool) -> bool:
+    value = fields.get(name.lower())
+    if value is None:
+        return missing
+    if value.lower() not in ("true", "false", "1", "0"):
+        raise fail(path, f"the field '{name}' should be True or False but is '{shown(value)}'.")
+    return value.lower() in ("true", "1")
+
+
+def read_header(path: Path) -> Header:
+    """Geometry, type and place of the voxels of a MetaImage file."""
+    fields, end = _fields(path)
+    for name in ("NDims", "DimSize", "ElementType"):
+        if name.lower() not in fields:
+            raise fail(path, f"its header lacks the field '{name}'.")
+    dimension = integers(path, "NDims", fields["ndims"], 1)[0]
+    if not 1 <= dimension <= 10:
+        raise fail(path, f"the field 'NDims' is {dimension}; a volume has 3.")
+    channels = integers(path, "ElementNumberOfChannels", fields.get("elementnumberofchannels", "1"), 1)[0]
+    if channels != 1:
+        raise fail(path, f"every voxel has {channels} channels (colours or a vector); save one channel by itself.")
+    dtype = _dtype(path, fields)
+    shape, notes = volume_shape(path, integers(path, "DimSize", fields["dimsize"], dimension), dtype.itemsize)
+    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
+    labels = True if fields.get("comment") == _LABELS else None
+    spacing, origin, direction = _geometry(path, fields, dimension)
+    return Header(path, shape, dtype, source.blocks(shape, dtype), spacing, origin, direction, is_labels=labels,
+                  notes=notes)
+
+
+def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
+    name = fields["elementtype"].upper()
+    if name not in _TYPES:
+        raise fail(path, f"the ElementType '{shown(name)}' is not supported; save one number per voxel.")
+    if not _flag(path, fields, "BinaryData", True):
+        raise fail(path, "its voxels are written as text (BinaryData = False); save them as binary.")
+    big = _flag(path, fields, "BinaryDataByteOrderMSB", _flag(path, fields, "ElementByteOrderMSB", False))
+    return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
+
+
+def _source(path: Path, fields: dict[str, str], end: int, expected: int) -> Source:
+    name = fields["elementdatafile"]
+    target, offset = path, end
+    if name.upper().startswith("LIST") or "%" in name:
+        raise fail(path, "its voxels are spread over several files; join them into one .mha first.")
+    if name.upper() != "LOCAL":
+        target, offset = detached_file(path, name), 0
+    skip = integers(path, "HeaderSize", fields.get("headersize", "0"), 1)[0]
+    packed = _flag(path, fields, "CompressedData", False)
+    if not -1 <= skip <= _MOST_SKIPPED or (packed and skip):
+        raise fail(path, f"the field 'HeaderSize' is {skip}, which is not usable here.")
+    if skip == -1:  # the voxels are the last bytes of the file
+        offset = max(offset, target.stat().st_size - expected)
+    else:
+        offset += skip
+    return Source(target, offset, "gzip" if packed else "raw")
+
+
+def _geometry(path: Path, fields: dict[str, str], dimension: int) -> tuple[Float3, Float3, Matrix3]:
+    def first(*names: str) -> str | None:
+        return next((name for name in names if name.lower() in fields), None)
+
+    def vector(name: str | None, missing: float) -> Float3:
+        values = [] if name is None else floats(path, name, fields[name.lower()], dimension)
+        padded = [*values, missing, missing, missing]
+        return padded[0], padded[1], padded[2]
+
+    spacing = vector(first("ElementSpacing", "ElementSize"), 1.0)
+    origin = vector(first("Offset", "Position", "Origin"), 0.0)
+    matrix = np.eye(max(3, dimension))
+    name = first("TransformMatrix", "Rotation", "Orientation")
+    if name is not None:
+        values = floats(path, name, fields[name.lower()], dimension * dimension)
+        matrix[:dimension, :dimension] = np.reshape(values, (dimension, dimension)).T
+    rows: Matrix3 = tuple(tuple(row) for row in matrix[:3, :3].tolist())  # type: ignore[assignment]
+    return spacing, origin, rows
+
+
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+    """Write MetaImage: one file with plain voxels, or for .mhd a header and ``<name>.mhd.raw``.
+
+    Not compressed: the header would have to know the compressed size before the voxels are packed.
+    """
+    if path.suffix.lower() == ".mhd":
+        name = detached_name(path)
+        write_pair(volume, path, _header_text(volume, name), path.with_name(name), overwrite, progress)
+    else:
+        write_packed(volume, path, _header_text(volume, "LOCAL"), "raw", overwrite, progress)
+
+
+def _header_text(volume: Volume, data_file: str) -> bytes:
+    def words(values: Any) -> str:
+        return " ".join(map(repr, values))
+
+    grid = volume.grid
+    lines = [
+        "ObjectType = Image",
+        "NDims = 3",
+        *([f"Comment = {_LABELS}"] if volume.is_labels else []),
+        "BinaryData = True",
+        "BinaryDataByteOrderMSB = False",
+        "CompressedData = False",
+        "TransformMatrix = " + words(np.transpose(grid.direction).ravel().tolist()),
+        "Offset = " + words(grid.origin),
+        "ElementSpacing = " + words(grid.spacing),
+        "DimSize = " + words(volume.shape[::-1]),
+        f"ElementType = {_NAMES[stored_dtype(volume).str[1:]]}",
+        f"ElementDataFile = {data_file}",
+    ]
+    return ("\n".join(lines) + "\n").encode()

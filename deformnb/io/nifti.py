@@ -1,0 +1,215 @@
+"""NIfTI-1 and NIfTI-2 in one file (.nii, .nii.gz).
+
+One rule says where the voxels are: the sform if its code is above 0, else the qform if its code is above 0, else the
+voxel sizes alone with the axes right, anterior, superior (methods 3, 2 and 1 of the standard). NIfTI is RAS: x and y
+change sign on the way in and out. Source: the headers nifti1.h and nifti2.h of the NIfTI standard.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.io.headers import Header, fail, triple, volume_shape
+from deformnb.io.packing import Progress, write_packed
+from deformnb.io.streams import Source, take
+from deformnb.volume import Float3, Grid, Matrix3, Volume
+
+_TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
+_CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
+_REFUSED = {1: "single bits", 32: "complex numbers", 128: "RGB colours", 1536: "128-bit floats",
+            1792: "complex numbers", 2048: "complex numbers", 2304: "RGBA colours"}
+
+_LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
+_UNITS = {1: "metres", 3: "micrometres"}  # 2 is millimetres, 0 unknown
+_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+_LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
+_FIRST_VOXEL = 352
+
+# Extensions (text of other programs) may lie before the voxels; more than this is no extension but a damaged header.
+_MOST_EXTENSIONS = 2**26
+
+
+@dataclass(frozen=True)
+class _Fields:
+    """The fields that matter, of either version."""
+
+    dim: tuple[int, ...]
+    pixdim: tuple[float, ...]
+    datatype: int
+    vox_offset: float
+    scaling: tuple[float, float]
+    codes: tuple[int, int]  # qform, sform
+    quatern: tuple[float, ...]  # b, c, d and the offsets of x, y, z
+    srow: tuple[float, ...]
+    intent: int
+    units: int
+    order: str
+
+
+def _fields(path: Path, data: bytes) -> _Fields:
+    for order in "<>":
+        size = struct.unpack_from(order + "i", data)[0] if len(data) >= 4 else 0
+        at = _reader(data, order)
+        if size == 348 and len(data) >= 352:
+            if data[344:347] not in (b"n+1", b"ni1"):
+                raise fail(path, "this is Analyze 7.5 or a damaged NIfTI file (no NIfTI mark at byte 344); "
+                                 "Analyze does not say which side is left. Convert it to NIfTI first.")
+            if data[344:347] == b"ni1":
+                raise fail(path, "this is the header of a pair .hdr and .img; save both as one .nii file.")
+            return _Fields(at("8h", 40), at("8f", 76), at("h", 70)[0], at("f", 108)[0], at("2f", 112), at("2h", 252),
+                           at("6f", 256), at("12f", 280), at("h", 68)[0], data[123], order)
+        if size == 540 and len(data) >= 544:
+            if data[4:7] != b"n+2":
+                raise fail(path, "this is a damaged NIfTI-2 file or the header of a pair (no n+2 mark at byte 4).")
+            return _Fields(at("8q", 16), at("8d", 104), at("h", 12)[0], float(at("q", 168)[0]), at("2d", 176),
+                           at("2i", 344), at("6d", 352), at("12d", 400), at("i", 504)[0], at("i", 500)[0] & 255, order)
+    raise fail(path, f"this is not a NIfTI file: it has {len(data)} bytes where a header should be, or the header's "
+                     "own size is neither 348 nor 540.")
+
+
+def _reader(data: bytes, order: str) -> Any:
+    return lambda form, offset: struct.unpack_from(order + form, data, offset)
+
+
+def read_header(path: Path) -> Header:
+    """Geometry, type and place of the voxels of a NIfTI file."""
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"  # what the file is counts, not what it is called
+    source = Source(path, encoding="gzip" if packed else "raw")
+    with closing(source.open()) as stream:
+        fields = _fields(path, take(stream, 544))
+    if fields.datatype in _REFUSED:
+        raise fail(path, f"its voxels are {_REFUSED[fields.datatype]}; save one real number per voxel.")
+    if fields.datatype not in _TYPES:
+        raise fail(path, f"the field 'datatype' is {fields.datatype}, which NIfTI does not define.")
+    dtype = np.dtype(fields.order + _TYPES[fields.datatype])
+    axes = fields.dim[0]
+    if not 1 <= axes <= 7:
+        raise fail(path, f"the field 'dim' starts with {axes} axes; a volume has 3.")
+    shape, notes = volume_shape(path, list(fields.dim[1:1 + axes]), dtype.itemsize)
+    offset = _offset(path, fields.vox_offset)
+    source = Source(path, skip=offset, encoding="gzip") if packed else Source(path, offset)
+    slope, intercept = _scaling(path, fields.scaling)
+    affine, place_notes = _affine(path, fields)
+    spacing, direction, origin = (triple(list(fields.pixdim[1:4])), *_qform(path, fields))
+    units = _UNITS.get(fields.units & 7)
+    if units:
+        notes += (f"lengths of the file are in {units} and stay so",)
+    return Header(path, shape, dtype, source.blocks(shape, dtype), spacing, origin, direction, affine, slope, intercept,
+                  is_labels=True if fields.intent == _LABEL_INTENT else None, notes=notes + place_notes)
+
+
+def _offset(path: Path, offset: float) -> int:
+    if not (math.isfinite(offset) and offset == int(offset) and _FIRST_VOXEL <= offset <= _MOST_EXTENSIONS):
+        raise fail(path, f"the field 'vox_offset' is {offset}; it should be a whole number from {_FIRST_VOXEL} on.")
+    return int(offset)
+
+
+def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float]:
+    slope, intercept = scaling
+    if slope == 0 or math.isnan(slope):  # the standard's way, and nibabel's way, to say "not scaled"
+        return 1.0, 0.0
+    if not (math.isfinite(slope) and math.isfinite(intercept)):
+        raise fail(path, f"the fields 'scl_slope' and 'scl_inter' are {slope} and {intercept}; they must be finite.")
+    return slope, intercept
+
+
+def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """The sform as an LPS affine if it counts, and remarks on where the volume lies."""
+    qform_code, sform_code = fields.codes
+    if sform_code <= 0:
+        if qform_code > 0:
+            return None, ()
+        return None, ("the file does not say where the volume lies: its axes were taken as right, anterior, superior",)
+    affine = np.vstack([np.reshape(fields.srow, (3, 4)), [0, 0, 0, 1]]).astype(np.float64)
+    if not np.isfinite(affine).all():
+        raise fail(path, f"the sform (srow_x, srow_y, srow_z) is not finite: {affine[:3].tolist()}.")
+    notes: tuple[str, ...] = ()
+    if qform_code > 0:
+        direction, origin = _qform(path, fields)
+        matrix = np.asarray(direction) * np.asarray(fields.pixdim[1:4])
+        both = _RAS @ np.column_stack([np.vstack([matrix, [0, 0, 0]]), [*origin, 1]])
+        # float32 numbers and quaternions with four digits differ by this much without meaning anything else
+        if not np.allclose(both, affine, rtol=1e-3, atol=1e-2 * float(np.abs(affine[:3, :3]).max())):
+            notes = ("the file holds two different places (qform and sform); the sform is used",)
+    return _RAS @ affine, notes
+
+
+def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
+    """Direction and origin in LPS of the qform, or of the bare axes if it does not count."""
+    if fields.codes[0] <= 0:
+        return ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0)
+    b, c, d, x, y, z = fields.quatern
+    length = math.sqrt(b * b + c * c + d * d)
+    if not math.isfinite(length):
+        raise fail(path, f"the qform's quaternion is not finite: {fields.quatern[:3]}.")
+    if length > 1:  # rounding of a turn by 180 degrees; the standard scales it back too
+        b, c, d = b / length, c / length, d / length
+    a = math.sqrt(max(0.0, 1 - (b * b + c * c + d * d)))
+    turn = np.array([
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+    ])
+    turn[:, 2] *= -1 if fields.pixdim[0] < 0 else 1
+    rows: Matrix3 = tuple(tuple(row) for row in (_RAS[:3, :3] @ turn).tolist())  # type: ignore[assignment]
+    return rows, (-x, -y, z)
+
+
+def _packed_header(volume: Volume) -> bytes:
+    grid = volume.grid
+    affine = _RAS @ grid.affine
+    turn = _RAS[:3, :3] @ np.asarray(grid.direction)
+    flip = -1.0 if np.linalg.det(turn) < 0 else 1.0
+    header = bytearray(_FIRST_VOXEL)
+
+    def put(form: str, offset: int, *values: float) -> None:
+        struct.pack_into("<" + form, header, offset, *values)
+
+    put("i", 0, 348)
+    put("8h", 40, 3, *volume.shape[::-1], 1, 1, 1, 1)
+    put("3h", 68, _LABEL_INTENT if volume.is_labels else 0, _CODES[volume.dtype], 8 * volume.dtype.itemsize)
+    put("8f", 76, flip, *grid.spacing, 0, 0, 0, 0)
+    put("3f", 108, _FIRST_VOXEL, 1, 0)
+    put("B", 123, 2)
+    put("2h", 252, 1, 1)
+    put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])
+    put("12f", 280, *affine[:3].ravel())
+    header[344:348] = b"n+1\0"
+    return bytes(header)
+
+
+def _quaternion(turn: NDArray[np.float64]) -> tuple[float, float, float]:
+    """b, c, d of the unit quaternion with a >= 0 of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
+    b, c, d, a = Rotation.from_matrix(turn).as_quat()
+    sign = -1.0 if a < 0 else 1.0
+    return sign * b, sign * c, sign * d
+
+
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+    """Write NIfTI-1; sform and qform are the same, lengths in millimetres, bool becomes uint8."""
+    if max(volume.shape) > _LARGEST:
+        raise fail(path, f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {max(volume.shape)}; "
+                         "write .nrrd instead.")
+    check_float32(path, volume.grid)
+    encoding = "gzip" if path.suffix.lower() == ".gz" else "raw"
+    write_packed(volume, path, _packed_header(volume), encoding, overwrite, progress)
+
+
+def check_float32(path: Path, grid: Grid) -> None:
+    """Refuse lengths that the float32 numbers of NIfTI-1 would turn into zero or infinity."""
+    with np.errstate(over="ignore", under="ignore"):
+        lengths, origin = (np.asarray(v).astype(np.float32) for v in (grid.spacing, grid.origin))
+        if not (np.isfinite(lengths).all() and (lengths > 1e-37).all() and np.isfinite(origin).all()):
+            raise fail(path, f"the spacing {grid.spacing} or origin {grid.origin} does not fit into NIfTI-1; "
+                             "write .nrrd instead.")

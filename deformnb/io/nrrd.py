@@ -1,0 +1,255 @@
+"""NRRD, attached (.nrrd) and detached (.nhdr).
+
+Space LPS, RAS and LAS are told apart; without a space the axes are taken as LPS.
+Source: the definition of the NRRD file format of the Teem library.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.io.headers import (
+    HEADER_BYTES,
+    Header,
+    detached_file,
+    detached_name,
+    fail,
+    floats,
+    integers,
+    shown,
+    triple,
+    volume_shape,
+)
+from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import Source
+from deformnb.volume import Volume
+
+_TYPES = {
+    "i1": ("signed char", "int8", "int8_t"),
+    "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
+    "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
+    "u2": ("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"),
+    "i4": ("int", "signed int", "int32", "int32_t"),
+    "u4": ("uint", "unsigned int", "uint32", "uint32_t"),
+    "i8": ("longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"),
+    "u8": ("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"),
+    "f4": ("float",),
+    "f8": ("double",),
+}
+_DTYPES = {name: dtype for dtype, names in _TYPES.items() for name in names}
+_NAMES = {"i1": "int8", "u1": "uint8", "i2": "int16", "u2": "uint16", "i4": "int32", "f4": "float", "f8": "double"}
+_ENCODINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
+
+# What turns each space into left-posterior-superior; the spaces that name no patient are taken as they are.
+_SPACES = {
+    "left-posterior-superior": (1.0, 1.0, 1.0), "lps": (1.0, 1.0, 1.0),
+    "right-anterior-superior": (-1.0, -1.0, 1.0), "ras": (-1.0, -1.0, 1.0),
+    "left-anterior-superior": (1.0, -1.0, 1.0), "las": (1.0, -1.0, 1.0),
+    "scanner-xyz": (1.0, 1.0, 1.0), "3d-right-handed": (1.0, 1.0, 1.0), "3d-left-handed": (1.0, 1.0, 1.0),
+}
+
+# Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is none.
+_PLACES = {"domain", "space", "???", "none"}
+
+_LABELS_KEY = "deformnb_labels"  # NRRD cannot say that voxels are names of regions; a key of our own can
+_MOST_SKIPPED = 2**26
+
+
+def _fields(path: Path) -> tuple[dict[str, str], dict[str, str], int]:
+    """Fields, key/value pairs, and where the header ends."""
+    with path.open("rb") as file:
+        data = file.read(HEADER_BYTES)
+    if not data.startswith(b"NRRD000"):
+        raise fail(path, "this is not a NRRD file: it does not begin with NRRD000.")
+    end = re.search(rb"\r?\n\r?\n", data)
+    if end is None and (len(data) == HEADER_BYTES or path.suffix.lower() != ".nhdr"):
+        raise fail(path, "its header has no end (an empty line); it is cut short or damaged.")
+    text = data[:end.start() if end else len(data)].decode("utf-8", "replace")
+    fields: dict[str, str] = {}
+    keys: dict[str, str] = {}
+    for line in text.splitlines()[1:]:
+        if line.startswith("#") or not line.strip():
+            continue
+        key, assign, value = line.partition(":=")
+        if assign and ": " not in key:
+            keys[key.strip()] = value.strip()
+            continue
+        name, colon, value = line.partition(":")
+        name = name.strip().lower().replace(" ", "")
+        if not colon or name in fields:
+            why = "appears twice" if colon else "is neither 'field: value' nor 'key:=value'"
+            raise fail(path, f"the header's line '{shown(line)}' {why}.")
+        fields[name] = value.strip()
+    return fields, keys, end.end() if end else len(data)
+
+
+def read_header(path: Path) -> Header:
+    """Geometry, type and place of the voxels of a NRRD file."""
+    fields, keys, end = _fields(path)
+    for name in ("dimension", "type", "sizes", "encoding"):
+        if name not in fields:
+            raise fail(path, f"its header lacks the field '{name}'.")
+    dtype = _dtype(path, fields)
+    dimension = integers(path, "dimension", fields["dimension"], 1)[0]
+    if not 1 <= dimension <= 16:
+        raise fail(path, f"the field 'dimension' is {dimension}; a volume has 3.")
+    sizes = integers(path, "sizes", fields["sizes"], dimension)
+    axes = _places(path, fields, sizes)
+    shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
+    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
+    affine = _affine(path, fields, axes, dimension)
+    labels = True if keys.get(_LABELS_KEY) == "yes" else None
+    return Header(path, shape, dtype, source.blocks(shape, dtype), is_labels=labels, notes=notes, **affine)
+
+
+def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
+    name = " ".join(fields["type"].lower().split())
+    if name not in _DTYPES:
+        raise fail(path, f"the voxel type '{shown(fields['type'])}' is not supported; save one number per voxel.")
+    dtype = np.dtype(_DTYPES[name])
+    endian = fields.get("endian", "").lower()
+    if dtype.itemsize > 1 and endian not in ("little", "big"):
+        raise fail(path, f"the field 'endian' is '{shown(endian)}' but must be little or big for {dtype.name} voxels.")
+    return dtype.newbyteorder(">" if endian == "big" else "<")
+
+
+def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> list[int]:
+    """Which axes are x, y and z: all but those of size 1 that are colours, vectors or time."""
+    kinds = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
+    if "spacedirections" in fields:
+        vectors = _vectors(path, "space directions", fields["spacedirections"])
+        if len(vectors) != len(sizes):
+            raise fail(path, f"the field 'space directions' has {len(vectors)} vectors for {len(sizes)} axes.")
+        kinds = [kind if vector is not None else "list"
+                 for kind, vector in zip(kinds, vectors, strict=False)] if len(kinds) == len(sizes) else kinds
+    if len(kinds) != len(sizes):
+        raise fail(path, f"the field 'kinds' names {len(kinds)} axes but there are {len(sizes)}.")
+    other = [axis for axis, kind in enumerate(kinds) if kind not in _PLACES]
+    if any(sizes[axis] != 1 for axis in other):
+        axes = ", ".join(f"{shown(kind)}: {size}" for kind, size in zip(kinds, sizes, strict=True))
+        raise fail(path, f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
+                         "point as a file of its own and read that.")
+    return [axis for axis in range(len(sizes)) if axis not in other]
+
+
+def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:
+    words = re.findall(r"none|\([^()]*\)", text, re.IGNORECASE)
+    if re.sub(r"none|\([^()]*\)|\s", "", text, flags=re.IGNORECASE):
+        raise fail(path, f"the field '{field}' should be vectors like (1,0,0) but is '{shown(text)}'.")
+    return [None if word[0] != "(" else floats(path, field, word[1:-1].replace(",", " ")) for word in words]
+
+
+def _source(path: Path, fields: dict[str, str], end: int, expected: int) -> Source:
+    encoding = _ENCODINGS.get(fields["encoding"].lower())
+    if encoding is None:
+        raise fail(path, f"the encoding '{shown(fields['encoding'])}' is not supported; save it as raw or gzip.")
+    name = fields.get("datafile")
+    target, offset = path, end
+    if name is not None:
+        if name.split()[0:1] in (["LIST"], ["LIST:"]) or "%" in name:
+            raise fail(path, "its voxels are spread over several files; join them into one .nrrd first.")
+        target, offset = detached_file(path, name), 0
+    elif path.suffix.lower() == ".nhdr":
+        raise fail(path, "its header names no data file.")
+    lines = integers(path, "line skip", fields.get("lineskip", "0"), 1)[0]
+    skip = integers(path, "byte skip", fields.get("byteskip", "0"), 1)[0]
+    if not (0 <= lines <= HEADER_BYTES and -1 <= skip <= _MOST_SKIPPED) or (skip == -1 and encoding != "raw"):
+        raise fail(path, f"the fields 'line skip' ({lines}) and 'byte skip' ({skip}) are not usable.")
+    offset += _skipped_lines(path, target, offset, lines)
+    if skip == -1:  # the voxels are the last bytes of the file
+        offset, skip = max(offset, target.stat().st_size - expected), 0
+    return Source(target, offset, encoding, skip)
+
+
+def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:
+    if not lines:
+        return 0
+    with target.open("rb") as file:
+        file.seek(offset)
+        data = file.read(HEADER_BYTES)
+    ends = [match.end() for match in re.finditer(rb"\n", data)]
+    if len(ends) < lines:
+        raise fail(path, f"the field 'line skip' is {lines} but the data have fewer lines in their first MiB.")
+    return ends[lines - 1]
+
+
+def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:
+    """What the header says of the places, as arguments of Header."""
+    space = fields.get("space", "").lower()
+    if space and space not in _SPACES:
+        raise fail(path, f"the space '{shown(space)}' is not supported; save it in left-posterior-superior.")
+    signs = np.array(_SPACES.get(space, (1.0, 1.0, 1.0)))
+    origin = _vectors(path, "space origin", fields["spaceorigin"])[:1] if "spaceorigin" in fields else []
+    corner = _three(path, "space origin", origin[0] if origin else [0.0, 0.0, 0.0])
+    if "spacedirections" not in fields:
+        known = _spacings(path, fields, axes, dimension)
+        return known | ({"origin": triple((signs * corner).tolist())} if origin else {})
+    vectors = _vectors(path, "space directions", fields["spacedirections"])
+    affine = np.eye(4)
+    for column, axis in enumerate(axes[:3]):
+        affine[:3, column] = signs * _three(path, "space directions", vectors[axis] or [])
+    if len(axes) < 3:  # a single picture: its normal, of length 1
+        normal = np.cross(affine[:3, 0], affine[:3, 1])
+        affine[:3, 2] = normal / (np.linalg.norm(normal) or 1.0)
+    affine[:3, 3] = signs * corner
+    return {"affine": affine}
+
+
+def _three(path: Path, field: str, vector: list[float] | None) -> NDArray[np.float64]:
+    if vector is None or len(vector) not in (2, 3):
+        raise fail(path, f"the field '{field}' should have vectors of three numbers.")
+    return np.array([*vector, 0.0][:3])
+
+
+def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:
+    def per_axis(name: str, shown_name: str, missing: float) -> list[float]:
+        if name not in fields:
+            return [missing] * 3
+        values = floats(path, shown_name, fields[name], dimension)
+        return [*(values[axis] for axis in axes), missing, missing][:3]
+
+    spacing = per_axis("spacings", "spacings", 1.0)
+    minimum = per_axis("axismins", "axis mins", 0.0)
+    centres = fields.get("centers", fields.get("centerings", "")).lower().split()
+    # "axis min" is the border of a cell, or the place of a node.
+    first = [low + (step / 2 if axis < len(centres) and centres[axis] == "cell" else 0.0)
+             for low, step, axis in zip(minimum, spacing, [*axes, 99, 99][:3], strict=True)]
+    if not np.isfinite(first).all():
+        first = [0.0, 0.0, 0.0]
+    return {"spacing": triple(spacing), "origin": triple(first)}
+
+
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+    """Write NRRD: gzip in one file, or for .nhdr a header and plain voxels in ``<name>.nhdr.raw``."""
+    if path.suffix.lower() == ".nhdr":
+        name = detached_name(path)
+        write_pair(volume, path, _header_text(volume, "raw", name), path.with_name(name), overwrite, progress)
+    else:
+        write_packed(volume, path, _header_text(volume, "gzip", None), "gzip", overwrite, progress, header_outside=True)
+
+
+def _header_text(volume: Volume, encoding: str, data_file: str | None) -> bytes:
+    grid = volume.grid
+    vectors = " ".join("(" + ",".join(map(repr, column)) + ")" for column in grid.matrix.T.tolist())
+    lines = [
+        "NRRD0005",
+        f"type: {_NAMES[stored_dtype(volume).str[1:]]}",
+        "dimension: 3",
+        "space: left-posterior-superior",
+        "sizes: " + " ".join(map(str, volume.shape[::-1])),
+        "space directions: " + vectors,
+        "kinds: domain domain domain",
+        "endian: little",
+        f"encoding: {encoding}",
+        "space origin: (" + ",".join(map(repr, grid.origin)) + ")",
+    ]
+    lines += [f"{_LABELS_KEY}:=yes"] if volume.is_labels else []
+    # The data file comes last: in some readers whatever follows a detached file's name is lost.
+    lines += [f"data file: {data_file}"] if data_file else []
+    return ("\n".join(lines) + "\n\n").encode()

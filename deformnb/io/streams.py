@@ -1,0 +1,197 @@
+"""Voxels as a stream of bytes: exact counts, bounded inflating, whole slices at a time."""
+
+from __future__ import annotations
+
+import bz2
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.io.headers import fail
+
+# Small enough that a file of thousands of tiny gzip members, each of which copies the rest of its chunk, stays quick.
+_CHUNK = 2**16
+
+# Blocks of about a mebibyte stay in the processor's cache between reading, scaling and storing.
+_BLOCK = 2**20
+
+# Deflate cannot pack more than 1032 bytes into one; a header that claims more is lying or the file is cut short.
+_DEFLATE_MOST = 1032
+
+
+class Stream(Protocol):
+    """Anything that gives up to ``size`` bytes, and none at its end."""
+
+    def read(self, size: int, /) -> bytes:
+        """Up to ``size`` bytes."""
+
+    def close(self) -> None:
+        """Give the file back."""
+
+
+class Inflate:
+    """Inflates zlib or gzip data (any number of members) and never holds more than was asked for.
+
+    The check sums at the end of each member are verified; a member without its end raises EOFError.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._decoder = zlib.decompressobj(wbits=47)  # zlib or gzip, whichever its first bytes say
+        self._input = b""
+        self._waiting = False  # the decoder still has output for input that it took
+
+    def read(self, size: int, /) -> bytes:
+        """Up to ``size`` bytes, none at the end of the last member."""
+        while True:
+            if not self._input and not self._waiting:
+                self._input = self._file.read(_CHUNK)
+            if self._decoder.eof:
+                self._input = self._input.lstrip(b"\0")  # tapes and some archives pad with zeros
+                if not self._input:
+                    if not self._file.peek(1):  # type: ignore[attr-defined]
+                        return b""
+                    continue
+                self._decoder = zlib.decompressobj(wbits=47)
+            elif not self._input and not self._waiting:
+                raise EOFError("the compressed data end before their end mark")
+            data = self._decoder.decompress(self._input, size)
+            self._input = self._decoder.unconsumed_tail or self._decoder.unused_data
+            self._waiting = len(data) == size and not self._decoder.eof
+            if data:
+                return data
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class Pieces:
+    """A stream made of an iterator of byte strings."""
+
+    def __init__(self, pieces: Iterator[bytes], close: Callable[[], None]) -> None:
+        self._pieces = pieces
+        self._rest = memoryview(b"")
+        self.close = close
+
+    def read(self, size: int, /) -> bytes:
+        """Up to ``size`` bytes."""
+        while not self._rest:
+            piece = next(self._pieces, None)
+            if piece is None:
+                return b""
+            self._rest = memoryview(piece)
+        data, self._rest = self._rest[:size], self._rest[size:]
+        return bytes(data)
+
+
+def _plain(file: BinaryIO) -> Stream:
+    return file
+
+
+class _Bzip2:
+    """Unpacks bzip2; BZ2File alone leaves a file open that it has not opened."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.read = bz2.BZ2File(file).read
+
+    def close(self) -> None:
+        self._file.close()
+
+
+ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2}
+"""How the bytes of voxels may be packed."""
+
+
+def take(stream: Stream, size: int) -> bytes:
+    """Exactly ``size`` bytes of a stream, or fewer at its end."""
+    parts: list[bytes] = []
+    while size > 0:
+        part = stream.read(size)
+        if not part:
+            break
+        parts.append(part)
+        size -= len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the bytes of the voxels are.
+
+    Parameters
+    ----------
+    path : the file.
+    offset : where in it the (packed) bytes begin.
+    encoding : a key of :data:`ENCODINGS`.
+    skip : bytes to drop after unpacking.
+    """
+
+    path: Path
+    offset: int = 0
+    encoding: str = "raw"
+    skip: int = 0
+
+    def open(self) -> Stream:
+        """The unpacked bytes."""
+        file = self.path.open("rb")
+        file.seek(self.offset)
+        stream = ENCODINGS[self.encoding](file)
+        try:
+            left = self.skip
+            while left:
+                dropped = len(stream.read(min(left, _BLOCK)))
+                if not dropped:
+                    raise EOFError("the data end before the first voxel")
+                left -= dropped
+        except BaseException:
+            stream.close()
+            raise
+        return stream
+
+    def blocks(self, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> Callable[[], Iterator[NDArray[Any]]]:
+        """The function that yields the voxels, after a check that the file can hold exactly them.
+
+        Raises
+        ------
+        VolumeFileError
+            With both numbers, if the file has too few or too many bytes.
+        """
+        expected = math.prod(shape) * dtype.itemsize
+        present = self.path.stat().st_size - self.offset - (self.skip if self.encoding == "raw" else 0)
+        if self.encoding == "raw" and present != expected:
+            counts = " x ".join(map(str, shape[::-1]))
+            raise fail(self.path, f"the header asks for {expected} bytes of voxels ({counts} of {dtype.name}) but "
+                                  f" the file has {max(0, present)}: it is cut short or damaged.")
+        if self.encoding == "gzip" and expected > _DEFLATE_MOST * max(0, present) + _CHUNK:
+            raise fail(self.path, f"the header asks for {expected} bytes of voxels, more than the {max(0, present)} "
+                                  "compressed bytes of the file can hold: it is cut short or damaged.")
+        return lambda: stream_blocks(self.path, self.open, shape, dtype)
+
+
+def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[int, int, int],
+                  dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+    """Yield the voxels of a stream as arrays [some z, y, x]; there must be exactly as many bytes as voxels need."""
+    nz, ny, nx = shape
+    slice_bytes = ny * nx * dtype.itemsize
+    rows = max(1, _BLOCK // slice_bytes)
+    with closing(open_stream()) as stream:
+        for start in range(0, nz, rows):
+            count = min(rows, nz - start)
+            data = take(stream, count * slice_bytes)
+            if len(data) < count * slice_bytes:
+                got = start * slice_bytes + len(data)
+                raise fail(path, f"the header asks for {nz * slice_bytes} bytes of voxels but the file holds {got}: "
+                                 "it is cut short or damaged.")
+            yield np.frombuffer(data, dtype).reshape(count, ny, nx)
+        if stream.read(1):  # also reads the check sum at the very end
+            raise fail(path, f"the header asks for {nz * slice_bytes} bytes of voxels but the file holds more: "
+                             "the sizes in its header are wrong.")
