@@ -72,12 +72,12 @@ def default_support(points: ControlPoints) -> float | None:
 
     The sources do not move during a drag, so the radius does not either.
     """
-    for array in (points.source[points.active], points.target[points.active]):
-        if len(array):
-            diagonal = float(np.linalg.norm(array.max(axis=0) - array.min(axis=0)))
-            if diagonal > 0:
-                return diagonal
-    return None
+    if not points.active.any():
+        return None
+    boxes = (np.ptp(array[points.active], axis=0) for array in (points.source, points.target))
+    sources, targets = (float(np.linalg.norm(box)) for box in boxes)
+    # Sources that coincide but for rounding would make spikes of the width of that rounding.
+    return (sources if sources > SAME_PLACE * targets else targets) or None
 
 
 def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend,
