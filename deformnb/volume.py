@@ -26,8 +26,8 @@ DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float
 """Voxel types that are kept as they are. Others are cast where no value changes, or refused by name."""
 
 # How far the direction columns may be from orthonormal. NIfTI and DICOM store float32 cosines (rounding 1e-7) and
-# scanners print four to six decimals; 1e-4 accepts both and a gantry tilt of 0.006 degrees.
-ORTHONORMAL_TOLERANCE = 1e-4
+# scanners print four to six decimals: four are off by at most 2 sqrt(3) 5e-5. A gantry tilt of 0.01 degrees passes.
+ORTHONORMAL_TOLERANCE = 2e-4
 
 # From LPS to RAS and back: x and y change sign. NIfTI and nibabel speak RAS.
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
