@@ -279,8 +279,8 @@ def _step(path: Path, slices: list[_Slice]) -> tuple[float, tuple[str, ...]]:
     if uneven.size:
         index = int(uneven[0])
         missing = f", {round(gaps[index] / middle) - 1} missing" if gaps[index] > 1.5 * middle else ""
-        raise fail(path, f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; the "
-                         f"first, after {shown(slices[index].path.name)}, is {gaps[index]:g}{missing}. Add the missing "
+        raise fail(path, f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; "
+                         f"the first, after {shown(slices[index].path.name)}, is {gaps[index]:g}{missing}. Add the missing "
                          "files or take out the extra ones.")
     line = positions[-1] - positions[0]
     lean = float(np.linalg.norm(line - (line @ normal) * normal) / (depths[-1] - depths[0]))
