@@ -1,0 +1,373 @@
+"""Applying a field: volumes and pictures are looked up backwards, points move forwards.
+
+``output(x) = input(x + D(x))``. Which kernel does it is decided by what the field is: one replicated map moves whole
+rows of voxels, an extruded map moves nothing along its normal, anything else is computed block by block from the
+field's values on the output's lattice. All three give the same voxels.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb import sampling, warp_plan
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.plane import Raster
+from deformnb.sampling import METHODS
+from deformnb.volume import DTYPES, Grid, Volume
+from deformnb.warp_plan import Progress
+
+# Newton's method ends at this share of the extent of the points: three digits better than a thousandth of a voxel in a
+# volume of 1000 voxels, and far above the rounding of a stored float32 field (1e-7 of its displacement).
+_POINT_TOLERANCE = 1e-6
+
+# A Newton step halved this far without gain leads nowhere.
+_SHORTEST_STEP = 1e-4
+
+
+def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fill: float | None = None,
+         method: str | None = None, step: int = 1, progress: Progress | None = None) -> Volume:
+    """The deformed volume: ``output(x) = input(x + D(x))``.
+
+    Parameters
+    ----------
+    volume : the voxels to deform; NaN and infinity count as background.
+    field : backward displacements in space, of dimension 3.
+    output : the grid of the result (field of view and resolution); default is the volume's.
+    fill : value of places more than half a voxel outside the volume; default is the volume's background.
+    method : a name of :data:`~deformnb.sampling.METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
+        edges). Default is linear, and nearest for labels and bool.
+    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th plane and row only (all along x) and
+        interpolates linearly; the error of the displacement is at most h^2/8 (|D_yy| + |D_zz|), derivatives by voxel.
+        Extruded fields along an axis of the grid are exact and fast at any step.
+    progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
+
+    Returns
+    -------
+    Volume of the same voxel type. Integers are rounded to the nearest, halves upwards, and clipped to their type.
+
+    Raises
+    ------
+    DeformError
+        If the field is not one in space, is not finite, or the options do not fit the voxels.
+
+    See Also
+    --------
+    Warper : the same for many edits of one volume.
+
+    Examples
+    --------
+    >>> from deformnb.fields import Identity
+    >>> volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4)))
+    >>> bool((warp(volume, Identity()).values == volume.values).all())
+    True
+    """
+    return Warper(volume, output=output, fill=fill, method=method, step=step)(field, progress=progress)
+
+
+class Warper:
+    """A volume made ready for many edits; call it with a field. Parameters are those of :func:`warp`.
+
+    What depends on the volume alone is made once: the array in JAX's memory, the coefficients of the cubic spline and,
+    where :meth:`prepare` asks for it, a copy with the axis of extrusion last in memory. May be called from several
+    threads at once.
+
+    Notes
+    -----
+    Along a prepared axis z or y the result's values are a view of such a copy: right in every respect, but not
+    C-contiguous. Pass ``np.ascontiguousarray(values)`` to code that needs that.
+    """
+
+    def __init__(self, volume: Volume, *, output: Grid | None = None, fill: float | None = None,
+                 method: str | None = None, step: int = 1) -> None:
+        discrete = volume.is_labels or volume.dtype == np.bool_
+        self.volume = volume
+        self.output = output or volume.grid
+        self.method = _checked_method(method, discrete=discrete)
+        self.fill = volume.background if fill is None else fill
+        if not (isinstance(step, int | np.integer) and step >= 1):
+            raise DeformError(f"step must be a whole number of voxels, at least 1, got {step!r}.")
+        self.step = int(step)
+        values = volume.finite_values
+        self._voxels = values.view(np.uint8) if values.dtype == np.bool_ else values
+        self._fill = _as_voxel(self.fill, volume.dtype)
+        self._compute = sampling.compute_type(volume.dtype)
+        self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
+        self._places = warp_plan.places(volume.grid, self.output, self._compute)
+        self._tables: dict[int, Any] = {}
+
+    def __call__(self, field: AbstractField, *, progress: Progress | None = None) -> Volume:
+        """The volume deformed by ``field``; see :func:`warp`."""
+        if field.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        plan = None
+        if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
+            plan = warp_plan.extruded(field, self.volume.grid, self.output, self._compute)
+        if plan is None:
+            values = self._general(field, progress)
+        elif plan.weights is None and self._has_rows(plan.normal):
+            values = self._rows(plan, progress)
+        else:
+            values = self._extruded(plan, progress)
+        if self.volume.dtype == np.bool_:
+            values = values.view(np.bool_)
+        return Volume(values, self.output, self.volume.name, self.volume.is_labels)
+
+    def prepare(self, axis: int) -> None:
+        """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
+
+        Costs one more copy of the volume for z and y, and nothing for x, whose rows lie in memory already.
+        """
+        if axis not in self._tables:
+            rows = self._voxels if axis == 2 else np.moveaxis(self._voxels, axis, 2)
+            with self._arithmetic():
+                flat = self._flat if axis == 2 and not METHODS[self.method].is_spline else sampling.on_device(rows)
+                self._tables[axis] = flat.reshape(-1, rows.shape[2])
+
+    def _has_rows(self, axis: int) -> bool:
+        if axis == 2:
+            self.prepare(axis)
+        return axis in self._tables and self.output.shape[axis] == self.volume.shape[axis]
+
+    def _arithmetic(self) -> Any:
+        return sampling.arithmetic(self.volume.dtype, self.volume.grid.size)
+
+    @cached_property
+    def _flat(self) -> Any:
+        """The voxels, or the spline's coefficients, in JAX's memory."""
+        values = self._voxels
+        if METHODS[self.method].is_spline:
+            values = sampling.spline_coefficients(values, self._compute)
+        return sampling.on_device(values).reshape(-1)
+
+    def _settings(self) -> dict[str, Any]:
+        return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
+
+    def _general(self, field: AbstractField, progress: Progress | None) -> NDArray[Any]:
+        grid, at = self.output, self._places
+        out = np.empty(grid.shape, self._voxels.dtype)
+        with self._arithmetic():
+            flat = self._flat
+
+        def work(block: tuple[slice, slice]) -> None:
+            d = warp_plan.displacements(field, warp_plan.lattice(grid, block, self.step))
+            with self._arithmetic():
+                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=self.step,
+                                                     **self._settings()))
+            target = out[block]
+            target[...] = result[: target.shape[0], : target.shape[1]]
+
+        warp_plan.share(warp_plan.blocks(grid.shape, self.step), work, progress)
+        return out
+
+    def _extruded(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:
+        out = np.empty(self.output.shape, self._voxels.dtype)
+        with self._arithmetic():
+            flat = self._flat
+        maps = np.expand_dims(plan.maps, plan.normal + 2)
+
+        def work(block: tuple[slice, slice]) -> None:
+            slices = (*block, slice(None))
+            mine = tuple(slice(None) if axis == plan.normal else s for axis, s in enumerate(slices))
+            weights = None if plan.weights is None else plan.weights[:, slices[plan.normal]]
+            with self._arithmetic():
+                out[block] = sampling.extruded(flat, maps[:, :, *mine], weights, plan.matrix,
+                                               *self._places.block(block), self._fill, normal=plan.normal,
+                                               **self._settings())
+
+        warp_plan.share(warp_plan.blocks(self.output.shape, 1), work, progress)
+        return out
+
+    def _rows(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:
+        axes = [axis for axis in range(3) if axis != plan.normal]
+        shape = tuple(self.volume.shape[axis] for axis in axes)
+        at = self._places.along(axes, plan.matrix)
+        settings = self._settings() | {"shape": shape}
+        out = _moved_rows(self._tables[plan.normal], plan.maps[0], at, self._fill, settings, progress)
+        return np.moveaxis(out, 2, plan.normal)
+
+
+def _moved_rows(table: Any, maps: NDArray[np.float32], at: warp_plan.Places, fill: Any, settings: dict[str, Any],
+                progress: Progress | None = None) -> NDArray[Any]:
+    """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
+    out = np.empty((*maps.shape[1:], table.shape[1]), fill.dtype)
+
+    def work(chunk: slice) -> None:
+        with sampling.arithmetic(fill.dtype, table.size):
+            out[chunk] = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
+
+    warp_plan.share(warp_plan.chunks(len(out), out[0].nbytes), work, progress)
+    return out
+
+
+def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, output: Raster | None = None,
+                 fill: float | None = None, method: str | None = None) -> NDArray[Any]:
+    """The deformed picture: ``output(a, b) = input((a, b) + D(a, b))``.
+
+    Parameters
+    ----------
+    values : pixels [v, u], or [v, u, channels] (all channels move together); any voxel type.
+    raster : where the pixels lie.
+    field : backward displacements on the plane, of dimension 2.
+    output : the raster of the result; default is the picture's.
+    fill : value of places more than half a pixel outside; default is the smallest finite value.
+    method : a name of :data:`~deformnb.sampling.METHODS`; default is linear, and nearest for bool.
+
+    Examples
+    --------
+    >>> from deformnb.fields import Identity
+    >>> raster = Raster((2, 3), (1.0, 1.0), (0.0, 0.0))
+    >>> warp_picture(np.eye(2, 3), raster, Identity(2)).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    if field.dim != 2:
+        raise DeformError("a picture needs a field on its plane, of dimension 2; this one is in space.")
+    if values.ndim not in (2, 3) or values.shape[:2] != raster.shape:
+        raise DeformError(f"the picture has shape {values.shape} but its raster has {raster.shape}.")
+    if values.dtype.name not in DTYPES:
+        raise DeformError(f"pixels of type {values.dtype} cannot be sampled; use one of {', '.join(DTYPES)}.")
+    method = _checked_method(method, discrete=values.dtype == np.bool_)
+    compute = sampling.compute_type(values.dtype)
+    settings = {"shape": raster.shape, "method": method, "compute": compute, "index": "int32"}
+    output = output or raster
+    pixels, background = _finite_pixels(values)
+    lowest = _as_voxel(background if fill is None else fill, values.dtype)
+    if METHODS[method].is_spline:
+        pixels = sampling.spline_coefficients(pixels, compute, axes=(0, 1))
+    with sampling.arithmetic(values.dtype, 0):
+        # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
+        table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
+    at = warp_plan.picture_places(raster, output, compute)
+    result = _moved_rows(table, warp_plan.checked(field.on_raster(output)), at, lowest, settings)
+    return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
+
+
+def _finite_pixels(values: NDArray[Any]) -> tuple[NDArray[Any], float]:
+    """Pixels with NaN and infinity replaced by the smallest finite value, and that value; bool as 0 and 1."""
+    if values.dtype == np.bool_:
+        values = values.view(np.uint8)
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.zeros_like(values), 0.0
+    background = values[finite].min()
+    return values if finite.all() else np.where(finite, values, background), float(background)
+
+
+def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
+                max_iterations: int = 50) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Where points of the input are in the result: y with ``y + D(y) = x``, the inverse of the backward map.
+
+    Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself.
+    Where the map folds there are several such places and one of them is found.
+
+    Parameters
+    ----------
+    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2.
+    field : backward displacements.
+    tolerance : largest error of ``y + D(y)``, as a length; default is 1e-6 of the extent of points and displacements.
+    max_iterations : Newton steps at most, of each start.
+
+    Returns
+    -------
+    moved : (..., dim), float64 and finite, the best place found.
+    converged : (...), bool; False where the map has no such place or it was not found. Never ignore it.
+
+    Raises
+    ------
+    DeformError
+        If points are not finite or do not have the field's dimension.
+
+    Examples
+    --------
+    >>> from deformnb.fields import Identity
+    >>> moved, converged = warp_points([[1.0, 2.0, 3.0]], Identity())
+    >>> moved.tolist(), converged.tolist()
+    ([[1.0, 2.0, 3.0]], [True])
+    """
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim < 1 or array.shape[-1] != field.dim:
+        raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {array.shape}.")
+    x = array.reshape(-1, field.dim)
+    bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
+    if len(bad):
+        raise DeformError(f"point {bad[0]} is not finite ({x[bad[0]].tolist()}); remove it or give its place.")
+    if not len(x):
+        return array.copy(), np.ones(array.shape[:-1], dtype=bool)
+    d = field.displacement(x)
+    if tolerance is None:
+        tolerance = _POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), float(np.abs(d).max()))
+    y, error = _newton(np.where(np.isfinite(d), x - d, x), x, field, tolerance, max_iterations)
+    left = np.flatnonzero(~(error <= tolerance))
+    if len(left):
+        again, error_again = _newton(x[left], x[left], field, tolerance, max_iterations)
+        better = error_again < error[left]
+        y[left[better]], error[left[better]] = again[better], error_again[better]
+    return y.reshape(array.shape), (error <= tolerance).reshape(array.shape[:-1])
+
+
+def _newton(start: NDArray[np.float64], x: NDArray[np.float64], field: AbstractField, tolerance: float,
+            max_iterations: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The best places y found from ``start`` and their errors |y + D(y) - x|."""
+
+    def residual(y: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[Any, Any]:
+        r = y + field.displacement(y) - target
+        error = np.linalg.norm(r, axis=1)
+        return r, np.where(np.isfinite(error), error, np.inf)
+
+    y = start.copy()
+    r, error = residual(y, x)
+    for _ in range(max_iterations):
+        active = np.flatnonzero(np.isfinite(error) & (error > tolerance))
+        if not len(active):
+            break
+        step = _newton_step(y[active], r[active], field)
+        t, left = 1.0, np.arange(len(active))
+        while len(left) and t > _SHORTEST_STEP:
+            k = active[left]
+            trial = y[k] + t * step[left]
+            r_trial, error_trial = residual(trial, x[k])
+            good = error_trial < error[k]
+            y[k[good]], r[k[good]], error[k[good]] = trial[good], r_trial[good], error_trial[good]
+            t, left = t / 2, left[~good]
+        if len(left) == len(active):
+            break
+    return y, error
+
+
+def _newton_step(y: NDArray[np.float64], r: NDArray[np.float64], field: AbstractField) -> NDArray[np.float64]:
+    """Minus the inverse of 1 + dD/dx, times the residual; finite where the map folds and there is no inverse."""
+    # JAX compiles for each number of points: round it up to a power of two.
+    padded = np.resize(np.arange(len(y)), 1 << (len(y) - 1).bit_length())
+    jacobian = np.eye(y.shape[1]) + field.jacobian(y[padded])[: len(y)]
+    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
+    damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is kept
+    normal += damping[:, None, None] * np.eye(y.shape[1])
+    return -np.linalg.solve(normal, np.einsum("nki,nk->ni", jacobian, r)[..., None])[..., 0]
+
+
+def _checked_method(method: str | None, *, discrete: bool) -> str:
+    """The method, or its default; refused where it would make up labels."""
+    if method is None:
+        return "nearest" if discrete else "linear"
+    if method not in METHODS:
+        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    if discrete and METHODS[method].blends:
+        raise DeformError(f"method {method!r} would invent values between labels; leave it at 'nearest'.")
+    return method
+
+
+def _as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
+    """The fill value in the voxel type, refused where the type does not hold it; bool as uint8."""
+    try:
+        with np.errstate(all="ignore"):
+            voxel = np.asarray(value).astype(dtype)
+            same = voxel.shape == () and (voxel.item() == value or (dtype.kind == "f" and not np.isinf(voxel)))
+    except (TypeError, ValueError):
+        same = False
+    if not same:
+        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {value!r}.")
+    return voxel.view(np.uint8)[()] if dtype == np.bool_ else voxel[()]
