@@ -119,6 +119,8 @@ def read_header(path: Path, series: str | int | None = None) -> Header:
 def _read(path: Path, *, pixels: bool) -> Any:
     """A pydicom data set; whatever pydicom raises on a damaged file is one error."""
     pydicom = _pydicom()
+    if not is_dicom(path):
+        raise fail(path, "this is not a DICOM file: it lacks the mark DICM at byte 128.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # odd values are checked here, one by one
@@ -280,8 +282,8 @@ def _step(path: Path, slices: list[_Slice]) -> tuple[float, tuple[str, ...]]:
         index = int(uneven[0])
         missing = f", {round(gaps[index] / middle) - 1} missing" if gaps[index] > 1.5 * middle else ""
         raise fail(path, f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; "
-                         f"the first, after {shown(slices[index].path.name)}, is {gaps[index]:g}{missing}. Add the missing "
-                         "files or take out the extra ones.")
+                         f"the first, after {shown(slices[index].path.name)}, is {gaps[index]:g}{missing}. Add the "
+                         "missing files or take out the extra ones.")
     line = positions[-1] - positions[0]
     lean = float(np.linalg.norm(line - (line @ normal) * normal) / (depths[-1] - depths[0]))
     if lean > _TILT:

@@ -95,7 +95,7 @@ def _lzw(data: bytes, expected: int) -> bytes:
         message = "this TIFF is packed with LZW, which needs the package imagecodecs: pip install imagecodecs"
         raise MissingPackageError(message) from error
     try:
-        return bytes(imagecodecs.lzw_decode(data, out=expected))
+        return bytes(imagecodecs.lzw_decode(data, out=expected + 1))  # it stops when full, so one more shows
     except (RuntimeError, ValueError) as error:  # its own errors are RuntimeErrors
         raise ValueError(f"LZW: {error}") from error
 

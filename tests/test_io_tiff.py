@@ -1,0 +1,193 @@
+"""TIFF stacks: one file of many pages, or a folder of pages."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deformnb.errors import VolumeFileError
+from deformnb.io import describe_file, read_volume
+
+tifffile = pytest.importorskip("tifffile")
+
+STACK = np.random.default_rng(0).integers(0, 200, (5, 33, 47)).astype(np.uint16)
+
+
+def refuse(path: Path, words: str) -> None:
+    with pytest.raises(VolumeFileError, match=words) as caught:
+        read_volume(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64"])
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("big", [False, True])
+def test_every_type_and_byte_order(dtype: str, order: str, big: bool, tmp_path: Path) -> None:
+    values = STACK.astype(dtype)
+    tifffile.imwrite(tmp_path / "a.tif", values, byteorder=order, bigtiff=big, photometric="minisblack", metadata=None)
+    read = read_volume(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read.values, values)
+    assert read.dtype.name == ("int32" if dtype == "uint32" else dtype)
+    assert "how far slices are apart" in read.notes[0]
+    np.testing.assert_array_equal(read_volume(tmp_path / "a.tif", stride=3).values, values[::3, ::3, ::3])
+    assert read_volume(tmp_path / "a.tif", spacing=(1, 2, 3)).grid.spacing == (1, 2, 3)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib", "adobe_deflate", "lzw", "packbits"])
+@pytest.mark.parametrize("predictor", [False, True])
+@pytest.mark.parametrize("layout", [{"rowsperstrip": 10}, {"rowsperstrip": 33}, {"tile": (16, 32)}])
+def test_strips_tiles_and_packing(compression: str | None, predictor: bool, layout: dict, tmp_path: Path) -> None:
+    if compression in ("lzw", "packbits") or predictor:
+        pytest.importorskip("imagecodecs")
+    if predictor and compression in (None, "packbits"):
+        pytest.skip("a predictor only goes with deflate and LZW")
+    tifffile.imwrite(tmp_path / "a.tiff", STACK, compression=compression, predictor=predictor, metadata=None,
+                     photometric="minisblack", byteorder=">", **layout)
+    np.testing.assert_array_equal(read_volume(tmp_path / "a.tiff").values, STACK)
+
+
+def test_stacks_of_imagej(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK, imagej=True, byteorder=">", resolution=(2.0, 4.0),
+                     metadata={"axes": "ZYX", "spacing": 3, "unit": "um"})
+    read = read_volume(path)
+    assert read.grid.spacing == (0.5, 0.25, 3.0)
+    assert read.notes == ("lengths of the file are in um and stay so",)
+    np.testing.assert_array_equal(read.values, STACK)
+    whole = path.read_bytes()
+    # beyond 4 GiB ImageJ writes one page and all voxels behind it; the same with a chain cut after the first page
+    first = struct.unpack_from(">I", whole, 4)[0]
+    count = struct.unpack_from(">H", whole, first)[0]
+    alone = bytearray(whole)
+    struct.pack_into(">I", alone, first + 2 + 12 * count, 0)
+    path.write_bytes(bytes(alone))
+    np.testing.assert_array_equal(read_volume(path).values, STACK)
+    path.write_bytes(bytes(alone[:STACK.nbytes // 2]))
+    refuse(path, "cut short|5 slices")
+    for axes in ("CYX", "TYX"):
+        tifffile.imwrite(path, STACK, imagej=True, metadata={"axes": axes})
+        refuse(path, r"(channels|frames): 5")
+
+
+def test_stacks_of_ome(tmp_path: Path) -> None:
+    path = tmp_path / "a.ome.tif"
+    sizes = {"axes": "ZYX", "PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 3.0}
+    tifffile.imwrite(path, STACK, metadata=sizes, photometric="minisblack")
+    read = read_volume(path)
+    assert read.grid.spacing == (0.5, 0.25, 3.0)
+    assert "µm" in read.notes[0]
+    tifffile.imwrite(path, STACK, metadata={"axes": "CYX"}, photometric="minisblack")
+    refuse(path, "SizeC: 5")
+
+
+def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "secret.tif", STACK[:1])
+    text = ('<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+            '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" SizeX="47" SizeY="33" SizeZ="2" SizeC="1" '
+            'SizeT="1"><TiffData IFD="0" FirstZ="1"><UUID FileName="secret.tif">urn:uuid:1</UUID></TiffData></Pixels>'
+            "</Image></OME>")
+    tifffile.imwrite(tmp_path / "a.tif", STACK[3], description=text, metadata=None)
+    assert read_volume(tmp_path / "a.tif").shape == (1, 33, 47)
+
+
+def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
+    for number in range(5):
+        tifffile.imwrite(tmp_path / f"Slice{number + 8}.{'tif' if number % 2 else 'TIFF'}", STACK[number])
+    (tmp_path / "notes.txt").write_text("not a slice")
+    read = read_volume(tmp_path)
+    np.testing.assert_array_equal(read.values, STACK)
+    assert "5 files in the order Slice8.TIFF ... Slice12.TIFF" in read.notes[0]
+    assert read.name == tmp_path.name
+    assert describe_file(tmp_path).file_bytes > STACK.nbytes
+    tifffile.imwrite(tmp_path / "Slice99.tif", STACK[0, :, :-1])
+    refuse(tmp_path, "page 6 has")
+    tifffile.imwrite(tmp_path / "Slice99.tif", STACK)
+    refuse(tmp_path, "5 pages")
+
+
+@pytest.mark.parametrize(("values", "options", "words"), [
+    (np.zeros((33, 47, 3), np.uint8), {"photometric": "rgb"}, "colours"),
+    (np.zeros((33, 47), np.complex64), {}, "bits|format"),
+    (np.zeros((33, 47), bool), {}, "1 bits"),
+    (np.zeros((33, 47), np.float16), {}, None),
+    (np.zeros((33, 47), np.uint8), {"compression": "zstd"}, "compression 50000"),
+    (np.zeros((33, 47), np.float32), {"compression": "zlib", "predictor": True}, "predictor"),
+])
+def test_pixels_that_are_no_voxels(values: np.ndarray, options: dict, words: str | None, tmp_path: Path) -> None:
+    pytest.importorskip("imagecodecs")
+    tifffile.imwrite(tmp_path / "a.tif", values, **options)
+    if words is None:
+        assert read_volume(tmp_path / "a.tif").dtype == np.float32
+    else:
+        refuse(tmp_path / "a.tif", words)
+
+
+def test_pages_that_differ_or_run_in_a_circle(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    with tifffile.TiffWriter(path) as writer:
+        writer.write(STACK[0], metadata=None)
+        writer.write(STACK[0, :10], metadata=None)
+    refuse(path, r"page 2 has \(10, 47\)")
+    tifffile.imwrite(path, STACK[0], metadata=None, byteorder="<")
+    data = bytearray(path.read_bytes())
+    first = struct.unpack_from("<I", data, 4)[0]
+    count = struct.unpack_from("<H", data, first)[0]
+    struct.pack_into("<I", data, first + 2 + 12 * count, first)
+    path.write_bytes(bytes(data))
+    refuse(path, "circle")
+
+
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw", "packbits"])
+def test_a_file_cut_anywhere_is_refused(compression: str | None, tmp_path: Path) -> None:
+    if compression in ("lzw", "packbits"):
+        pytest.importorskip("imagecodecs")
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK[:2], compression=compression, metadata=None, photometric="minisblack")
+    whole = path.read_bytes()
+    with tifffile.TiffFile(path) as file:
+        end = max(a + b for page in file.pages for a, b in zip(page.dataoffsets, page.databytecounts, strict=True))
+    for length in [*range(0, end, 97), end - 1]:
+        path.write_bytes(whole[:length])
+        refuse(path, ".")
+
+
+def test_a_strip_that_unpacks_to_more_is_not_unpacked(tmp_path: Path) -> None:
+    import tracemalloc
+
+    path = tmp_path / "a.tif"
+    bomb = zlib.compress(bytes(2**26))
+    tifffile.imwrite(path, iter([bomb]), shape=(33, 47), dtype=np.uint16, compression="zlib", metadata=None,
+                     rowsperstrip=33)
+    tracemalloc.start()
+    refuse(path, "or more")
+    assert tracemalloc.get_traced_memory()[1] < 2**20
+    tracemalloc.stop()
+
+
+def test_lzw_and_packbits_bombs(tmp_path: Path) -> None:
+    imagecodecs = pytest.importorskip("imagecodecs")
+    for name, encode in (("lzw", imagecodecs.lzw_encode), ("packbits", imagecodecs.packbits_encode)):
+        for size in (33 * 47 * 2 - 1, 33 * 47 * 2 + 1, 2**16):
+            tifffile.imwrite(tmp_path / "a.tif", iter([bytes(encode(bytes(size)))]), shape=(33, 47), dtype=np.uint16,
+                             compression=name, metadata=None, rowsperstrip=33)
+            refuse(tmp_path / "a.tif", "should have 3102 bytes")
+
+
+def test_packing_without_its_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imagecodecs")
+    tifffile.imwrite(tmp_path / "a.tif", STACK, compression="lzw", photometric="minisblack")
+    monkeypatch.setitem(__import__("sys").modules, "imagecodecs", None)
+    with pytest.raises(ImportError, match="pip install imagecodecs"):
+        read_volume(tmp_path / "a.tif")
+
+
+def test_white_is_zero_and_colour_tables_are_said(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", STACK.astype(np.uint8), photometric="miniswhite", metadata=None)
+    assert any("white" in note for note in read_volume(tmp_path / "a.tif").notes)
+    table = np.zeros((3, 256), np.uint16)
+    tifffile.imwrite(tmp_path / "b.tif", STACK.astype(np.uint8), photometric="palette", colormap=table, metadata=None)
+    assert any("colour table" in note for note in read_volume(tmp_path / "b.tif").notes)
