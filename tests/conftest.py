@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import hypothesis
@@ -32,27 +29,15 @@ hypothesis.settings.register_profile("ci", deadline=None, max_examples=25, deran
 hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev"))
 
-_RENDER = """
-import vtkmodules.vtkInteractionStyle, vtkmodules.vtkRenderingOpenGL2
-from vtkmodules.vtkRenderingCore import vtkRenderWindow
-window = vtkRenderWindow()
-window.SetOffScreenRendering(1)
-window.SetSize(8, 8)
-window.Render()
-"""
-
-
-@cache
-def _gl_works() -> bool:
-    # In a child process: without OpenGL libraries VTK does not raise, it ends the process.
-    environment = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", **os.environ}
-    command = [sys.executable, "-c", _RENDER]
-    return subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False).returncode == 0
-
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    if item.get_closest_marker("needs_gl") and not _gl_works():
-        pytest.skip("no off-screen OpenGL here (on Debian: apt-get install libegl1 libgl1)")
+    if item.get_closest_marker("needs_gl") is None:
+        return
+    from deformnb.render import gl_status
+
+    works, found, remedy = gl_status()
+    if not works:
+        pytest.skip(f"{found}: {remedy}")
 
 
 @pytest.fixture(autouse=True)
