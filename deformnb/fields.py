@@ -66,12 +66,16 @@ class AbstractField(ABC):
 
     def on_raster(self, raster: Raster) -> NDArray[np.float32]:
         """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
+        if self.dim != 2:
+            raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
         rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
         columns = np.stack([raster.columns, np.zeros(raster.shape[1])])
         return self.on_outer_sum(rows, columns, min(raster.spacing))
 
     def on_grid(self, grid: Grid) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
+        if self.dim != 3:
+            raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
         (nz, ny, nx), m = grid.shape, grid.matrix
         z, y, x = (m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx)))
         rows = np.asarray(grid.origin)[:, None, None] + z[:, :, None] + y[:, None, :]
@@ -112,13 +116,16 @@ class DisplacementField(AbstractField):
         index = _index(self.lattice, jnp.asarray(points))
         at = [index[..., k] for k in reversed(range(self.dim))]
         order1 = partial(jax.scipy.ndimage.map_coordinates, coordinates=at, order=1, mode="nearest")
-        return jnp.stack([order1(jnp.asarray(self.values)[..., m]) for m in range(self.dim)], axis=-1)
+        values = jnp.asarray(self.values)
+        values = values.astype(jnp.result_type(values, index))  # map_coordinates rounds to the type of the samples
+        return jnp.stack([order1(values[..., m]) for m in range(self.dim)], axis=-1)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
-        index = np.moveaxis(np.asarray(_index(self.lattice, np.asarray(points, dtype=np.float64))), -1, 0)[::-1]
+        x = np.asarray(points, dtype=np.float64)
+        index = np.asarray(_index(self.lattice, x.reshape(-1, self.dim))).T[::-1]
         values = np.asarray(self.values, dtype=np.float64)
         parts = [ndimage.map_coordinates(values[..., m], index, order=1, mode="nearest") for m in range(self.dim)]
-        return np.stack(parts, axis=-1)
+        return np.stack(parts, axis=-1).reshape(x.shape)
 
 
 def _index(lattice: Grid | Raster, points: Any) -> Any:

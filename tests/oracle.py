@@ -22,6 +22,11 @@ Array = NDArray[np.float64]
 Phi = Callable[[float], float]
 
 
+def assert_close(actual: Any, wanted: Any, *, atol: float = 0.0, rtol: float = 0.0) -> None:
+    """NumPy's check without its default relative tolerance of 1e-7, which would swallow every bound of these tests."""
+    np.testing.assert_allclose(actual, wanted, rtol=rtol, atol=atol)
+
+
 # ---- radial functions ------------------------------------------------------------------------------------------------
 
 
