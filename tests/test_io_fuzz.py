@@ -1,0 +1,143 @@
+"""Random damage to files of every format, in a child process with limits on memory and time.
+
+A reader that crashes, hangs or takes all memory ends the child, and the child's last line says which file did it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deformnb import Volume
+from deformnb.io import FORMATS, write_volume
+
+CASES = 3000 if os.environ.get("HYPOTHESIS_PROFILE") == "nightly" else 150
+SECONDS = 20  # for one file: design limit; all but the largest are read in a few milliseconds
+
+# Several suffixes of DICOM name one and the same reader.
+SUFFIXES = [suffix for name, entry in FORMATS.items() for suffix in entry.suffixes[:1 if name == "dicom" else None]]
+
+CHILD = """
+import faulthandler, random, resource, signal, sys
+from pathlib import Path
+import numpy as np
+from deformnb import DeformError
+from deformnb.io import describe_file, read_volume
+for package in ("pydicom", "imagecodecs"):  # outside the limits
+    try:
+        __import__(package)
+    except ImportError:
+        pass
+
+folder, name, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], *map(int, sys.argv[3:])
+faulthandler.enable()
+used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
+if used:  # half a gibibyte more than now, of which a volume may take an eighth
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, resource.RLIM_INFINITY))
+signal.signal(signal.SIGALRM, lambda *_: sys.exit(f"too slow: {last}"))
+files = sorted(file for file in folder.iterdir() if not file.name.startswith("was."))
+whole = {file: file.read_bytes() for file in files}
+good = 0
+
+def damaged(data, chance):
+    data = bytearray(data)
+    if not data:
+        return data
+    head = len(data) if chance.random() < 0.3 else min(len(data), 600)
+    for _ in range(chance.choice((1, 1, 1, 2, 4, 16))):
+        at, kind = chance.randrange(head), chance.randrange(5)
+        if kind == 0:
+            data[at % len(data)] = chance.randrange(256)
+        elif kind == 1:
+            data[at % len(data)] ^= 1 << chance.randrange(8)
+        elif kind == 2:
+            data[at:at] = chance.choice((b"9" * 18, b"-", b"nan ", b"\\n", b"\\0", b"1e308 ", b"\\xf0", b"0"))
+        elif kind == 3:
+            del data[at:at + chance.choice((1, 2, 4, 40))]
+        else:
+            data[at:at + 4] = chance.choice((b"\\xff" * 4, bytes(4), b"\\x7f\\xff\\xff\\xff", b"\\xff\\xff\\xff\\x7f"))
+        if not data:
+            break
+    return data
+
+for case in range(cases):
+    chance = random.Random(seed * 1_000_003 + case)
+    target = chance.choice(files)
+    last = f"{name} case {case} in {target.name}"
+    for file in files:
+        file.write_bytes(whole[file])
+    target.write_bytes(damaged(whole[target], chance))
+    (folder / "was.txt").write_text(last)
+    signal.alarm(seconds)
+    try:
+        volume = read_volume(folder / name, max_bytes=2**26)
+        describe_file(folder / name)
+    except DeformError as error:
+        assert str(error) and len(str(error)) < 2000 and "\\n" not in str(error), last
+    else:
+        good += 1
+        assert volume.values.shape == volume.grid.shape and volume.values.nbytes <= 2**27, last
+        assert np.isfinite(volume.grid.corners()).all(), last
+    signal.alarm(0)
+print(good)
+"""
+
+
+def seeds(folder: Path, suffix: str) -> str:
+    """One valid file (with its companions) in an empty folder; returns its name."""
+    name = f"a{suffix}"
+    values = np.arange(120, dtype=np.int16).reshape(4, 5, 6)
+    volume = Volume.from_array(values, (1, 2, 3), (4, 5, 6), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    if suffix in FORMATS["tiff"].suffixes:
+        tifffile = pytest.importorskip("tifffile")
+        tifffile.imwrite(folder / name, values, compression=None if suffix == ".tif" else "zlib", metadata=None,
+                         photometric="minisblack")
+    elif suffix in FORMATS["dicom"].suffixes:
+        pytest.importorskip("pydicom")
+        from test_io_dicom import write_slice
+
+        write_slice(folder / name, values[0].view(np.uint16), (1, 2, 3))
+    else:
+        write_volume(volume, folder / name)
+    return name
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:
+    name = seeds(tmp_path, suffix)
+    seed = SUFFIXES.index(suffix)
+    command = [sys.executable, "-W", "ignore", "-c", CHILD, str(tmp_path), name, str(seed), str(CASES), str(SECONDS)]
+    child = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    last = (tmp_path / "was.txt").read_text() if (tmp_path / "was.txt").exists() else "before the first case"
+    assert child.returncode == 0, f"{last}:\n{child.stderr[-3000:]}"
+    assert int(child.stdout) < CASES  # some damage was noticed
+
+
+def test_random_damage_in_a_folder_of_slices(tmp_path: Path) -> None:
+    pytest.importorskip("pydicom")
+    from test_io_dicom import NORMAL, VOXELS, write_slice
+
+    from deformnb import DeformError
+    from deformnb.io import read_volume
+
+    for k, pixels in enumerate(VOXELS[:3]):
+        write_slice(tmp_path / f"{k}.dcm", pixels, NORMAL * k)
+    whole = (tmp_path / "1.dcm").read_bytes()
+    chance = np.random.default_rng(0)
+    refused = 0
+    for _ in range(60):
+        data = bytearray(whole)
+        for at in chance.integers(132, len(data), 3):
+            data[at] = int(chance.integers(256))
+        (tmp_path / "1.dcm").write_bytes(bytes(data))
+        try:
+            read_volume(tmp_path)
+        except DeformError:
+            refused += 1
+    assert 0 < refused < 60
