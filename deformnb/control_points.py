@@ -202,7 +202,7 @@ class ControlPoints:
 
 def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.asarray(value).astype(np.float64, casting="same_kind")  # a copy; no complex numbers, no texts
     except (TypeError, ValueError) as error:
         raise DeformError(f"{what} must be an array of numbers of shape (N, 2) or (N, 3): {error}.") from None
     if array.ndim != 2:

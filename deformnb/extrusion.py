@@ -77,7 +77,7 @@ def _tabulate(function: Callable[[NDArray[np.float64]], ArrayLike]) -> Weights:
     z = np.linspace(0.0, 1.0, CURVE_KNOTS)
     start = time.perf_counter()
     try:
-        values = np.asarray(function(z), dtype=np.float64)
+        values = np.asarray(function(z)).astype(np.float64, casting="same_kind")  # no complex numbers
     except Exception as error:
         raise DeformError(f"the curve raised {type(error).__name__}: {error}") from error
     if time.perf_counter() - start > _SLOWEST_CURVE:

@@ -231,11 +231,10 @@ def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[s
     """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
     crossed = crossing_pairs(ready, map_linear)
     notes = [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
-    stretch = float(np.linalg.norm(map_linear, 2))
-    if ready.trend == "affine" and stretch > _STEEP:
-        notes.append(
-            f"the affine trend stretches {stretch:.3g} times: the control points nearly lie on one line or in one "
-            "plane; the trend similarity would not"
+    if ready.trend == "affine" and np.linalg.norm(map_linear, 2) > _STEEP:
+        notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
+            f"the affine trend stretches more than {_STEEP:g} times: the control points nearly lie on one line or in "
+            "one plane; the trend similarity would not"
         )
     sources = ready.targets + ready.displacements
     spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]

@@ -88,7 +88,7 @@ def test_equality_looks_at_everything() -> None:
 
 
 @pytest.mark.parametrize("source", [[1, 2], [[1]], [[1, 2, 3, 4]], [[[1, 2]]], [[1, 2], [3]], "ab", [["x", "y"]], None,
-                                    [[1, 2j]]])
+                                    [[1, 2j]], np.array([[1, 2j]])])
 def test_arrays_of_other_shapes_and_kinds_are_refused(source: Any) -> None:
     with pytest.raises(DeformError, match="source"):
         ControlPoints.from_arrays(source)
