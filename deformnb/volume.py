@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.errors import DeformError, MissingPackageError
-from deformnb.voxels import cast, not_finite_note, three_axes
+from deformnb.errors import DeformError
+from deformnb.voxels import cast, not_finite_note, optional_package, pyvista_parts, three_axes
 
 Float3 = tuple[float, float, float]
 Matrix3 = tuple[Float3, Float3, Float3]
@@ -31,14 +30,6 @@ ORTHONORMAL_TOLERANCE = 2e-4
 
 # From LPS to RAS and back: x and y change sign. NIfTI and nibabel speak RAS.
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
-
-
-def _optional(package: str) -> Any:
-    try:
-        return import_module(package)
-    except ImportError as error:
-        message = f"this needs the package {package}, which is not installed: pip install {package}"
-        raise MissingPackageError(message) from error
 
 
 @dataclass(frozen=True)
@@ -197,6 +188,15 @@ class Grid:
         origin = self.index_to_point(np.asarray(start[::-1], dtype=np.float64))
         return replace(self, shape=shape, origin=tuple(origin))
 
+    def covering(self, points: ArrayLike) -> Grid:
+        """The same lattice with as many more voxels on each side as it takes to contain ``points`` (..., 3)."""
+        index = self.point_to_index(points).reshape(-1, 3)
+        low = np.floor(np.minimum(index.min(axis=0), 0) + 0.5 - 1e-6).astype(int)
+        high = np.ceil(np.maximum(index.max(axis=0), np.array(self.shape[::-1]) - 1) - 0.5 + 1e-6).astype(int)
+        count = high - low + 1
+        start = (int(low[2]), int(low[1]), int(low[0]))
+        return self.crop(start, (int(count[2]), int(count[1]), int(count[0])))
+
     def resampled(self, *, spacing: ArrayLike | None = None, shape: tuple[int, int, int] | None = None,
                   margin: ArrayLike = 0.0) -> Grid:
         """The same box (grown by ``margin`` on each side) with another resolution.
@@ -300,27 +300,13 @@ class Volume:
         DeformError
             If it is no image, or has no such point data of one component.
         """
-        pyvista = _optional("pyvista")
-        image = pyvista.wrap(image)
-        if not isinstance(image, pyvista.ImageData):
-            raise DeformError(f"from_pyvista takes an ImageData (a regular grid), not {type(image).__name__}.")
-        names = list(image.point_data.keys())
-        name = scalars if scalars is not None else image.point_data.active_scalars_name or (names or [""])[0]
-        if name not in names:
-            raise DeformError(f"the image has no point data called {name!r} (it has {names}); for cell data call "
-                              "image.cells_to_points() first.")
-        nx, ny, nz = image.dimensions
-        values = np.asarray(image.point_data[name])
-        axes = np.asarray(image.direction_matrix) * np.asarray(image.spacing)
-        # An extent need not start at 0, and VTK's origin is where index 0 would be.
-        affine = np.eye(4)
-        affine[:3, :3], affine[:3, 3] = axes, np.asarray(image.origin) + axes @ np.asarray(image.extent[::2])
-        return cls.from_affine(values.reshape(nz, ny, nx, *values.shape[1:]), affine, name, is_labels)
+        values, affine, name = pyvista_parts(image, scalars)
+        return cls.from_affine(values, affine, name, is_labels)
 
     @classmethod
     def from_sitk(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
         """A volume of a scalar SimpleITK image of two or three dimensions (its voxels are copied)."""
-        sitk = _optional("SimpleITK")
+        sitk = optional_package("SimpleITK")
         if image.GetDimension() == 2:
             image = sitk.JoinSeries(image)
         values = sitk.GetArrayFromImage(image)
@@ -332,15 +318,15 @@ class Volume:
     @classmethod
     def from_nibabel(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
         """A volume that shares the voxels of a nibabel image; RAS becomes LPS and [x, y, z] becomes [z, y, x]."""
-        _optional("nibabel")
+        optional_package("nibabel")
         values = np.asanyarray(image.dataobj)
         return cls.from_affine(values.T, _RAS @ np.asarray(image.affine, dtype=np.float64), name, is_labels)
 
     def to_pyvista(self) -> Any:
         """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values"."""
-        grid = self.grid
-        image = _optional("pyvista").ImageData(dimensions=self.shape[::-1], spacing=grid.spacing, origin=grid.origin,
-                                               direction_matrix=np.asarray(grid.direction))
+        grid, pyvista = self.grid, optional_package("pyvista")
+        image = pyvista.ImageData(dimensions=self.shape[::-1], spacing=grid.spacing, origin=grid.origin,
+                                  direction_matrix=np.asarray(grid.direction))
         name = self.name or "values"
         image.point_data.set_array(np.asarray(self.values).reshape(-1), name)
         image.point_data.active_scalars_name = name
@@ -349,7 +335,7 @@ class Volume:
     def to_sitk(self) -> Any:
         """A ``SimpleITK.Image`` with the same voxels (copied) at the same places; bool becomes uint8."""
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
-        image = _optional("SimpleITK").GetImageFromArray(np.ascontiguousarray(values))
+        image = optional_package("SimpleITK").GetImageFromArray(np.ascontiguousarray(values))
         image.SetSpacing(self.grid.spacing)
         image.SetOrigin(self.grid.origin)
         image.SetDirection(np.ravel(self.grid.direction).tolist())
@@ -358,7 +344,7 @@ class Volume:
     def to_nibabel(self) -> Any:
         """A ``nibabel.Nifti1Image`` that shares these voxels, with a RAS affine; bool becomes uint8."""
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
-        image = _optional("nibabel").Nifti1Image(values.T, _RAS @ self.grid.affine)
+        image = optional_package("nibabel").Nifti1Image(values.T, _RAS @ self.grid.affine)
         image.header.set_xyzt_units("mm")
         image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
         return image

@@ -1,16 +1,17 @@
-"""Which arrays become voxels: the cast table, and what is refused by name.
+"""Which arrays become voxels: the cast table, what is refused by name, and where other packages keep theirs.
 
 Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, MissingPackageError
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 
@@ -143,3 +144,43 @@ def not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     many = f"{bad:,}".replace(",", " ")
     return (f"{many} voxels are not finite, shown as background" if bad > 1
             else "1 voxel is not finite, shown as background",)
+
+
+def optional_package(package: str) -> Any:
+    """An optional package, imported now.
+
+    Raises
+    ------
+    MissingPackageError
+        With its name, if it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        message = f"this needs the package {package}, which is not installed: pip install {package}"
+        raise MissingPackageError(message) from error
+
+
+def pyvista_parts(image: Any, scalars: str | None) -> tuple[NDArray[Any], NDArray[np.float64], str]:
+    """Voxels [z, y, x] (shared), the 4 x 4 affine of their indices, and the name of an image's point data.
+
+    Raises
+    ------
+    DeformError
+        If it is no image, or has no such point data.
+    """
+    pyvista = optional_package("pyvista")
+    image = pyvista.wrap(image)
+    if not isinstance(image, pyvista.ImageData):
+        raise DeformError(f"from_pyvista takes an ImageData (a regular grid), not {type(image).__name__}.")
+    names = list(image.point_data.keys())
+    name = scalars if scalars is not None else image.point_data.active_scalars_name or (names or [""])[0]
+    if name not in names:
+        raise DeformError(f"the image has no point data called {name!r} (it has {names}); for cell data call "
+                          "image.cells_to_points() first.")
+    values = np.asarray(image.point_data[name])
+    axes = np.asarray(image.direction_matrix) * np.asarray(image.spacing)
+    # An extent need not start at 0, and VTK's origin is where index 0 would be.
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = axes, np.asarray(image.origin) + axes @ np.asarray(image.extent[::2])
+    return values.reshape(*image.dimensions[::-1], *values.shape[1:]), affine, str(name)
