@@ -1,6 +1,11 @@
 from .control_points import ControlPoints as ControlPoints
 from .deformation import Deformation as Deformation
 from .deformation import Step as Step
+from .doctor import doctor as doctor
+from .document import from_json as from_json
+from .document import to_json as to_json
+from .drawing import draw_pictures as draw_pictures
+from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
 from .extrusion import EXTRUSIONS as EXTRUSIONS
 from .extrusion import Extrusion as Extrusion
@@ -11,14 +16,32 @@ from .extrusion import replicate as replicate
 from .fields import AbstractField as AbstractField
 from .fields import DisplacementField as DisplacementField
 from .fields import compose as compose
+from .io.documents import read_deformation as read_deformation
+from .io.documents import write_deformation as write_deformation
+from .io.formats import FORMATS as FORMATS
+from .io.formats import describe_file as describe_file
+from .io.formats import read_volume as read_volume
+from .io.formats import write_volume as write_volume
 from .kernels import KERNELS as KERNELS
+from .picture import PROJECTIONS as PROJECTIONS
+from .picture import Picture as Picture
+from .picture import project as project
 from .plane import VIEWS as VIEWS
 from .plane import Plane as Plane
 from .plane import Raster as Raster
 from .rbf import RBFInterpolant as RBFInterpolant
 from .rbf import fit_rbf as fit_rbf
+from .render import RENDERERS as RENDERERS
+from .render import render_pair as render_pair
+from .render import render_volume as render_volume
+from .transfer import PRESETS as PRESETS
+from .transfer import TransferFunction as TransferFunction
 from .trend import TRENDS as TRENDS
 from .volume import Grid as Grid
 from .volume import Volume as Volume
+from .warp import Warper as Warper
+from .warp import warp as warp
+from .warp import warp_picture as warp_picture
+from .warp import warp_points as warp_points
 
 __version__: str

@@ -242,7 +242,7 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
         # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
         table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = warp_plan.picture_places(raster, output, compute)
-    result = _moved_rows(table, warp_plan.checked(field.on_raster(output)), at, lowest, settings)
+    result = _moved_rows(table, warp_plan.on_raster(field, output), at, lowest, settings)
     return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
 
 

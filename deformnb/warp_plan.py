@@ -158,7 +158,6 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     index = np.zeros((len(n), 3))
     index[:, 2 - normal] = n
     weights = np.asarray(field.weights_at(field.plane.to_plane(output.index_to_point(index))[:, 2]), dtype=np.float64)
-    checked(maps)
     checked(weights)
     if field.is_replication:
         maps, kept = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32), None
@@ -187,7 +186,7 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid, normal: int) ->
         first.append(start[k] - (output.shape[axis] - 1) * output.spacing[2 - axis] * reverse)
     raster = Raster((output.shape[along_v], output.shape[along_u]),
                     (output.spacing[2 - along_u], output.spacing[2 - along_v]), (first[0], first[1]))
-    values = np.asarray(field.on_raster(raster))[:, ::flip[1], ::flip[0]]
+    values = on_raster(field, raster)[:, ::flip[1], ::flip[0]]
     return values if along_v < along_u else values.swapaxes(1, 2)
 
 
@@ -203,32 +202,40 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
 def displacements(field: AbstractField, grid: Grid) -> Any:
     """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side."""
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
-        d = _resampled(np.asarray(field.values), field.lattice, grid)
+        d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
             return checked(d)
     return tuple(on_device(d) for d in checked(field.on_grid(grid)))
 
 
-def _resampled(samples: NDArray[Any], source: Grid, grid: Grid) -> NDArray[Any] | None:
-    """Samples on a grid with parallel axes, linear axis by axis; None if the axes are not parallel.
+def on_raster(field: AbstractField, raster: Raster) -> NDArray[np.float32]:
+    """A field on a raster: (2, nv, nu)."""
+    if isinstance(field, DisplacementField) and isinstance(field.lattice, Raster):
+        d = _resampled(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
+        if d is not None:
+            return checked(np.moveaxis(d, -1, 0))
+    return checked(field.on_raster(raster))
+
+
+def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
+    """Stored samples read linearly, one axis after the other; None if the axes are not parallel.
 
     Where the places are samples themselves this is a view, so a field stored on the output's grid costs nothing.
     """
-    at = places(source, grid, "float64")
-    for axis in range(3):
-        if any(at.whole[o][axis].any() or at.part[o][axis].any() for o in range(3) if o != axis):
-            return None
-    for axis in range(3):
-        place = at.whole[axis][axis] + at.part[axis][axis]
-        place = np.clip(place, 0, source.shape[axis] - 1)
+    axes = range(samples.ndim - 1)
+    if any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis):
+        return None
+    samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers have no place between them
+    for axis in axes:
+        n = samples.shape[axis]
+        place = np.clip(at.whole[axis][axis] + at.part[axis][axis], 0, n - 1)
         low = place.astype(np.int64)
         t = (place - low).astype(samples.dtype)
         if not t.any() and (np.diff(low) == 1).all():
             samples = samples[(slice(None),) * axis + (slice(low[0], low[-1] + 1),)]
             continue
-        high = np.minimum(low + 1, source.shape[axis] - 1)
-        t = t.reshape([-1 if k == axis else 1 for k in range(4)])
-        samples = (1 - t) * samples.take(low, axis) + t * samples.take(high, axis)
+        t = t.reshape([-1 if k == axis else 1 for k in range(samples.ndim)])
+        samples = (1 - t) * samples.take(low, axis) + t * samples.take(np.minimum(low + 1, n - 1), axis)
     return samples
 
 

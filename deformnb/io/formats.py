@@ -92,6 +92,20 @@ class FileDescription:
     notes: tuple[str, ...]
     value_range: tuple[float, float] | None = None
 
+    def rows(self) -> dict[str, str]:
+        """The same for people, as a table of texts."""
+        z, y, x = self.grid.shape
+        table = {
+            "file": self.name, "kind": self.format, "voxels (x, y, z)": f"{x} x {y} x {z}", "type": str(self.dtype),
+            "spacing": " x ".join(f"{s:.6g}" for s in self.grid.spacing),
+            "origin": ", ".join(f"{o:.6g}" for o in self.grid.origin), "axes point to": self.grid.orientation,
+            "labels": "yes" if self.is_labels else "no",
+            "size": f"{human_bytes(self.file_bytes)} on disk, {human_bytes(self.memory_bytes)} in memory",
+        }
+        if self.value_range is not None:
+            table["values"] = f"{self.value_range[0]:g} to {self.value_range[1]:g}"
+        return {**table, **{f"note {k + 1}": note for k, note in enumerate(self.notes)}}
+
 
 def supported() -> str:
     """The suffixes that can be read, for messages."""

@@ -1,0 +1,221 @@
+"""Shaded pictures of the volume in space, for stills: by VTK where OpenGL works, by this package itself elsewhere."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.io.atomic import atomic_write
+from deformnb.picture import project
+from deformnb.plane import Plane
+from deformnb.transfer import TransferFunction, preset
+from deformnb.volume import Volume
+
+Progress = Callable[[float], None]
+Image = NDArray[np.uint8]
+
+_PROBE = (
+    "import vtkmodules.vtkRenderingOpenGL2\n"
+    "from vtkmodules.vtkRenderingCore import vtkRenderWindow\n"
+    "w = vtkRenderWindow(); w.SetOffScreenRendering(1); w.SetSize(8, 8); w.Render(); print(w.GetClassName())"
+)
+# The window classes that draw without a screen, best first. OSMesa is gone from newer Debians, EGL is in all.
+_WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+_REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then pictures are rendered without VTK"
+
+
+@cache
+def gl_status() -> tuple[bool, str, str]:
+    """Whether VTK can draw off screen here: (works, what was found, what to install).
+
+    A missing library does not raise in VTK, it ends the process: so a child process tries, once, for about a second.
+    """
+    for name in _WINDOWS:
+        environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": name}
+        try:
+            run = subprocess.run([sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60,
+                                 check=False, text=True)
+        except (OSError, subprocess.TimeoutExpired):
+            continue
+        if run.returncode == 0:
+            # Before the first window of this process: saves VTK's search for an X server and its warning.
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", name)
+            return True, run.stdout.strip().splitlines()[-1] if run.stdout.strip() else name, ""
+    return False, "VTK cannot draw off screen: no OpenGL library was found", _REMEDY
+
+
+def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, direction: ArrayLike = (0.4, 1.0, -0.3),
+                  up: ArrayLike = (0.0, 0.0, 1.0), height: float | None = None, size: tuple[int, int] = (800, 600),
+                  background: tuple[float, float, float] = (0.0, 0.0, 0.0), backend: str = "auto",
+                  progress: Progress | None = None) -> Image:
+    """A shaded picture of the whole volume, in parallel projection.
+
+    Parameters
+    ----------
+    transfer : colours and opacities; default is the preset "specimen".
+    direction : where the viewer looks, any length. up : what points up in the picture.
+    height : length in space that the picture is high; default shows the whole box.
+    size : (width, height) in pixels.
+    background : red, green and blue in [0, 1].
+    backend : a name of :data:`RENDERERS`, or "auto" for VTK where it works and "core" elsewhere.
+
+    Returns
+    -------
+    (height, width, 3) uint8.
+    """
+    chosen = ("vtk" if gl_status()[0] else "core") if backend == "auto" else backend
+    if chosen not in RENDERERS:
+        raise DeformError(f"unknown renderer {backend!r}; choose auto, {' or '.join(RENDERERS)}.")
+    if min(size) < 1:
+        raise DeformError(f"a picture needs at least one pixel each way, got {size}.")
+    function = preset("specimen", volume) if transfer is None else transfer
+    plane = Plane.through(volume.grid.center, direction, up)
+    tall = _height(volume, plane, size) if height is None else float(height)
+    return RENDERERS[chosen](volume, function, plane, tall, size, background, progress)
+
+
+def _height(volume: Volume, plane: Plane, size: tuple[int, int]) -> float:
+    a, b, _ = np.ptp(plane.to_plane(volume.grid.corners()), axis=0)
+    return float(max(b, a * size[1] / size[0]) * 1.02)
+
+
+def _sampling(volume: Volume, height: float, size: tuple[int, int]) -> float:
+    """Distance of samples: a voxel, or a pixel if that is larger; finer ones cost time and show nothing more."""
+    return max(min(volume.grid.spacing), height / size[1])
+
+
+def _render_core(volume: Volume, transfer: TransferFunction, plane: Plane, height: float, size: tuple[int, int],
+                 background: tuple[float, float, float], progress: Progress | None) -> Image:
+    from PIL import Image as Pillow
+
+    picture = project(volume, plane, "shaded", transfer=transfer, progress=progress,
+                      spacing=_sampling(volume, height, size))
+    scale = size[1] / height  # pixels a unit of length
+    nv, nu = picture.raster.shape
+    wide, tall = (max(1, round(n * s * scale)) for n, s in zip((nu, nv), picture.raster.spacing, strict=True))
+    drawn = Pillow.fromarray(picture.rgb8(background)).resize((wide, tall), Pillow.Resampling.LANCZOS)
+    canvas = Pillow.new("RGB", size, tuple(round(255 * c) for c in background))
+    a0, _, b0, _ = picture.raster.box
+    # The plane's origin is the middle of the canvas.
+    corner = round(size[0] / 2 + a0 * scale), round(size[1] / 2 + b0 * scale)
+    canvas.paste(drawn, corner)
+    return np.asarray(canvas)
+
+
+def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height: float, size: tuple[int, int],
+                background: tuple[float, float, float], progress: Progress | None) -> Image:
+    works, found, remedy = gl_status()
+    if not works:
+        raise DeformError(f"{found}; {remedy}.")
+    import pyvista
+
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
+    try:
+        plotter.renderer.SetBackground(*background)
+        actor: Any = plotter.add_volume(volume.to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
+                                   cmap="gray", opacity="linear")
+        _set_transfer(actor.prop, transfer)
+        actor.mapper.SetAutoAdjustSampleDistances(False)
+        actor.mapper.SetSampleDistance(_sampling(volume, height, size))
+        far = 2 * volume.grid.diagonal
+        focus, n = np.asarray(plane.origin), np.asarray(plane.normal)
+        plotter.camera_position = [tuple(focus - far * n), tuple(focus), tuple(-np.asarray(plane.v))]
+        plotter.camera.parallel_projection = True
+        plotter.camera.parallel_scale = height / 2
+        plotter.renderer.ResetCameraClippingRange()
+        return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
+    finally:
+        plotter.close()
+        if progress is not None:
+            progress(1.0)
+
+
+def _set_transfer(prop: Any, transfer: TransferFunction) -> None:
+    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
+
+    colors, opacities = vtkColorTransferFunction(), vtkPiecewiseFunction()
+    for value, r, g, b in transfer.colors:
+        colors.AddRGBPoint(value, r, g, b)
+    for value, alpha in transfer.opacities:
+        opacities.AddPoint(value, alpha)
+    prop.SetColor(colors)
+    prop.SetScalarOpacity(opacities)
+    prop.SetScalarOpacityUnitDistance(transfer.unit)
+    prop.SetInterpolationTypeToLinear()
+    prop.SetAmbient(0.35)
+    prop.SetDiffuse(0.75)
+    prop.SetSpecular(0.35)
+    prop.SetSpecularPower(24)
+
+
+RENDERERS: dict[str, Callable[..., Image]] = {"vtk": _render_vtk, "core": _render_core}
+"""Ways to render, by name: "vtk" needs OpenGL, "core" needs nothing and is the same on every machine."""
+
+
+def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | None = None,
+                captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | None = None,
+                direction: ArrayLike = (0.4, 1.0, -0.3), size: tuple[int, int] = (900, 640), backend: str = "auto",
+                background: tuple[float, float, float] = (0.06, 0.065, 0.08),
+                progress: Progress | None = None) -> Image:
+    """Two volumes side by side, from the same side and to the same scale.
+
+    ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
+    volume before, so that what is not changed looks the same.
+    """
+    function = preset("specimen", before) if transfer is None else transfer
+    planes = [Plane.through(v.grid.center, direction) for v in (before, after)]
+    height = max(_height(v, p, size) for v, p in zip((before, after), planes, strict=True))
+    halves = []
+    for k, volume in enumerate((before, after)):
+        part = None if progress is None else (lambda share, k=k: progress((k + share) / 2))
+        halves.append(render_volume(volume, transfer=function, direction=direction, height=height, size=size,
+                                    background=background, backend=backend, progress=part))
+    halves = _trimmed(halves, background)
+    image = np.concatenate([_captioned(h, c, background) for h, c in zip(halves, captions, strict=True)], axis=1)
+    if path is not None:
+        save_image(image, path)
+    return image
+
+
+def _trimmed(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
+    """The same part of all images: what is not empty in any of them, with a margin and room for a caption."""
+    empty = np.round(255 * np.asarray(background)).astype(int)
+    seen = np.any([(np.abs(i.astype(int) - empty) > 3).any(axis=2) for i in images], axis=0)
+    if not seen.any():
+        return images
+    ranges = []
+    for axis, room in ((1, 2.2), (0, 1.0)):  # rows with a caption below, columns
+        found, size = np.flatnonzero(seen.any(axis=axis)), seen.shape[1 - axis]
+        air = margin * seen.shape[0]
+        ranges.append(slice(max(0, round(found[0] - air)), min(size, round(found[-1] + 1 + room * air))))
+    return [i[ranges[0], ranges[1]] for i in images]
+
+
+def _captioned(image: Image, caption: str, background: tuple[float, float, float]) -> Image:
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    canvas = Pillow.fromarray(image)
+    ink = (235, 232, 226) if sum(background) < 1.5 else (40, 36, 30)
+    place = (image.shape[1] / 2, image.shape[0] - 12)
+    font = ImageFont.load_default(max(8, image.shape[0] // 28))
+    ImageDraw.Draw(canvas).text(place, caption, fill=ink, anchor="md", font=font)
+    return np.asarray(canvas)
+
+
+def save_image(image: Image, path: str | PathLike[str]) -> None:
+    """Write (h, w, 3) uint8 as PNG, whole or not at all."""
+    from PIL import Image as Pillow
+
+    with atomic_write(path) as stream:
+        Pillow.fromarray(image).save(stream, format="PNG")

@@ -1,0 +1,172 @@
+"""Transfer functions: the colour and opacity of a voxel of some value, and presets that fit themselves to a volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.volume import Volume
+
+# Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
+_HISTOGRAM_SLICES = 64
+_BINS = 256
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """Colour and opacity as piecewise linear functions of the value.
+
+    Parameters
+    ----------
+    colors : nodes (value, red, green, blue), values rising, colours in [0, 1].
+    opacities : nodes (value, alpha), values rising; alpha is the share of light that a layer of thickness ``unit``
+        stops.
+    unit : thickness that the alphas are meant for, in the volume's unit of length.
+    notes : remarks, such as an alpha that was clipped into [0, 1].
+
+    Raises
+    ------
+    DeformError
+        If there is no node, a value is not finite, or values do not rise.
+
+    Examples
+    --------
+    >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (100, 0.5)))
+    >>> ramp([50.0]).tolist()
+    [[0.5, 0.5, 0.5, 0.25]]
+    """
+
+    colors: tuple[tuple[float, float, float, float], ...]
+    opacities: tuple[tuple[float, float], ...]
+    unit: float = 1.0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.unit) and self.unit > 0):
+            raise DeformError(f"the unit thickness of opacities must be a positive length, got {self.unit}.")
+        clipped = False
+        for name, width in (("colors", 4), ("opacities", 2)):
+            nodes = np.asarray(getattr(self, name), dtype=np.float64)
+            if nodes.ndim != 2 or nodes.shape[1:] != (width,) or len(nodes) == 0 or not np.isfinite(nodes).all():
+                raise DeformError(f"{name} of a transfer function need rows of {width} finite numbers.")
+            if (np.diff(nodes[:, 0]) < 0).any():
+                raise DeformError(f"the values of {name} must rise, got {nodes[:, 0].tolist()}.")
+            inside = np.clip(nodes[:, 1:], 0.0, 1.0)
+            clipped = clipped or bool((inside != nodes[:, 1:]).any())
+            nodes[:, 1:] = inside
+            object.__setattr__(self, name, tuple(tuple(float(v) for v in row) for row in nodes))
+        if clipped:
+            object.__setattr__(self, "notes", (*self.notes, "colours and opacities were clipped to 0 to 1"))
+
+    def __call__(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Red, green, blue and alpha (..., 4) of values (...)."""
+        v = np.asarray(values, dtype=np.float64)
+        c, o = np.asarray(self.colors), np.asarray(self.opacities)
+        parts = [np.interp(v, c[:, 0], c[:, k]) for k in (1, 2, 3)]
+        return np.stack([*parts, np.interp(v, o[:, 0], o[:, 1])], axis=-1)
+
+    def table(self, low: float, high: float, step: float, size: int = 256) -> NDArray[np.float32]:
+        """Colours and alphas (size, 4) of equally spaced values, alphas for layers of thickness ``step``.
+
+        A layer of another thickness stops ``1 - (1 - alpha)^(step / unit)`` of the light, so that a picture does not
+        get darker with finer sampling.
+        """
+        rgba = self(np.linspace(low, high, size))
+        rgba[:, 3] = 1 - (1 - rgba[:, 3]) ** (step / self.unit)
+        return rgba.astype(np.float32)
+
+    def scaled(self, factor: float) -> TransferFunction:
+        """The same with all alphas times ``factor``."""
+        return TransferFunction(self.colors, tuple((v, a * factor) for v, a in self.opacities), self.unit)
+
+
+def levels(volume: Volume) -> tuple[float, float, float, float]:
+    """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
+
+    The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
+    """
+    low, high = volume.value_range
+    if high <= low:
+        return low, low, low, low
+    step = max(1, volume.shape[0] // _HISTOGRAM_SLICES)
+    counts, edges = np.histogram(volume.finite_values[::step], bins=_BINS, range=(low, high))
+    middle = (edges[:-1] + edges[1:]) / 2
+    first = _otsu(counts)
+    second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first
+    top = int(np.flatnonzero(np.cumsum(counts[::-1]) > 1e-4 * counts[first + 1 :].sum())[0])
+    return low, float(middle[first]), float(middle[second]), float(middle[_BINS - 1 - top])
+
+
+def _otsu(counts: NDArray[np.int64]) -> int:
+    """The last bin of the lower class that makes the variance between two classes largest."""
+    n = np.cumsum(counts).astype(np.float64)
+    s = np.cumsum(counts * np.arange(len(counts)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = (s[-1] * n / n[-1] - s) ** 2 / (n * (n[-1] - n))
+    return int(np.nanargmax(np.where(np.isfinite(between), between, -1.0)))
+
+
+def _rising(values: list[float]) -> list[float]:
+    return [float(v) for v in np.maximum.accumulate(values)]
+
+
+def _layer(volume: Volume) -> float:
+    """One hundredth of the shortest edge of the volume: the thickness that preset opacities are meant for."""
+    return min(volume.grid.lengths) / 100
+
+
+def specimen(volume: Volume) -> TransferFunction:
+    """A fish or a lobster in a glass jar: translucent flesh, bright bones."""
+    low, air, dense, high = levels(volume)
+    body = air + 0.35 * (dense - air)
+    v = _rising([low, air, body, dense, dense + 0.35 * (high - dense), high])
+    rgb = [(0.55, 0.28, 0.18), (0.62, 0.33, 0.2), (0.86, 0.55, 0.38), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86),
+           (1.0, 1.0, 0.97)]
+    alpha = [0.0, 0.004, 0.016, 0.045, 0.45, 0.9]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)), tuple(zip(v, alpha, strict=True)),
+                            _layer(volume))
+
+
+def bone(volume: Volume) -> TransferFunction:
+    """Only what is dense: bones in CT."""
+    low, _, dense, high = levels(volume)
+    v = _rising([low, dense, dense + 0.25 * (high - dense), high])
+    rgb = [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
+                            tuple(zip(v, (0.0, 0.0, 0.6, 0.95), strict=True)), _layer(volume))
+
+
+def surface(volume: Volume) -> TransferFunction:
+    """The skin: everything that is not air, opaque."""
+    low, air, dense, high = levels(volume)
+    v = _rising([low, air, air + 0.3 * (dense - air), dense, high])
+    rgb = [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
+                            tuple(zip(v, (0.0, 0.0, 0.8, 0.95, 0.98), strict=True)), _layer(volume))
+
+
+def xray(volume: Volume) -> TransferFunction:
+    """Like an X-ray film: everything adds a little, the dense adds more."""
+    low, air, dense, high = levels(volume)
+    v = _rising([low, air, dense, high])
+    grey = (0.9, 0.94, 1.0)
+    return TransferFunction(tuple((a, *grey) for a in v), tuple(zip(v, (0.0, 0.002, 0.02, 0.06), strict=True)),
+                            _layer(volume))
+
+
+PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
+    "specimen": specimen, "bone": bone, "surface": surface, "xray": xray,
+}
+"""Transfer functions that fit themselves to a volume, by name; the first is the default."""
+
+
+def preset(name: str, volume: Volume) -> TransferFunction:
+    """The preset of a name for a volume; DeformError listing the names if there is none."""
+    try:
+        return PRESETS[name](volume)
+    except KeyError:
+        raise DeformError(f"unknown transfer function {name!r}; choose one of {', '.join(PRESETS)}.") from None
