@@ -74,7 +74,7 @@ class FileDescription:
     name : of the file.
     format : its description in :data:`FORMATS`.
     grid : where its voxels are.
-    dtype : type of the voxels once loaded.
+    dtype : type of the voxels, scaling included; 64-bit integers become int32 or float64 only when they are loaded.
     is_labels : True if the file says that voxels are names of regions.
     file_bytes : on disk (of a folder: of its own files).
     memory_bytes : of the loaded voxels.
@@ -306,8 +306,8 @@ def _kept(shape: tuple[int, int, int], stride: int) -> tuple[int, int, int]:
 def _memory(header: Header, stride: int) -> int:
     nz, ny, nx = _kept(header.shape, stride)
     dtype = header.loaded_dtype
-    # 64-bit and unsigned 32-bit integers are cast after loading: the old and the new array exist at once.
-    per_voxel = dtype.itemsize + (8 if dtype.name in ("int64", "uint64", "uint32") else 0)
+    # These are cast after loading: the old and the new array exist at once.
+    per_voxel = dtype.itemsize + {"int64": 8, "uint64": 8, "uint32": 8, "float16": 4}.get(dtype.name, 0)
     return nz * ny * nx * per_voxel
 
 
