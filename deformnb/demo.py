@@ -143,7 +143,7 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
     from deformnb.render import render_pair
 
     if volume is None:
-        volume = PHANTOMS["fish"].make(progress=stage("make the carp"))
+        volume = PHANTOMS["fish"].make((256, 512, 256), progress=stage("make the carp"))
     result = transform(volume, species=species, view=view or "-x", head=head or "left", stage=stage)
     before, after, both = write_pictures(result, folder)
     render = folder / "render.png"
