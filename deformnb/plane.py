@@ -118,7 +118,8 @@ class Plane:
     def __post_init__(self) -> None:
         for name in ("origin", "u", "v"):
             object.__setattr__(self, name, _triple(getattr(self, name), f"plane {name}"))
-        gram = np.array([self.u, self.v]) @ np.array([self.u, self.v]).T
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers from a file may be anything
+            gram = np.array([self.u, self.v]) @ np.array([self.u, self.v]).T
         if not np.allclose(gram, np.eye(2), atol=1e-6):
             raise DeformError(
                 f"plane vectors must be orthogonal and of length 1, got u = {self.u}, v = {self.v}; "
