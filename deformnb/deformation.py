@@ -71,6 +71,9 @@ class Step:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name in ("maps", "knots", "curve"):  # lists and arrays too, so that a document equals what is read back
+            if not isinstance(getattr(self, name), str):
+                object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         kernel_named(self.kernel)
         trend_named(self.trend)
         if self.extrusion not in EXTRUSIONS:
@@ -123,6 +126,14 @@ class Step:
         """The backward displacement in space of this step on a volume's grid."""
         fits = self.fits(grid)
         return fits[0] if self.plane is None else extrude(self.plane, grid, fits, self.weights())
+
+
+def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
+    try:
+        return tuple(value) if name == "maps" else tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        what = "sets of control points" if name == "maps" else "numbers" if name == "knots" else "numbers or a formula"
+        raise DeformError(f"the {name} of a step must be {what}, got {value!r:.60}.") from None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,237 @@
+"""The document in use: a dragged feature lands where it was dropped, steps compose, and nothing is ever changed."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, replace
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from scipy.spatial.transform import Rotation
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.document import from_json, to_json
+from deformnb.errors import DeformError
+from deformnb.extrusion import EXTRUSIONS
+from deformnb.fields import Composed, Identity
+from deformnb.kernels import KERNELS
+from deformnb.plane import VIEWS, Plane
+from deformnb.rbf import fit_rbf
+from deformnb.trend import TRENDS
+from deformnb.volume import Grid, Volume
+
+GRID = Grid((9, 11, 13), (1.0, 2.0, 1.5), (-7.0, 4.0, 12.0))
+TURNED = replace(GRID, direction=tuple(map(tuple, Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix().tolist())))
+PLANE = Plane.along(GRID, "+z")
+POINTS = ControlPoints.from_arrays([[0, 0], [12, 0], [0, 20], [6, 8]], [[0, 0], [12, 1], [1, 20], [8, 9]])
+
+
+def places() -> np.ndarray:
+    return np.random.default_rng(0).uniform([-7, 4, 12], [5, 24, 24], (20, 3))
+
+
+# ---- a feature lands where it is dropped -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("grid", [GRID, TURNED], ids=["straight", "turned"])
+@pytest.mark.parametrize("view", VIEWS)
+def test_what_was_at_the_source_is_at_the_target(grid: Grid, view: str) -> None:
+    """A bright voxel dragged on a picture is found, deformed, at the voxel where it was dropped, at the same depth."""
+    here, there = np.array([4, 5, 3]), np.array([7, 7, 6])  # i, j, k
+    axis = np.abs(np.asarray(grid.direction).T @ Plane.along(grid, view).normal).argmax()
+    there[axis] = here[axis]  # a picture cannot move a thing along its normal
+    values = np.zeros(grid.shape, np.uint8)
+    values[tuple(here[::-1])] = 200
+    plane = Plane.along(grid, view)
+    a, b = (plane.to_plane(grid.index_to_point(p))[:2] for p in (here, there))
+    document = Deformation.on_picture(grid, view, ControlPoints.empty(2).add(a, b))
+    out = document.apply(Volume(values, grid), method="nearest")
+    assert out.values[tuple(there[::-1])] == 200
+    assert out.values[tuple(here[::-1])] == 0
+    assert out.values.sum() == 200
+
+
+def test_in_space_a_feature_moves_in_all_three_directions() -> None:
+    values = np.zeros(TURNED.shape, np.uint8)
+    values[3, 5, 4] = 200
+    a, b = TURNED.index_to_point([4, 5, 3]), TURNED.index_to_point([6, 2, 7])
+    document = Deformation.in_space(ControlPoints.empty(3).add(a, b))
+    out = document.apply(Volume(values, TURNED), method="nearest")
+    assert out.values[7, 2, 6] == 200
+    assert out.values.sum() == 200
+
+
+def test_a_document_applies_to_any_volume() -> None:
+    """Twice as fine, and shifted: the field is the same in space."""
+    document = Deformation.on_picture(GRID, PLANE, POINTS)
+    fine = GRID.resampled(spacing=0.75)
+    oracle.assert_close(document.field(fine).displacement(places()), document.field(GRID).displacement(places()),
+                        atol=1e-12)
+
+
+# ---- fields ----------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_to_do_is_the_identity() -> None:
+    volume = Volume(np.random.default_rng(0).integers(0, 255, GRID.shape).astype(np.uint8), GRID)
+    step = Step((POINTS,), PLANE)
+    still = Step((POINTS.reset(),), PLANE)
+    for document in (Deformation(), Deformation((replace(step, enabled=False),)), Deformation((still,)),
+                     Deformation((replace(step, strength=0.0),)), Deformation((still, still)),
+                     Deformation.on_picture(GRID, "-x", ControlPoints.empty(2)),
+                     Deformation.in_space(ControlPoints.empty(3))):
+        assert (document.field(GRID).displacement(places()) == 0).all()
+        assert (document.apply(volume).values == volume.values).all()
+    assert Deformation().field(GRID) == Identity(3)
+
+
+def test_a_step_is_its_fit_extruded() -> None:
+    step = Step((POINTS,), PLANE, kernel="gaussian", trend="rigid", support=15.0, smoothing=0.1, extrusion="modulate",
+                curve="z")
+    fit = fit_rbf(POINTS, kernel="gaussian", trend="rigid", support=15.0, smoothing=0.1)
+    field = step.field(GRID)
+    for x in places():
+        a, b, c = PLANE.to_plane(x)
+        d = oracle.relative_depth(c, *PLANE.depth_range(GRID)) * fit.displacement([a, b])
+        oracle.assert_close(field.displacement(x), d @ np.array([PLANE.u, PLANE.v]), atol=1e-11)
+
+
+def test_steps_are_done_first_to_last() -> None:
+    first, second = Step((POINTS,), PLANE), Step((POINTS,), Plane.along(GRID, "+y"), trend="rigid")
+    document = Deformation((first,)).then(second)
+    wanted = Composed(first.field(GRID), second.field(GRID)).displacement(places())
+    oracle.assert_close(document.field(GRID).displacement(places()), wanted, atol=1e-12)
+    skipped = document.with_step(0, replace(first, enabled=False))
+    wanted = second.field(GRID).displacement(places())
+    oracle.assert_close(skipped.field(GRID).displacement(places()), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
+def test_strength_drags_the_points_so_much_further(strength: float) -> None:
+    document = Deformation.on_picture(GRID, PLANE, POINTS, support=15.0)
+    further = Deformation.on_picture(GRID, PLANE, POINTS.blended(strength), support=15.0)
+    for other in (document.blended(strength), document.blended(2 * strength).blended(0.5)):
+        oracle.assert_close(other.field(GRID).displacement(places()), further.field(GRID).displacement(places()),
+                            atol=1e-12)
+
+
+def test_the_support_stays_during_a_drag_and_a_lone_point_has_a_visible_reach() -> None:
+    step = Step((POINTS,), PLANE)
+    dragged = replace(step, maps=(POINTS.move(3, [300.0, 300.0]),))
+    assert step.fits(GRID)[0].support == dragged.fits(GRID)[0].support == pytest.approx(np.hypot(12, 20))
+    lone = Step((POINTS.take([3]),), PLANE, trend="none")
+    assert lone.fits(GRID)[0].support == GRID.diagonal / 4
+
+
+def test_interpolation_keeps_the_drag_of_each_depth() -> None:
+    step = Step((POINTS.reset(), POINTS), PLANE, extrusion="interpolate", knots=(0.0, 1.0))
+    modulated = Step((POINTS,), PLANE, extrusion="modulate", curve="z")
+    wanted = modulated.field(GRID).displacement(places())
+    oracle.assert_close(step.field(GRID).displacement(places()), wanted, atol=1e-11)
+    assert step.points == POINTS.reset()
+    assert step.with_points(POINTS.move(0, [1, 1]), 1).maps[1].target[0].tolist() == [1, 1]
+    with pytest.raises(DeformError, match="there is no set of control points 2; there are 2"):
+        step.with_points(POINTS, 2)
+
+
+def test_notes_name_each_thing_once() -> None:
+    row = ControlPoints.from_arrays([[0, 0], [5, 0], [9, 0]], [[0, 0], [5, 1], [9, 0]])
+    step = Step((row.blended(0.0).move(1, [5.5, 0]),), PLANE)
+    document = Deformation((step, step, replace(step, enabled=False)))
+    assert len(document.notes(GRID)) == 1
+    assert "on one line" in document.notes(GRID)[0]
+    assert Deformation((replace(step, enabled=False),)).notes(GRID) == ()
+
+
+def test_a_bad_step_says_so_when_it_is_used() -> None:
+    double = POINTS.add([1, 1], [0, 0])
+    with pytest.raises(DeformError, match="control point 0 and control point 4 are at the same place"):
+        Deformation.on_picture(GRID, PLANE, double).field(GRID)
+    with pytest.raises(DeformError, match=r"thin_plate kernel .* needs a trend of affine"):
+        Deformation.on_picture(GRID, PLANE, POINTS, kernel="thin_plate", trend="rigid").field(GRID)
+
+
+# ---- immutable -------------------------------------------------------------------------------------------------------
+
+
+def test_an_edit_makes_a_new_document() -> None:
+    step, other = Step((POINTS,), PLANE), Step((POINTS,), PLANE, name="other")
+    document = Deformation((step, step))
+    assert document.with_step(1, other).steps == (step, other)
+    assert document.without_step(0).steps == (step,)
+    assert document.then(other).steps == (step, step, other)
+    assert document.steps == (step, step)
+    assert document == Deformation((step, step))
+    with pytest.raises(FrozenInstanceError):
+        document.name = "x"  # type: ignore[misc]
+    with pytest.raises(FrozenInstanceError):
+        step.support = 3.0  # type: ignore[misc]
+    for index in (-1, 2):
+        with pytest.raises(DeformError, match=f"there is no step {index}; there are 2"):
+            document.without_step(index)
+        with pytest.raises(DeformError, match=f"there is no step {index}; there are 2"):
+            document.with_step(index, other)
+
+
+def test_lists_and_arrays_become_what_is_read_back() -> None:
+    step = Step([POINTS], PLANE, extrusion="modulate", curve=np.array([0.0, 1, 0]), knots=[0.5])  # type: ignore[arg-type]
+    assert step.curve == (0.0, 1.0, 0.0)
+    assert step.knots == (0.5,)
+    assert from_json(to_json(Deformation((step,)))).steps == (step,)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"kernel": "tps"}, "unknown kernel"), ({"trend": "free"}, "unknown trend"),
+    ({"extrusion": "lathe"}, "unknown extrusion"), ({"support": 0.0}, "support radius"),
+    ({"support": -1.0}, "support radius"), ({"support": np.nan}, "support radius"),
+    ({"smoothing": -0.1}, "smoothing must be"), ({"smoothing": np.nan}, "smoothing must be"),
+    ({"strength": np.inf}, "strength must be"), ({"extrusion": "modulate", "curve": "1/z"}, "not finite at z = 0"),
+    ({"extrusion": "modulate", "curve": ()}, "at least two"),
+    ({"extrusion": "modulate", "curve": 3.0}, "the curve of a step"),
+    ({"extrusion": "modulate", "curve": abs}, "the curve of a step"), ({"knots": ["a"]}, "the knots of a step"),
+    ({"extrusion": "interpolate"}, r"needs 0 set\(s\) of points, got 1"),
+    ({"extrusion": "interpolate", "knots": (0.2, 0.4)}, r"needs 2 set\(s\) of points, got 1"),
+    ({"extrusion": "interpolate", "knots": (2.0,)}, "knots must be numbers from 0"),
+    ({"maps": ()}, r"needs 1 set\(s\)"), ({"maps": (POINTS, POINTS)}, r"needs 1 set\(s\)"),
+    ({"maps": 3}, "the maps of a step"), ({"maps": (), "extrusion": "interpolate"}, "knots must be numbers"),
+    ({"maps": (ControlPoints.empty(3),)}, "these have 3 and a plane"), ({"plane": None}, "these have 2 and no plane"),
+    ({"plane": None, "maps": (ControlPoints.empty(3),), "extrusion": "modulate"}, "in space are not extruded"),
+])
+def test_parts_that_do_not_fit_together_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(DeformError, match=message):
+        Step(**{"maps": (POINTS,), "plane": PLANE, **options})
+
+
+def test_every_name_of_the_registries_makes_a_step() -> None:
+    for kernel in KERNELS:
+        assert Step((POINTS,), PLANE, kernel=kernel).kernel == kernel
+    for trend in TRENDS:
+        assert Step((POINTS,), PLANE, trend=trend).trend == trend
+    for rule in EXTRUSIONS:
+        knots = (0.5,) if rule == "interpolate" else ()
+        knot_values, weights = Step((POINTS,), PLANE, extrusion=rule, knots=knots).weights()
+        assert weights.shape == (1, len(knot_values))
+
+
+# ---- which volume ----------------------------------------------------------------------------------------------------
+
+
+def test_a_reference_knows_its_voxels_and_nothing_else() -> None:
+    values = np.random.default_rng(0).integers(0, 255, (4, 5, 6)).astype(np.uint8)
+    volume = Volume(values, Grid((4, 5, 6), (1, 2, 3)), "knee")
+    reference = VolumeReference.of(volume)
+    assert (reference.name, reference.shape, reference.spacing) == ("knee", (4, 5, 6), (1.0, 2.0, 3.0))
+    assert reference == VolumeReference.of(volume)
+    same = [Volume(values, volume.grid, "other"), Volume(np.asfortranarray(values), volume.grid),
+            Volume(values[::-1][::-1], volume.grid), Volume(np.repeat(values, 2, axis=2)[..., ::2], volume.grid)]
+    for other in same:
+        assert reference.matches(other)
+    changed = values.copy()
+    changed[3, 4, 5] ^= 1
+    different = [Volume(changed, volume.grid), Volume(values.view(np.int8), volume.grid),
+                 Volume(values.astype(np.int16), volume.grid), Volume(values.reshape(4, 6, 5), Grid((4, 6, 5))),
+                 Volume(values[:3], Grid((3, 5, 6)))]
+    for other in different:
+        assert not reference.matches(other)
