@@ -1,6 +1,6 @@
 # Every target calls ./run, which also works where there is no make: sh run TASK.
 .DEFAULT_GOAL := help
-.PHONY: help demo test check setup clean
+.PHONY: help demo test check bench setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -13,6 +13,9 @@ test:  ## set up what is missing, then run all tests (ARGS="-k warp" go to pytes
 
 check:  ## set up what is missing, then lint, check types and the direction of imports
 	@sh run check
+
+bench:  ## set up what is missing, then compare the speed with other packages (ARGS="--size 128")
+	@sh run bench $(ARGS)
 
 setup:  ## set up only (ARGS="notebook formats" are extras)
 	@sh run setup $(ARGS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import json
 import re
@@ -87,7 +88,7 @@ def _import_names(path: Path) -> Iterator[str]:
             yield node.module
         elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             called = getattr(node.func, "id", getattr(node.func, "attr", ""))  # import_module("nibabel") and its like
-            if called in {"import_module", "_optional", "importorskip"}:
+            if called in {"import_module", "optional_package", "importorskip"}:
                 yield str(node.args[0].value)
 
 
@@ -128,8 +129,7 @@ def test_everything_required_is_imported() -> None:
 
 
 def test_doctor_looks_for_what_is_required() -> None:
-    from deformnb import doctor
-
+    doctor = importlib.import_module("deformnb.doctor")  # the module: the package's own name is the function
     assert {name.lower() for name in doctor.REQUIRED} - COMES_WITH_PYVISTA <= set(_requirements())
     for name, (_, extra) in doctor.OPTIONAL.items():
         assert name.lower() in _requirements(extra), f"{name} is not in the extra {extra}"
@@ -148,6 +148,12 @@ def test_import_loads_nothing_heavy(record_property: Callable[[str, object], Non
     seconds, loaded = json.loads(_python(textwrap.dedent(code)))
     record_property("import_seconds", seconds)  # for reading only: time on a shared machine proves nothing
     assert HEAVY & set(loaded) == set()
+
+
+def test_functions_are_not_hidden_by_the_modules_they_live_in() -> None:
+    # Python binds a module to its package when it is loaded, so the module "warp" would take the function's place.
+    code = "import deformnb, deformnb.warp, deformnb.doctor; print(*map(callable, [deformnb.warp, deformnb.doctor]))"
+    assert _python(code).split() == ["True", "True"]
 
 
 def test_import_leaves_global_jax_settings_alone() -> None:
