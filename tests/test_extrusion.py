@@ -233,7 +233,7 @@ def raises(z: np.ndarray) -> np.ndarray:
     [1.0], [], [[1.0, 2.0]], [0.0, np.nan], [0.0, np.inf], 3.0, None, "", "z +", "1/z", {"z": 1}, ["a", "b"], raises,
     lambda z: z[:5], lambda z: np.full_like(z, np.nan), lambda z: np.ones((2, len(z))), lambda z: "text",
     lambda z: None, lambda z, y: z, lambda z: 1j * z, lambda z: [z, z],
-], ids=str)
+], ids=lambda curve: getattr(curve, "__name__", None) or str(curve))
 def test_curves_that_are_none_are_refused(curve: Any) -> None:
     with pytest.raises(DeformError, match="curve"):
         modulate(curve)
