@@ -334,6 +334,16 @@ def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support
         assert np.abs(shown - (points.source - points.target)).max() < 1e-3
 
 
+def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Centred before the cast, float32 is enough wherever the picture lies."""
+    used, evaluate = [], rbf.at_lattice
+    monkeypatch.setattr(rbf, "at_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
+    for offset in (0.0, 4e6):
+        points = ControlPoints.from_arrays(sources(2) + offset, sources(2) + drag(2, 0.2) + offset)
+        fit_rbf(points, support=SUPPORT).on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
+    assert used == [np.float32, np.float32]
+
+
 def test_results_are_arrays_of_the_right_kind() -> None:
     points, fit = fitted("wendland_c2", "affine", 2)
     assert fit.displacement(points.target).dtype == np.float64
