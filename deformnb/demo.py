@@ -18,7 +18,7 @@ from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
 from deformnb.picture import Picture, project
 from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
+from deformnb.volume import Float3, Grid, Volume
 from deformnb.warp import warp_points
 
 Stage = Callable[[str], Callable[[float], None]]
@@ -28,6 +28,10 @@ Stage = Callable[[str], Callable[[float], None]]
 # column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.
 _SUBJECT_LEVEL = 0.08
 _SUBJECT_SHARE = 0.01
+
+
+FILES = ("before.png", "after.png", "thompson.png", "render.png", "volume.nii.gz", "session.json", "warped.nii.gz")
+"""What the demonstration writes; volume.nii.gz only where it made the volume itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,24 @@ class Transformation:
     nets: ThompsonMap
     net_before: list[NDArray[np.float64]]
     net_after: list[NDArray[np.float64]]
+
+
+    @property
+    def margin(self) -> Float3:
+        """Length (x, y, z) that the field of view grew at most on a side: what ``deformnb warp --margin`` takes."""
+        grid, grown = self.volume.grid, self.warped.grid
+        before = -grid.point_to_index(grown.origin)
+        after = np.array(grown.shape[::-1]) - np.array(grid.shape[::-1]) - before
+        x, y, z = (np.maximum(before, after).round() * grid.spacing).tolist()
+        return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """What :func:`run_demo` made, and the files it wrote with a description each."""
+
+    result: Transformation
+    written: list[tuple[str, Path]]
 
 
 def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, float, float]:
@@ -77,13 +99,13 @@ def transform(volume: Volume, *, species: str = "Antigonia", source: str = "Poly
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
     plane = Plane.along(volume.grid, view)
-    before = project(volume, plane, "mip", progress=stage("picture"))
+    before = project(volume, plane, "mip", progress=stage("look at it from the side"))
     nets = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
     deformation = Deformation.on_picture(volume.grid, plane, nets.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
     output = field_of_view(volume.grid, plane, nets)
-    warped = deformation.apply(volume, output=output, progress=stage("warp"))
-    after = project(warped, plane, "mip", progress=stage("deformed picture"))
+    warped = deformation.apply(volume, output=output, progress=stage("deform it"))
+    after = project(warped, plane, "mip", progress=stage("look at the result"))
     net = [refined(line) for line in nets.polylines()[0]]
     return Transformation(volume, warped, deformation, before, after, nets, net, deformed_net(net, deformation, volume))
 
@@ -115,15 +137,24 @@ def write_pictures(result: Transformation, folder: Path) -> list[Path]:
     pictures = (result.before, result.after)
     titles = (f"{result.volume.name or 'volume'}, on the net of {result.nets.source.species}",
               f"the same, on the net of {result.nets.target.species}")
-    paths = [folder / "before.png", folder / "after.png"]
-    for k, path in enumerate(paths):
+    before, after, both = paths = [folder / name for name in FILES[:3]]
+    for k, path in enumerate((before, after)):
         draw_pictures([pictures[k]], nets=[nets[k]], titles=[titles[k]], path=path)
-    draw_pictures(pictures, nets=nets, titles=titles, path=folder / "thompson.png")
-    return [*paths, folder / "thompson.png"]
+    draw_pictures(pictures, nets=nets, titles=titles, path=both)
+    return paths
 
 
-def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Antigonia", view: str | None = None,
-             head: str | None = None, renderer: str = "auto", stage: Stage) -> list[tuple[str, Path]]:
+def check_demo(species: str, view: str, renderer: str) -> None:
+    """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
+    from deformnb.render import renderer_named
+
+    thompson_map("Polyprion", species)
+    Plane.along(Grid((1, 1, 1)), view)
+    renderer_named(renderer)
+
+
+def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Antigonia", view: str = "-x",
+             head: str = "left", renderer: str = "auto", stage: Stage) -> Demonstration:
     """Make everything that ``deformnb demo`` shows.
 
     Parameters
@@ -133,36 +164,43 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
     species, view, head : see :func:`transform`.
     renderer : a name of :data:`~deformnb.render.RENDERERS`, or "auto".
 
-    Returns
-    -------
-    What was written: pairs of a description and a path.
+    Raises
+    ------
+    DeformError
+        For an unknown name, or a volume on which nothing is to be seen.
     """
     from deformnb.datasets import PHANTOMS
     from deformnb.io import write_volume
     from deformnb.io.documents import write_deformation
     from deformnb.render import render_pair
 
+    check_demo(species, view, renderer)
+    own = volume is None
     if volume is None:
-        volume = PHANTOMS["fish"].make((256, 512, 256), progress=stage("make the carp"))
-    result = transform(volume, species=species, view=view or "-x", head=head or "left", stage=stage)
+        volume = PHANTOMS["fish"].make((256, 512, 256), progress=stage("make a carp"))
+    result = transform(volume, species=species, view=view, head=head, stage=stage)
     before, after, both = write_pictures(result, folder)
-    render = folder / "render.png"
+    render, carp, session, warped = (folder / name for name in FILES[3:])
     captions = (volume.name or "before", f"on the net of {result.nets.target.species}")
-    render_pair(result.volume, result.warped, path=render, direction=_quarter_view(result), backend=renderer,
-                captions=captions, progress=stage("render"))
-    session, warped = folder / "session.json", folder / "warped.nii.gz"
+    direction, up = _quarter_view(result)
+    render_pair(result.volume, result.warped, path=render, direction=direction, up=up, backend=renderer,
+                captions=captions, progress=stage("render both volumes"))
     write_deformation(result.deformation, session)
-    write_volume(result.warped, warped, progress=stage("write the volume"))
-    return [
+    if own:
+        write_volume(volume, carp, progress=stage("write the carp"))
+    write_volume(result.warped, warped, progress=stage("write the deformed volume"))
+    written = [
         ("picture before, with its net", before), ("picture after, with its net", after), ("both pictures", both),
-        ("volume before and after", render), ("deformed volume", warped), ("session (deformnb warp)", session),
+        ("volume before and after", render), ("deformed volume", warped), ("session: what was done", session),
     ]
+    return Demonstration(result, [*written, ("the carp itself", carp)] if own else written)
 
 
-def _quarter_view(result: Transformation) -> tuple[float, float, float]:
-    """Looking at the side of the picture, turned a little to the front and from above, so that it looks solid."""
+def _quarter_view(result: Transformation) -> tuple[Float3, Float3]:
+    """Direction and up: at the side of the picture, turned a little to the front and from above, to look solid."""
     plane = result.deformation.steps[0].plane
     assert plane is not None
     u, v, n = plane.frame
-    d = n + 0.45 * u + 0.25 * v
-    return (float(d[0]), float(d[1]), float(d[2]))
+    x, y, z = (n + 0.45 * u + 0.25 * v).tolist()
+    a, b, c = (-v).tolist()
+    return (x, y, z), (a, b, c)

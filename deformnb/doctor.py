@@ -8,8 +8,6 @@ import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import platformdirs
-
 
 @dataclass(frozen=True)
 class Check:
@@ -107,14 +105,14 @@ def _cache() -> Check:
     from deformnb.compilation import use_disk_cache
 
     folder = use_disk_cache()
-    data = platformdirs.user_cache_dir("deformnb")
     if folder is None:
         return Check("kept compilations", True, "switched off by DEFORMNB_COMPILATION_CACHE=off")
     parent = folder
     while parent and not os.path.isdir(parent):
         parent = os.path.dirname(parent)
-    return Check("kept compilations", os.access(parent or "/", os.W_OK), folder,
-                 f"make {data} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew")
+    place = parent or "/"
+    return Check("kept compilations", os.access(place, os.W_OK), folder,
+                 f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew")
 
 
 def _gl() -> Check:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
+from deformnb.io.headers import shown
 from deformnb.picture import Picture
 
 if TYPE_CHECKING:
@@ -30,6 +33,7 @@ TARGET = "#D55E00"
 _LONG_SIDE = 7.0
 _DPI = 200
 _HEAD = 0.3  # inches for a title
+_TITLE = 10.0  # points
 # Ink is darker than light is bright: this exponent gives tissue and bone of a MIP about the weight they have on black.
 _INK = 1.25
 
@@ -77,6 +81,11 @@ def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArra
         raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
     if not pictures:
         raise DeformError("there is no picture to draw.")
+    for what, given in (("nets", nets), ("sets of points", points), ("titles", titles)):
+        if given and len(given) != len(pictures):
+            raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
+    if path is not None:
+        _format(path)
     look = STYLES[style]
     boxes = [_box(p, nets[k] if nets else ()) for k, p in enumerate(pictures)]
     figure = Figure(facecolor=look.paper)
@@ -84,14 +93,13 @@ def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArra
         axes = figure.add_axes(place)
         _draw(axes, picture, boxes[k], look, nets[k] if nets else (), points[k] if points else None)
         if titles:
-            axes.set_title(titles[k], color=look.ink, fontsize=10, family="serif", pad=5)
+            _title(axes, titles[k], look)
     if path is not None:
         save_figure(figure, path)
     return figure
 
 
-def _layout(figure: Figure, boxes: Sequence[Box], *,
-            titled: bool) -> list[Box]:
+def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
     """Size the figure and place the pictures in it to one scale: (left, bottom, width, height) in figure shares."""
     sizes = np.array([(b[1] - b[0], b[3] - b[2]) for b in boxes])
     sizes = sizes * (_LONG_SIDE / sizes.max())  # inches
@@ -110,13 +118,28 @@ def _layout(figure: Figure, boxes: Sequence[Box], *,
     return places
 
 
+def _title(axes: Axes, title: str, look: Style) -> None:
+    """A title as it is: names of files may hold dollars, line breaks, or be long."""
+    room = axes.get_figure(root=True).get_figwidth() * 72 * axes.get_position().width  # type: ignore[union-attr]
+    text = shown(title, max(20, int(room / 3.5)))
+    size = min(_TITLE, max(5.0, room / (0.52 * max(1, len(text)))))  # a letter is about half as wide as it is high
+    axes.set_title(text, color=look.ink, fontsize=size, family="serif", pad=5, parse_math=False)
+
+
 def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
     """Write a figure in the format of the path's suffix, whole or not at all."""
-    suffix = str(path).rsplit(".", 1)[-1].lower()
-    if suffix not in ("png", "pdf", "svg"):
-        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as .{suffix}.")
-    with atomic_write(path) as stream:
+    suffix = _format(path)
+    with atomic_write(path) as stream, warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn as boxes; that is no reason to write to standard error.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
         figure.savefig(stream, format=suffix, dpi=_DPI, facecolor=figure.get_facecolor())
+
+
+def _format(path: str | PathLike[str]) -> str:
+    suffix = Path(path).suffix.lower().removeprefix(".")
+    if suffix not in ("png", "pdf", "svg"):
+        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(Path(path).name)}.")
+    return suffix
 
 
 def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:

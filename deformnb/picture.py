@@ -7,9 +7,10 @@ block.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,7 @@ from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 
 Progress = Callable[[float], None]
+Blocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
 _LAYERS = 32
@@ -56,11 +58,11 @@ class Picture:
 
     def grey(self) -> NDArray[np.float32]:
         """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""
-        v = np.asarray(self.values, dtype=np.float32)
-        if v.ndim == 3:
-            return np.clip(v[..., :3] @ _f32(0.2126, 0.7152, 0.0722), 0, 1)
+        if self.values.ndim == 3:
+            return np.asarray(np.clip(self.values[..., :3] @ _f32(0.2126, 0.7152, 0.0722), 0, 1), dtype=np.float32)
         low, high = self.window
-        return np.clip((v - np.float32(low)) / np.float32(high - low), 0, 1)
+        # In 64 bits: neighbouring float64 or int32 values of a narrow window may be one number in 32.
+        return np.clip((self.values.astype(np.float64) - low) / (high - low), 0, 1).astype(np.float32)
 
     def rgb8(self, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> NDArray[np.uint8]:
         """(nv, nu, 3) uint8 over a background colour."""
@@ -84,25 +86,28 @@ class Projection:
     Parameters
     ----------
     name, title : in code and in menus.
-    start : (first layers, settings) -> state; add : (state, layers, settings) -> state; finish : state -> values.
+    add : (state or None, layers, count, settings) -> state; ``count`` layers are to be added.
+    finish : state -> values.
     whole : (array, axis) -> values, a faster way for all layers at once; or None.
+    margin : layers that ``add`` gets before and behind those to be added, to take slopes from.
     """
 
     name: str
     title: str
-    add: Callable[[Any, NDArray[Any], dict[str, Any]], Any]
+    add: Callable[[Any, NDArray[Any], int, dict[str, Any]], Any]
     finish: Callable[[Any], NDArray[Any]]
     whole: Callable[[NDArray[Any], int], NDArray[Any]] | None = None
+    margin: int = 0
 
 
-def _add_max(state: Any, layers: NDArray[Any], settings: dict[str, Any]) -> Any:
-    largest = layers.max(axis=0)
+def _add_max(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
+    largest = layers[:count].max(axis=0)
     return largest if state is None else np.maximum(state, largest)
 
 
-def _add_sum(state: Any, layers: NDArray[Any], settings: dict[str, Any]) -> Any:
-    total = layers.sum(axis=0, dtype=np.float64)
-    return (total, len(layers)) if state is None else (state[0] + total, state[1] + len(layers))
+def _add_sum(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
+    total = layers[:count].sum(axis=0, dtype=np.float64)
+    return (total, count) if state is None else (state[0] + total, state[1] + count)
 
 
 def _finish_mean(state: Any) -> NDArray[Any]:
@@ -113,21 +118,24 @@ def _whole_mean(values: NDArray[Any], axis: int) -> NDArray[Any]:
     return values.mean(axis=axis, dtype=np.float32 if values.dtype.kind != "f" else values.dtype).astype(np.float32)
 
 
-def _add_light(state: Any, layers: NDArray[Any], settings: dict[str, Any]) -> Any:
+def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
     if state is None:
         state = np.zeros((*layers.shape[1:], 4), np.float32)
-    return _composite(state, np.ascontiguousarray(layers), settings["table"], settings["range"], settings["spacing"],
-                      settings["light"], shaded=settings["shaded"])
+    low, high = settings["range"]
+    if layers.dtype in (np.int32, np.float64):  # more digits than the float32 of the compositing holds
+        layers, low, high = ((layers - low) / (high - low)).astype(np.float32), 0.0, 1.0
+    return _composite(state, np.ascontiguousarray(layers), count, settings["table"], _f32(low, high),
+                      settings["spacing"], settings["light"], shaded=settings["shaded"])
 
 
 PROJECTIONS: dict[str, Projection] = {
     p.name: p
     for p in (
         Projection("mip", "Maximum (MIP)", _add_max, np.asarray, lambda v, axis: v.max(axis=axis)),
-        Projection("slice", "Slice", lambda state, layers, _: layers[0], np.asarray),
+        Projection("slice", "Slice", lambda state, layers, count, _: layers[0], np.asarray),
         Projection("mean", "Mean", _add_sum, _finish_mean, _whole_mean),
-        Projection("composite", "Composite", _add_light, np.asarray),
-        Projection("shaded", "Shaded composite", _add_light, np.asarray),
+        Projection("composite", "Composite", _add_light, np.asarray, margin=1),
+        Projection("shaded", "Shaded composite", _add_light, np.asarray, margin=1),
     )
 }
 """All projections by name; the first is the default."""
@@ -178,7 +186,7 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     """
     low = volume.background
     subject = values[values > low]
-    high = float(np.quantile(subject, 1 - 1 / 300)) if subject.size else low
+    high = float(np.quantile(subject.astype(np.float64), 1 - 1 / 300)) if subject.size else low
     # One grey level of the type, or one step of a float, where everything is alike: never a window without width.
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 
@@ -188,7 +196,7 @@ def _settings(volume: Volume, transfer: TransferFunction | None, method: str) ->
     if method in ("composite", "shaded"):
         settings["transfer"] = preset("specimen", volume) if transfer is None else transfer
         first, last = volume.value_range
-        settings["range"] = _f32(first, last if last > first else first + 1)
+        settings["range"] = (first, last if last > first else first + max(1.0, abs(first)))
     return settings
 
 
@@ -220,28 +228,44 @@ def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dic
     corner = plane.to_plane(volume.grid.corners(centres=True)).min(axis=0)
     raster = Raster((turned.shape[1], turned.shape[2]), (du, dv), (float(corner[0]), float(corner[1])))
     if how.name == "slice":
-        index = round(((depth or 0.0) - float(corner[2])) / dn)
-        _check_depth(index, len(turned))
-        values = turned[index]
+        axis, sign = order[0]
+        values = turned[::sign][_slice_number(volume.grid, plane, axis, depth or 0.0)]
     elif how.whole is not None:
         values = how.whole(turned, 0)
     else:
-        blocks = (turned[k : k + _LAYERS] for k in range(0, len(turned), _LAYERS))
+        blocks = _voxel_blocks(turned, how.margin, volume.background)
         values = _accumulate(how, blocks, _with_steps(settings, du, dv, dn), len(turned), progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
 
 
-def _check_depth(index: int, count: int) -> None:
+def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
+    """The voxels along an array axis that a slice goes through; between two, the later ones, from both sides alike."""
+    at = float(grid.point_to_index(plane.from_plane([0.0, 0.0, depth]))[2 - axis])
+    index, count = math.floor(at + 0.5 + 1e-9), grid.shape[axis]  # the middle between two is rarely met exactly
     if not 0 <= index < count:
         raise DeformError(f"the slice would be number {index} of {count}: outside the volume. Choose another depth.")
+    return index
 
 
-def _accumulate(how: Projection, blocks: Iterator[NDArray[Any]], settings: dict[str, Any], layers: int,
+def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Blocks:
+    """Blocks of layers; with a margin all of one size, so that one compiled function adds them."""
+    for k in range(0, len(turned), _LAYERS):
+        count = min(_LAYERS, len(turned) - k)
+        if margin == 0:
+            yield turned[k : k + count], count
+            continue
+        block = np.full((_LAYERS + 2 * margin, *turned.shape[1:]), background, turned.dtype)
+        first, last = max(0, k - margin), min(len(turned), k + _LAYERS + margin)
+        block[first - k + margin : last - k + margin] = turned[first:last]
+        yield block, count
+
+
+def _accumulate(how: Projection, blocks: Blocks, settings: dict[str, Any], layers: int,
                 progress: Progress | None) -> NDArray[Any]:
     state, done = None, 0
-    for block in blocks:
-        state = how.add(state, block, settings)
-        done += len(block)
+    for block, count in blocks:
+        state = how.add(state, block, count, settings)
+        done += count
         if progress is not None:
             progress(min(1.0, done / layers))
     return how.finish(state)
@@ -256,13 +280,14 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
     raster = Raster(lattice.shape[1:], (d, d), (float(low[0]), float(low[1])))
     if how.name == "slice":
         at = plane.from_plane([low[0], low[1], depth or 0.0])
-        near, far = plane.depth_range(volume.grid)
-        if not near - d <= (depth or 0.0) <= far + d:
+        depths = plane.to_plane(volume.grid.corners())[:, 2]
+        near, far = float(depths.min()), float(depths.max())
+        if not near <= (depth or 0.0) <= far:
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
         values = warp(volume, Identity(3), output=one).values[0]
     else:
-        values = _accumulate(how, _resampled_blocks(volume, lattice), _with_steps(settings, d, d, d),
+        values = _accumulate(how, _resampled_blocks(volume, lattice, how.margin), _with_steps(settings, d, d, d),
                              lattice.shape[0], progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
 
@@ -276,41 +301,40 @@ def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Gri
     low, high = corners.min(axis=0), corners.max(axis=0)
     count = np.maximum(1, np.ceil((high - low) / d - 1e-9)).astype(int)
     first = (low + high) / 2 - d * (count - 1) / 2
-    # The layers of a picture are counted in whole blocks, so that one compiled function resamples all of them.
-    layers = -(-int(count[2]) // _LAYERS) * _LAYERS
-    first[2] -= d * (layers - int(count[2])) / 2
-    shape = (layers, int(count[1]), int(count[0]))
+    shape = (int(count[2]), int(count[1]), int(count[0]))
     axes = tuple(map(tuple, plane.frame.T))
     return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]
 
 
-def _resampled_blocks(volume: Volume, lattice: Grid) -> Iterator[NDArray[Any]]:
+def _resampled_blocks(volume: Volume, lattice: Grid, margin: int) -> Blocks:
+    """Blocks of layers, the last one as large as the others: one compiled function resamples all of them."""
     for k in range(0, lattice.shape[0], _LAYERS):
-        block = lattice.crop((k, 0, 0), (_LAYERS, *lattice.shape[1:]))
-        yield warp(volume, Identity(3), output=block).values
+        block = lattice.crop((k - margin, 0, 0), (_LAYERS + 2 * margin, *lattice.shape[1:]))
+        yield warp(volume, Identity(3), output=block).values, min(_LAYERS, lattice.shape[0] - k)
 
 
-def _light_layers(state: Any, layers: Any, table: Any, limits: Any, spacing: Any, light: Any, *,
+def _light_layers(state: Any, layers: Any, count: Any, table: Any, limits: Any, spacing: Any, light: Any, *,
                   shaded: bool) -> Any:
-    """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [n, v, u] of values."""
+    """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values."""
     scale = (table.shape[0] - 1) / (limits[1] - limits[0])
 
-    def add(total: Any, k: Any) -> tuple[Any, None]:
-        here = layers[k].astype(jnp.float32)
+    def add(k: Any, total: Any) -> Any:
+        here = layers[k + 1].astype(jnp.float32)
         rgba = table[jnp.clip((here - limits[0]) * scale + 0.5, 0, table.shape[0] - 1).astype(jnp.int32)]
         color = rgba[..., :3] * _shade(layers, k, spacing, light, limits)[..., None] if shaded else rgba[..., :3]
         share = (1 - total[..., 3:]) * rgba[..., 3:]
-        return total + share * jnp.concatenate([color, jnp.ones_like(color[..., :1])], axis=-1), None
+        return total + share * jnp.concatenate([color, jnp.ones_like(color[..., :1])], axis=-1)
 
-    return lax.scan(add, state, jnp.arange(layers.shape[0]))[0]
+    return lax.fori_loop(0, count, add, state)
 
 
 def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
-    """Brightness by Blinn and Phong, lit from both sides; 1 where the gradient says nothing."""
-    last = layers.shape[0] - 1
-    first, second = jnp.maximum(k - 1, 0), jnp.minimum(k + 1, last)  # one-sided at the ends of a block
-    before, after = (layers[q].astype(jnp.float32) * 2 / jnp.maximum(second - first, 1) for q in (first, second))
-    here = jnp.pad(layers[k].astype(jnp.float32), 1, mode="edge")
+    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient says nothing.
+
+    Outside the volume is background, so that where a body is cut off its face is lit like any surface.
+    """
+    before, after = layers[k].astype(jnp.float32), layers[k + 2].astype(jnp.float32)
+    here = jnp.pad(layers[k + 1].astype(jnp.float32), 1, constant_values=limits[0])
     g = jnp.stack([(after - before) / spacing[0], (here[2:, 1:-1] - here[:-2, 1:-1]) / spacing[1],
                    (here[1:-1, 2:] - here[1:-1, :-2]) / spacing[2]], axis=-1)
     size = jnp.sqrt(jnp.sum(g * g, axis=-1))

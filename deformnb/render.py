@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from os import PathLike
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
+from deformnb.io.headers import shown
 from deformnb.picture import project
 from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction, preset
@@ -23,6 +25,8 @@ from deformnb.volume import Volume
 Progress = Callable[[float], None]
 Image = NDArray[np.uint8]
 
+_SMALLEST = 8  # letters that can still be read, in pixels
+
 _PROBE = (
     "import vtkmodules.vtkRenderingOpenGL2\n"
     "from vtkmodules.vtkRenderingCore import vtkRenderWindow\n"
@@ -30,7 +34,7 @@ _PROBE = (
 )
 # The window classes that draw without a screen, best first. OSMesa is gone from newer Debians, EGL is in all.
 _WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
-_REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then pictures are rendered without VTK"
+_REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then choose the renderer core"
 
 
 @cache
@@ -54,7 +58,7 @@ def gl_status() -> tuple[bool, str, str]:
 
 
 def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, direction: ArrayLike = (0.4, 1.0, -0.3),
-                  up: ArrayLike = (0.0, 0.0, 1.0), height: float | None = None, size: tuple[int, int] = (800, 600),
+                  up: ArrayLike | None = None, height: float | None = None, size: tuple[int, int] = (800, 600),
                   background: tuple[float, float, float] = (0.0, 0.0, 0.0), backend: str = "auto",
                   progress: Progress | None = None) -> Image:
     """A shaded picture of the whole volume, in parallel projection.
@@ -62,7 +66,8 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, d
     Parameters
     ----------
     transfer : colours and opacities; default is the preset "specimen".
-    direction : where the viewer looks, any length. up : what points up in the picture.
+    direction : where the viewer looks, any length.
+    up : what points up in the picture; default is +z, or -y for a view along z.
     height : length in space that the picture is high; default shows the whole box.
     size : (width, height) in pixels.
     background : red, green and blue in [0, 1].
@@ -72,11 +77,11 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, d
     -------
     (height, width, 3) uint8.
     """
-    chosen = ("vtk" if gl_status()[0] else "core") if backend == "auto" else backend
-    if chosen not in RENDERERS:
-        raise DeformError(f"unknown renderer {backend!r}; choose auto, {' or '.join(RENDERERS)}.")
-    if min(size) < 1:
-        raise DeformError(f"a picture needs at least one pixel each way, got {size}.")
+    chosen = renderer_named(backend)
+    if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
+        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
+    if height is not None and not (np.isfinite(height) and height > 0):
+        raise DeformError(f"the height of what is seen must be a positive length, got {height}.")
     function = preset("specimen", volume) if transfer is None else transfer
     plane = Plane.through(volume.grid.center, direction, up)
     tall = _height(volume, plane, size) if height is None else float(height)
@@ -89,8 +94,8 @@ def _height(volume: Volume, plane: Plane, size: tuple[int, int]) -> float:
 
 
 def _sampling(volume: Volume, height: float, size: tuple[int, int]) -> float:
-    """Distance of samples: a voxel, or a pixel if that is larger; finer ones cost time and show nothing more."""
-    return max(min(volume.grid.spacing), height / size[1])
+    """Distance of samples: half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger."""
+    return max(min(volume.grid.spacing) / 2, height / size[1])
 
 
 def _render_core(volume: Volume, transfer: TransferFunction, plane: Plane, height: float, size: tuple[int, int],
@@ -99,30 +104,32 @@ def _render_core(volume: Volume, transfer: TransferFunction, plane: Plane, heigh
 
     picture = project(volume, plane, "shaded", transfer=transfer, progress=progress,
                       spacing=_sampling(volume, height, size))
-    scale = size[1] / height  # pixels a unit of length
-    nv, nu = picture.raster.shape
-    wide, tall = (max(1, round(n * s * scale)) for n, s in zip((nu, nv), picture.raster.spacing, strict=True))
-    drawn = Pillow.fromarray(picture.rgb8(background)).resize((wide, tall), Pillow.Resampling.LANCZOS)
-    canvas = Pillow.new("RGB", size, tuple(round(255 * c) for c in background))
+    # The plane's origin is the middle of the canvas. A sample is never smaller than a pixel, so nothing is lost by
+    # taking each pixel from its own place; a resized image would have to be moved by half pixels.
     a0, _, b0, _ = picture.raster.box
-    # The plane's origin is the middle of the canvas.
-    corner = round(size[0] / 2 + a0 * scale), round(size[1] / 2 + b0 * scale)
-    canvas.paste(drawn, corner)
-    return np.asarray(canvas)
+    (d, _), step = picture.raster.spacing, height / size[1]
+    places = (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
+    drawn = Pillow.fromarray(picture.rgb8(background)).transform(
+        size, Pillow.Transform.AFFINE, places, Pillow.Resampling.BICUBIC, fillcolor=_ink(background))
+    return np.asarray(drawn)
+
+
+def _ink(color: tuple[float, float, float]) -> tuple[int, int, int]:
+    """A colour as numbers from 0 to 255."""
+    r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
+    return r, g, b
 
 
 def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height: float, size: tuple[int, int],
                 background: tuple[float, float, float], progress: Progress | None) -> Image:
-    works, found, remedy = gl_status()
-    if not works:
-        raise DeformError(f"{found}; {remedy}.")
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
     try:
         plotter.renderer.SetBackground(*background)
-        actor: Any = plotter.add_volume(volume.to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
-                                   cmap="gray", opacity="linear")
+        finite = replace(volume, values=volume.finite_values)
+        actor: Any = plotter.add_volume(finite.to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
+                                        cmap="gray", opacity="linear")
         _set_transfer(actor.prop, transfer)
         actor.mapper.SetAutoAdjustSampleDistances(False)
         actor.mapper.SetSampleDistance(_sampling(volume, height, size))
@@ -162,9 +169,22 @@ RENDERERS: dict[str, Callable[..., Image]] = {"vtk": _render_vtk, "core": _rende
 """Ways to render, by name: "vtk" needs OpenGL, "core" needs nothing and is the same on every machine."""
 
 
+def renderer_named(name: str) -> str:
+    """The name of a renderer that works here, "auto" decided; DeformError if there is none of that name."""
+    if name == "auto":
+        return "vtk" if gl_status()[0] else "core"
+    if name not in RENDERERS:
+        raise DeformError(f"unknown renderer {name!r}; choose auto, {' or '.join(RENDERERS)}.")
+    works, found, remedy = gl_status() if name == "vtk" else (True, "", "")
+    if not works:
+        raise DeformError(f"{found}; {remedy}.")
+    return name
+
+
 def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | None = None,
                 captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | None = None,
-                direction: ArrayLike = (0.4, 1.0, -0.3), size: tuple[int, int] = (900, 640), backend: str = "auto",
+                direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
+                size: tuple[int, int] = (900, 640), backend: str = "auto",
                 background: tuple[float, float, float] = (0.06, 0.065, 0.08),
                 progress: Progress | None = None) -> Image:
     """Two volumes side by side, from the same side and to the same scale.
@@ -173,13 +193,13 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
     volume before, so that what is not changed looks the same.
     """
     function = preset("specimen", before) if transfer is None else transfer
-    planes = [Plane.through(v.grid.center, direction) for v in (before, after)]
+    planes = [Plane.through(v.grid.center, direction, up) for v in (before, after)]
     height = max(_height(v, p, size) for v, p in zip((before, after), planes, strict=True))
     halves = []
     for k, volume in enumerate((before, after)):
         part = None if progress is None else (lambda share, k=k: progress((k + share) / 2))
-        halves.append(render_volume(volume, transfer=function, direction=direction, height=height, size=size,
-                                    background=background, backend=backend, progress=part))
+        halves.append(render_volume(volume, transfer=function, direction=direction, up=up, height=height,
+                                    size=size, background=background, backend=backend, progress=part))
     halves = _trimmed(halves, background)
     image = np.concatenate([_captioned(h, c, background) for h, c in zip(halves, captions, strict=True)], axis=1)
     if path is not None:
@@ -189,8 +209,7 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
 
 def _trimmed(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
     """The same part of all images: what is not empty in any of them, with a margin and room for a caption."""
-    empty = np.round(255 * np.asarray(background)).astype(int)
-    seen = np.any([(np.abs(i.astype(int) - empty) > 3).any(axis=2) for i in images], axis=0)
+    seen = np.any([(np.abs(i.astype(int) - _ink(background)) > 3).any(axis=2) for i in images], axis=0)
     if not seen.any():
         return images
     ranges = []
@@ -207,9 +226,12 @@ def _captioned(image: Image, caption: str, background: tuple[float, float, float
 
     canvas = Pillow.fromarray(image)
     ink = (235, 232, 226) if sum(background) < 1.5 else (40, 36, 30)
-    place = (image.shape[1] / 2, image.shape[0] - 12)
-    font = ImageFont.load_default(max(8, image.shape[0] // 28))
-    ImageDraw.Draw(canvas).text(place, caption, fill=ink, anchor="md", font=font)
+    draw, place, text = ImageDraw.Draw(canvas), (image.shape[1] / 2, image.shape[0] - 12), shown(caption)
+    size = max(_SMALLEST, image.shape[0] // 28)
+    length = draw.textlength(text, ImageFont.load_default(size))
+    if length > 0.96 * image.shape[1]:  # a long name is written smaller, and at last cut off
+        size = max(_SMALLEST, int(size * 0.96 * image.shape[1] / length))
+    draw.text(place, text, fill=ink, anchor="md", font=ImageFont.load_default(size))
     return np.asarray(canvas)
 
 

@@ -9,6 +9,7 @@ from deformnb.deformation import Deformation, Step
 from deformnb.document import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import atomic_write
+from deformnb.io.headers import shown
 
 
 def read_deformation(path: str | PathLike[str]) -> Deformation:
@@ -20,17 +21,19 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
         In one sentence, if the file is missing, is no deformnb document, is cut short, or is of a newer version.
     """
     file = Path(path)
-    if not file.is_file():
-        raise VolumeFileError(f"there is no file {file}." if not file.exists() else f"{file} is a folder, not a file.")
+    name = shown(path)
     try:
+        if not file.is_file():
+            what = "is a folder, not a file" if file.is_dir() else "is not an ordinary file"
+            raise VolumeFileError(f"{name} {what}." if file.exists() else f"there is no file {name}.")
         with file.open("rb") as stream:
             data = stream.read(LONGEST + 1)
     except OSError as error:
-        raise VolumeFileError(f"{file} cannot be read: {error.strerror}.") from None
+        raise VolumeFileError(f"{name} cannot be read: {error.strerror}.") from None
     try:
         return from_json(data)
     except DeformError as error:
-        raise DeformError(f"{file.name}: {error}") from None
+        raise DeformError(f"{shown(file.name)}: {error}") from None
 
 
 def write_deformation(deformation: Deformation, path: str | PathLike[str]) -> None:
@@ -42,10 +45,13 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str]) -> No
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:
     """What is in a document, for people: what was done on which volume."""
     deformation = read_deformation(path)
-    rows = {"file": str(path), "kind": "deformation", "name": deformation.name or "(none)"}
+    rows = {"file": shown(path), "kind": "deformation", "name": shown(deformation.name) or "(none)"}
     if deformation.volume is not None:
         v = deformation.volume
-        rows["made on"] = f"{v.name or '(unnamed)'}, shape {v.shape}, spacing {v.spacing}, sha256 {v.sha256[:12]}"
+        voxels = " x ".join(str(n) for n in v.shape[::-1])
+        spacing = " x ".join(f"{s:.6g}" for s in v.spacing)
+        rows["made on"] = (f"{shown(v.name) or '(unnamed)'}, {voxels} voxels (x, y, z) of {spacing}, "
+                           f"sha256 {v.sha256[:12]}...")
     for k, step in enumerate(deformation.steps):
         rows[f"step {k + 1}"] = _describe_step(step)
     return rows
@@ -55,10 +61,11 @@ def _describe_step(step: Step) -> str:
     normal = None if step.plane is None else tuple(round(c, 4) for c in step.plane.normal)
     where = "in space" if normal is None else f"on the plane with normal {normal}"
     support = "automatic" if step.support is None else f"{step.support:g}"
-    rule = {"modulate": f"modulate by {step.curve}" if isinstance(step.curve, str) else "modulate by a table",
-            "interpolate": f"interpolate at {step.knots}"}.get(step.extrusion, step.extrusion)
+    curve, knots = shown(step.curve) if isinstance(step.curve, str) else "a table", [f"{k:g}" for k in step.knots]
+    rule = {"modulate": f"modulate by {curve}", "interpolate": f"interpolate at depths {', '.join(knots)}"}.get(
+        step.extrusion, step.extrusion)
     count = " + ".join(str(len(m)) for m in step.maps)
     state = "" if step.enabled else ", switched off"
-    name = f"{step.name}: " if step.name else ""
+    name = f"{shown(step.name)}: " if step.name else ""
     return (f"{name}{count} control points {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
             f"strength {step.strength:g}{state}")
