@@ -1,0 +1,41 @@
+// What widgets of one page share without the kernel: the live points of an editor, by the editor's uid. No DOM.
+//
+// A front end hands each widget a proxy of its model, never the same object twice, so nothing can be stored on the
+// model itself. An editor therefore has a trait `uid`, and its bus is found under that name on the page:
+//
+//   const bus = busOf(editorModel);              the same EventTarget for everyone who asks, made when first asked for
+//   bus.addEventListener("deformnb:points", ...) event.detail = {points, settings, fit, phase: "move" | "end"}
+//   bus.latest                                   the last detail, or null before the editor has drawn anything
+//
+// `fit` is what rbfFit made of points and settings (null where they cannot be fitted): a listener need not fit again.
+
+function busOf(model) {
+  const key = Symbol.for("deformnb.widgets");
+  const buses = (globalThis[key] ??= new Map());
+  const uid = model.get("uid");
+  if (!buses.has(uid)) buses.set(uid, Object.assign(new EventTarget(), { latest: null, owners: 0 }));
+  const bus = buses.get(uid);
+  model.deformnb = bus; // where the front end hands out the model itself, this is the short way
+  return bus;
+}
+
+function publishPoints(bus, detail) {
+  bus.latest = detail;
+  bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));
+}
+
+// The settings of a fit as the traits of an editor hold them.
+function settingsOf(model) {
+  const names = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
+  return Object.fromEntries(names.map((name) => [name, model.get(name)]));
+}
+
+// Forget a bus when its last editor view is gone, so that a page that lives for weeks does not collect them.
+function holdBus(bus) {
+  bus.owners += 1;
+}
+
+function releaseBus(bus, uid) {
+  bus.owners -= 1;
+  if (bus.owners <= 0) globalThis[Symbol.for("deformnb.widgets")]?.delete(uid);
+}

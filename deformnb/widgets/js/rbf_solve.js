@@ -1,0 +1,204 @@
+// The linear algebra behind rbf.js: deformnb.rbf.solve and deformnb.trend, for dimension 2, dense, in float64.
+// Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
+
+// alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
+function rbfSolve(x, d, nugget, basis, turn, kernel, trend) {
+  const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j <= i; j++) {
+      const dp = x[2 * i] - x[2 * j], dq = x[2 * i + 1] - x[2 * j + 1];
+      phi[i * n + j] = phi[j * n + i] = profile(dp * dp + dq * dq);
+    }
+    phi[i * n + i] += nugget[i];
+  }
+  let solved;
+  if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, basis);
+  else if (trend === "none") {
+    solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
+  } else solved = rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend);
+  const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      let sum = x[2 * i] * linear[k][0] + x[2 * i + 1] * linear[k][1] + constant[k] - d[2 * i + k];
+      for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[2 * j + k];
+      miss[2 * i + k] = sum;
+    }
+  }
+  return { ...solved, miss };
+}
+
+// Solution of a symmetric positive definite system with m right-hand sides; NaN where it is not definite.
+function rbfCholeskySolve(matrix, rhs, n, m) {
+  const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
+  for (let j = 0; j < n; j++) {
+    for (let i = j; i < n; i++) {
+      let sum = l[i * n + j];
+      for (let k = 0; k < j; k++) sum -= l[i * n + k] * l[j * n + k];
+      l[i * n + j] = i === j ? Math.sqrt(sum) : sum / l[j * n + j];
+    }
+  }
+  for (let c = 0; c < m; c++) {
+    for (let i = 0; i < n; i++) {
+      let sum = out[i * m + c];
+      for (let k = 0; k < i; k++) sum -= l[i * n + k] * out[k * m + c];
+      out[i * m + c] = sum / l[i * n + i];
+    }
+    for (let i = n - 1; i >= 0; i--) {
+      let sum = out[i * m + c];
+      for (let k = i + 1; k < n; k++) sum -= l[k * n + i] * out[k * m + c];
+      out[i * m + c] = sum / l[i * n + i];
+    }
+  }
+  return out;
+}
+
+// Solver of a general square system, factored once with partial pivoting.
+function rbfFactored(matrix, n) {
+  const a = Float64Array.from(matrix), order = Array.from({ length: n }, (_, k) => k);
+  for (let c = 0; c < n; c++) {
+    let pivot = c;
+    for (let i = c + 1; i < n; i++) if (Math.abs(a[i * n + c]) > Math.abs(a[pivot * n + c])) pivot = i;
+    if (pivot !== c) {
+      for (let k = 0; k < n; k++) [a[c * n + k], a[pivot * n + k]] = [a[pivot * n + k], a[c * n + k]];
+      [order[c], order[pivot]] = [order[pivot], order[c]];
+    }
+    for (let i = c + 1; i < n; i++) {
+      const f = (a[i * n + c] /= a[c * n + c]);
+      if (f !== 0) for (let k = c + 1; k < n; k++) a[i * n + k] -= f * a[c * n + k];
+    }
+  }
+  return (rhs, m) => {
+    const out = new Float64Array(n * m);
+    for (let c = 0; c < m; c++) {
+      for (let i = 0; i < n; i++) {
+        let sum = rhs[order[i] * m + c];
+        for (let k = 0; k < i; k++) sum -= a[i * n + k] * out[k * m + c];
+        out[i * m + c] = sum;
+      }
+      for (let i = n - 1; i >= 0; i--) {
+        let sum = out[i * m + c];
+        for (let k = i + 1; k < n; k++) sum -= a[i * n + k] * out[k * m + c];
+        out[i * m + c] = sum / a[i * n + i];
+      }
+    }
+    return out;
+  };
+}
+
+// [Phi P; P^T 0] with the n x r matrix P.
+function rbfBordered(phi, p, n, r) {
+  const size = n + r, out = new Float64Array(size * size);
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j < n; j++) out[i * size + j] = phi[i * n + j];
+    for (let k = 0; k < r; k++) out[i * size + n + k] = out[(n + k) * size + i] = p[i * r + k];
+  }
+  return out;
+}
+
+function rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend) {
+  const n = x.length / 2, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
+  if (RBF_KERNELS[kernel].order === 0) {
+    const rhs = new Float64Array(n * 5);
+    for (let i = 0; i < n; i++) rhs.set([1, x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 5 * i);
+    const v = rbfCholeskySolve(phi, rhs, n, 5);
+    const sums = [0, 1, 2, 3, 4].map((k) => { let sum = 0; for (let i = 0; i < n; i++) sum += v[5 * i + k]; return sum; });
+    for (let k = 0; k < 4; k++) {
+      mean[k] = sums[k + 1] / sums[0];
+      for (let i = 0; i < n; i++) w[4 * i + k] = v[5 * i + k + 1] - v[5 * i] * mean[k];
+    }
+  } else { // Phi is not definite: only the bordered system is well posed
+    const rhs = new Float64Array((n + 1) * 4);
+    for (let i = 0; i < n; i++) rhs.set([x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 4 * i);
+    const v = rbfFactored(rbfBordered(phi, new Float64Array(n).fill(1), n, 1), n + 1)(rhs, 4);
+    w.set(v.subarray(0, 4 * n));
+    for (let k = 0; k < 4; k++) mean[k] = v[4 * n + k];
+  }
+  const s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      for (let j = 0; j < 2; j++) {
+        s[k][j] += x[2 * i + k] * w[4 * i + j];
+        h[k][j] += (x[2 * i + k] + d[2 * i + k]) * w[4 * i + j];
+      }
+    }
+  }
+  const m = rbfTrendMap(s, h, basis, turn, trend), linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  const alpha = new Float64Array(2 * n);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      alpha[2 * i + k] = w[4 * i + 2 + k] - linear[k][0] * w[4 * i] - linear[k][1] * w[4 * i + 1];
+    }
+  }
+  return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
+}
+
+function rbfTrendMap(s, h, basis, turn, trend) {
+  if (trend === "translation") return [[1, 0], [0, 1]];
+  const size = s[0][0] + s[1][1];
+  if (trend === "affine") return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  const rotation = rbfNearestRotation(h, size, turn);
+  if (trend === "rigid") return rotation;
+  let scale = 0;
+  for (let i = 0; i < 2; i++) for (let j = 0; j < 2; j++) scale += rotation[i][j] * h[i][j];
+  scale = Math.max(scale / size, 0);
+  return rotation.map((row) => row.map((value) => scale * value));
+}
+
+// Where the affine trend of least energy takes the directions of the basis; as a list of vectors.
+function rbfAffineImages(s, h, basis) {
+  const quadratic = (m, p, q) => p[0] * (m[0][0] * q[0] + m[0][1] * q[1]) + p[1] * (m[1][0] * q[0] + m[1][1] * q[1]);
+  const rank = basis.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * 2);
+  for (let i = 0; i < rank; i++) {
+    for (let j = 0; j < rank; j++) small[i * rank + j] = quadratic(s, basis[i], basis[j]);
+    for (let k = 0; k < 2; k++) rhs[2 * i + k] = basis[i][0] * h[k][0] + basis[i][1] * h[k][1];
+  }
+  const images = rbfFactored(small, rank)(rhs, 2);
+  return basis.map((_, i) => [images[2 * i], images[2 * i + 1]]);
+}
+
+// The linear map that sends the directions of the basis to the images and turns and scales what lies across with them.
+function rbfComplete(images, basis) {
+  if (basis.length === 0) return [[1, 0], [0, 1]];
+  const outer = (p, q) => [[p[0] * q[0], p[0] * q[1]], [p[1] * q[0], p[1] * q[1]]];
+  const quarter = (p) => [-p[1], p[0]];
+  const first = outer(images[0], basis[0]);
+  const other = basis.length === 2 ? outer(images[1], basis[1]) : outer(quarter(images[0]), quarter(basis[0]));
+  return first.map((row, i) => row.map((value, j) => value + other[i][j]));
+}
+
+function rbfNearestRotation(h, size, previous) {
+  const least = RBF_NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
+  const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], length = Math.hypot(c, s);
+  return length > least ? [[c / length, -s / length], [s / length, c / length]] : previous;
+}
+
+function rbfBorderedAffine(phi, x, d, basis) {
+  const n = x.length / 2, rank = basis.length, width = rank + 1, p = new Float64Array(n * width);
+  for (let i = 0; i < n; i++) {
+    p[i * width] = 1;
+    basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
+  }
+  const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
+  const solve = (b) => {
+    const rhs = new Float64Array(2 * (n + width));
+    rhs.set(b);
+    const v = factored(rhs, 2);
+    return { alpha: v.slice(0, 2 * n), constant: [v[2 * n], v[2 * n + 1]],
+      images: basis.map((_, k) => [v[2 * (n + 1 + k)], v[2 * (n + 1 + k) + 1]]) };
+  };
+  // D on the span of the points: sum of image (outer) direction
+  const spanned = (images) => [0, 1].map((i) => [0, 1].map(
+    (j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0)));
+  const whole = solve(d);
+  if (rank === 2) return { alpha: whole.alpha, linear: spanned(whole.images), constant: whole.constant };
+  const m = rbfComplete(whole.images.map((image, k) => [basis[k][0] + image[0], basis[k][1] + image[1]]), basis);
+  const linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  // Points that are flat only to rounding lie a little off their span, where the completed map displaces them too.
+  const left = Float64Array.from(d, (value, i) => {
+    const q = i - (i % 2);
+    return value - linear[i % 2][0] * x[q] - linear[i % 2][1] * x[q + 1];
+  });
+  const rest = solve(left), more = spanned(rest.images);
+  return { alpha: rest.alpha, constant: rest.constant,
+    linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
+}
