@@ -21,6 +21,7 @@ class Check:
 
 OPTIONAL = {
     "SimpleITK": ("SimpleITK objects", "formats"),
+    "nibabel": ("nibabel objects", "formats"),
     "tifffile": ("TIFF stacks", "formats"),
     "imagecodecs": ("compressed TIFF and DICOM", "formats"),
     "pydicom": ("DICOM series", "formats"),
@@ -28,8 +29,8 @@ OPTIONAL = {
 }
 """Optional packages: what each is for and the extra that installs it."""
 
-REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "ipywidgets", "anywidget", "nibabel",
-            "pynrrd", "pooch", "pillow")
+REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "ipywidgets", "anywidget",
+            "pooch", "pillow")
 
 
 def doctor() -> list[Check]:

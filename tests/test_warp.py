@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ RANGE_SHARE = 2e-6
 """The promise: float32 results differ from SimpleITK's by at most this share of the value range."""
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["amplitude", "frequency", "dim"])
 @dataclass(frozen=True)
 class Wave(AbstractField):
     """Smooth displacements known in closed form: amplitude * sin(frequency x + phase), each component its own."""
@@ -637,6 +640,21 @@ def test_a_picture_on_another_raster() -> None:
     assert np.abs(result - (3 * points[..., 0] - 2 * points[..., 1])).max() < 1e-6  # maps are float32
 
 
+def test_a_stored_map_is_read_linearly_on_pictures_and_in_space() -> None:
+    coarse, raster = Raster((4, 6), (2.5, 2.0), (-0.5, 0.5)), Raster((9, 11), (0.8, 1.1), (2.0, -1.0))
+    stored = DisplacementField(np.random.default_rng(8).normal(size=(4, 6, 2)), coarse)
+    picture = np.random.default_rng(5).random((9, 11))
+    points = raster.points()
+    place = (points + stored.displacement(points) - raster.origin) / raster.spacing
+    expected = ndimage.map_coordinates(picture, np.moveaxis(place[..., ::-1], -1, 0), order=1)
+    inside = ((place >= 0) & (place <= [10, 8])).all(axis=-1)
+    assert np.abs(warp_picture(picture, raster, stored) - expected)[inside].max() < 1e-6  # maps are float32
+    field = extrude(Plane.along(STRAIGHT, "-y"), STRAIGHT, [stored], modulate("z"))
+    expected = slow_warp(noise(STRAIGHT), field, STRAIGHT, 0.0, "linear")
+    error = np.abs(warp(noise(STRAIGHT), field, fill=0.0).values - expected)
+    assert np.mean(error <= 2 * RANGE_SHARE * 200) > 0.999
+
+
 def test_a_picture_with_holes() -> None:
     picture = np.array([[5.0, np.nan, 7.0], [np.inf, 6.0, 8.0]])
     assert warp_picture(picture, SMALL, Identity(2)).tolist() == [[5.0, 5.0, 7.0], [5.0, 6.0, 8.0]]
@@ -677,6 +695,7 @@ def test_a_bright_voxel_is_found_where_its_point_went() -> None:
 
 
 def test_what_no_place_maps_to_is_flagged_and_finite() -> None:
+    @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["amplitude", "frequency", "dim"])
     @dataclass(frozen=True)
     class Collapse(Wave):
         """Everything is looked up at the origin: the backward map has no other value."""

@@ -1,0 +1,1 @@
+"""Speed against named rivals, in one run: ``python -m benchmarks --help``."""

@@ -1,0 +1,35 @@
+"""The command: pin the threads before anything that starts some is imported, then run and print a report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+# Each library reads its number of threads from here, once, when it is loaded.
+_THREADS = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VTK_SMP_MAX_THREADS",
+    "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS",
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")
+    parser.add_argument("--points", type=int, default=32, help="number of control points (default 32)")
+    parser.add_argument("--threads", type=int, default=1, help="processors to use; 0 leaves all as it is (default 1)")
+    parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds of each group (default 9)")
+    parser.add_argument("--groups", nargs="*", help="run only groups whose name contains one of these")
+    parser.add_argument("--dtype", default="uint8", choices=["uint8", "int16", "float32"], help="voxel type")
+    options = parser.parse_args()
+    if options.threads:
+        os.environ.update(dict.fromkeys(_THREADS, str(options.threads)))
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.threads])
+    from benchmarks.run import run  # not before the threads are settled
+
+    return run(options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

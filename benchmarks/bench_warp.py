@@ -1,0 +1,132 @@
+"""Warps of a volume: W1 one replicated map, W2 a map that comes and goes with depth, W3 any field, given or fitted."""
+
+from __future__ import annotations
+
+import importlib.util
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from benchmarks import peers, problem
+from benchmarks.timing import Case, Group
+from deformnb.extrusion import extrude, modulate, replicate
+from deformnb.fields import AbstractField, DisplacementField
+from deformnb.plane import Plane, Raster
+from deformnb.rbf import fit_rbf
+from deformnb.volume import Volume
+from deformnb.warp import Warper
+
+FILL = 0.0
+
+Error = Callable[[NDArray[Any]], NDArray[np.float32]]
+
+
+def groups(options: Namespace) -> Iterator[Group]:
+    volume = problem.volume(options.size, options.dtype)
+    support = problem.SUPPORT * (options.size - 1)
+    flat = fit_rbf(problem.control_points(options.points, 2, options.size), support=support)
+    stored = DisplacementField.sample(flat, Raster((options.size, options.size), (1.0, 1.0), (0.0, 0.0)))
+    for view, axis in (("+y", 1), ("+x", 2), ("+z", 0)):
+        plane = Plane.along(volume.grid, view)
+        yield _replicated(volume, extrude(plane, volume.grid, [stored], replicate()), view, axis, options)
+    plane = Plane.along(volume.grid, "+y")
+    yield _modulated(volume, extrude(plane, volume.grid, [stored], modulate("sin(pi*z)")), options)
+    solid = fit_rbf(problem.control_points(options.points, 3, options.size), support=support)
+    yield _general(volume, solid, options)
+
+
+def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, options: Namespace) -> Group:
+    name = f"W1 {view}: replicated map along {'zyx'[axis]}, {volume.dtype}, map given"
+    displacement, lookup, error = _truth(volume, field)
+    fast, plain = Warper(volume, fill=FILL), Warper(volume, fill=FILL)
+    fast.prepare(axis)
+    cases = [
+        Case("deformnb, prepared", lambda: fast(field).values, error, ours=True),
+        Case("deformnb, in place", lambda: plain(field).values, error, ours=True),
+        Case("deformnb, one call from scratch", lambda: Warper(volume, fill=FILL)(field).values, error, ours=True),
+    ]
+    if _there("numba"):
+        from benchmarks import loops
+
+        rest = [2 - a for a in range(3) if a != axis]  # component x, y, z of rows and columns
+        flat = displacement.take(0, axis)
+        loop = loops.rows(volume.values, flat[..., rest[0]], flat[..., rest[1]], FILL, axis)
+        cases.append(Case("numba loop, same layout", loop, error))
+    cases.append(Case("scipy map_coordinates by slice", peers.scipy_slices(volume.values, lookup, FILL, axis), error))
+    return Group(name, cases + _rivals(volume, displacement, lookup, error, options), *_tolerance(volume))
+
+
+def _modulated(volume: Volume, field: AbstractField, options: Namespace) -> Group:
+    displacement, lookup, error = _truth(volume, field)
+    warper = Warper(volume, fill=FILL)
+    cases = [Case("deformnb", lambda: warper(field).values, error, ours=True)]
+    cases += _loops(volume, displacement, error) + _rivals(volume, displacement, lookup, error, options)[:2]
+    return Group(f"W2: map times sin(pi z) along y, {volume.dtype}, map given", cases, *_tolerance(volume))
+
+
+def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
+    stored = DisplacementField.sample(field, volume.grid)
+    displacement, lookup, error = _truth(volume, stored)
+    warper = Warper(volume, fill=FILL)
+    cases = [Case("deformnb, field given", lambda: warper(stored).values, error, ours=True)]
+    cases += _loops(volume, displacement, error) + _rivals(volume, displacement, lookup, error, options)
+    if _there("skimage"):
+        cases.append(Case("scikit-image warp", peers.skimage_warp(volume.values, lookup, FILL), error))
+    for step in (1, 2, 4):
+        coarse = Warper(volume, fill=FILL, step=step)
+        cases.append(Case(f"deformnb, {options.points} points to voxels, step {step}",
+                          lambda coarse=coarse: coarse(field).values, error if step == 1 else None, ours=True))
+    return Group(f"W3: general field in space, {volume.dtype}", cases, *_tolerance(volume))
+
+
+def _loops(volume: Volume, displacement: NDArray[Any], error: Error) -> list[Case]:
+    if not _there("numba"):
+        return []
+    from benchmarks import loops
+
+    return [Case("numba loop", loops.general(volume.values, displacement, FILL), error)]
+
+
+def _rivals(volume: Volume, displacement: NDArray[Any], lookup: NDArray[np.float64], error: Error,
+            options: Namespace) -> list[Case]:
+    """The libraries that take any field."""
+    cases = [Case("scipy map_coordinates", peers.scipy_warp(volume.values, lookup, FILL), error)]
+    if _there("SimpleITK"):
+        warp = peers.sitk_warp(volume.values, displacement, FILL, options.threads)
+        resample = peers.sitk_resample(volume.values, displacement, FILL, options.threads)
+        cases += [Case("SimpleITK Warp", warp, error), Case("SimpleITK Resample", resample, error)]
+    if _there("vtkmodules"):
+        cases.append(Case("VTK ImageReslice", peers.vtk_reslice(volume.values, displacement, FILL), error))
+    return cases
+
+
+def _truth(volume: Volume, field: AbstractField) -> tuple[NDArray[np.float32], NDArray[np.float64], Error]:
+    """Displacements (nz, ny, nx, 3), where they look (3, nz, ny, nx), and the error of a result by scipy's float64.
+
+    Compared is only what lies between the outermost voxel centres: at the rim each library has its own rule.
+    """
+    if isinstance(field, DisplacementField):
+        displacement = np.asarray(field.values, dtype=np.float32)
+    else:
+        displacement = np.ascontiguousarray(np.moveaxis(field.on_grid(volume.grid), 0, -1))
+    lookup = problem.lookup(displacement)
+    right = ndimage.map_coordinates(volume.values, lookup, output=np.float32, order=1, mode="nearest")
+    inside = ((lookup >= 0) & (lookup <= volume.shape[0] - 1)).all(axis=0)
+
+    def error(result: NDArray[Any]) -> NDArray[np.float32]:
+        return np.where(inside, result - right, 0)
+
+    return displacement, lookup, error
+
+
+def _tolerance(volume: Volume) -> tuple[float, str]:
+    # Some cut the fraction off where we round; VTK reads the field with float32 places, 2e-5 voxels beside.
+    return (1.01 if volume.dtype.kind in "iu" else 255 * 1e-4), "grey levels"
+
+
+def _there(module: str) -> bool:
+    return importlib.util.find_spec(module) is not None

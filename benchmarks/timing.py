@@ -1,0 +1,102 @@
+"""Timing in turns: on a busy machine only cases that were run side by side can be compared."""
+
+from __future__ import annotations
+
+import ctypes
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to do a job.
+
+    run : does it and returns the result.
+    error : differences of the result from the right one, as an array; None where there is nothing to compare with.
+    ours : whether this package does it; the first of ours in a group is what the others are compared with.
+    """
+
+    name: str
+    run: Callable[[], Any]
+    error: Callable[[Any], Any] | None = None
+    ours: bool = False
+
+
+@dataclass(frozen=True)
+class Group:
+    """Ways to do the same job. A result that differs by more than ``tolerance`` (of ``unit``) stops the run."""
+
+    name: str
+    cases: list[Case]
+    tolerance: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Seconds of every round, peak memory over the inputs in bytes, differences from the right result."""
+
+    case: Case
+    seconds: list[float]
+    peak: int | None
+    largest: float
+    mean: float
+
+    @property
+    def median(self) -> float:
+        return statistics.median(self.seconds)
+
+
+# A case leaves the rounds when it has taken this long in all, and three times at least.
+_BUDGET = 20.0
+
+
+def measure(group: Group, rounds: int) -> list[Measured]:
+    """Check every case, then run all of them in turns."""
+    checked = [(case, *_check(group, case)) for case in group.cases]
+    times: dict[str, list[float]] = {case.name: [] for case in group.cases}
+    for _ in range(rounds):
+        for case in group.cases:
+            taken = times[case.name]
+            if len(taken) >= 3 and sum(taken) > _BUDGET:
+                continue
+            start = time.perf_counter()
+            case.run()
+            taken.append(time.perf_counter() - start)
+    return [Measured(case, times[case.name], peak, largest, mean) for case, peak, largest, mean in checked]
+
+
+def _check(group: Group, case: Case) -> tuple[int | None, float, float]:
+    case.run()  # compiles, fills caches
+    peak, result = peak_memory(case.run)
+    if case.error is None:
+        return peak, float("nan"), float("nan")
+    difference = np.abs(case.error(result))
+    largest = float(difference.max())
+    if not largest <= group.tolerance:
+        expected = f"up to {group.tolerance:g} expected"
+        raise SystemExit(f"{group.name}: {case.name} is wrong by {largest:g} {group.unit} ({expected})")
+    return peak, largest, float(difference.mean())
+
+
+def peak_memory(run: Callable[[], Any]) -> tuple[int | None, Any]:
+    """How far the process's memory rises above its level before the call, result included; Linux only."""
+    if not sys.platform.startswith("linux"):
+        return None, run()
+    ctypes.CDLL(None).malloc_trim(0)  # what earlier calls have freed must not hide what this one takes
+    Path("/proc/self/clear_refs").write_text("5")
+    before = _status("VmRSS")
+    result = run()
+    return max(0, _status("VmHWM") - before), result
+
+
+def _status(name: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))
