@@ -34,6 +34,7 @@ _LONG_SIDE = 7.0
 _DPI = 200
 _HEAD = 0.3  # inches for a title
 _TITLE = 10.0  # points
+_NARROWEST = 1.5  # inches that a title has in any case
 # Ink is darker than light is bright: this exponent gives tissue and bone of a MIP about the weight they have on black.
 _INK = 1.25
 
@@ -105,13 +106,13 @@ def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
     sizes = sizes * (_LONG_SIDE / sizes.max())  # inches
     head, gap = (_HEAD if titled else 0.0), 0.08
     stacked = bool(sizes[:, 0].mean() > 1.2 * sizes[:, 1].mean())
-    cells = sizes + np.array([gap, head + gap])
+    cells = np.maximum(sizes, (_NARROWEST if titled else 0.0, 0.0)) + np.array([gap, head + gap])
     full = (cells[:, 0].max(), cells[:, 1].sum()) if stacked else (cells[:, 0].sum(), cells[:, 1].max())
     width, height = full[0] + gap, full[1] + gap
     figure.set_size_inches(width, height)
     places, x, y = [], gap, height - gap
     for (w, h), (cell_w, cell_h) in zip(sizes, cells, strict=True):
-        left = (width - w) / 2 if stacked else x
+        left = (width - w) / 2 if stacked else x + (cell_w - gap - w) / 2
         bottom = y - head - h if stacked else (height - head - h) / 2
         places.append((left / width, bottom / height, w / width, h / height))
         x, y = (x, y - cell_h) if stacked else (x + cell_w, y)
@@ -120,9 +121,10 @@ def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
 
 def _title(axes: Axes, title: str, look: Style) -> None:
     """A title as it is: names of files may hold dollars, line breaks, or be long."""
-    room = axes.get_figure(root=True).get_figwidth() * 72 * axes.get_position().width  # type: ignore[union-attr]
-    text = shown(title, max(20, int(room / 3.5)))
-    size = min(_TITLE, max(5.0, room / (0.52 * max(1, len(text)))))  # a letter is about half as wide as it is high
+    inches = axes.get_figure(root=True).get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
+    room = 72 * max(inches, _NARROWEST)
+    text = shown(title, int(room / 3.5))
+    size = min(_TITLE, max(5.0, room / (0.66 * max(1, len(text)))))  # most letters are narrower than 0.66 of it
     axes.set_title(text, color=look.ink, fontsize=size, family="serif", pad=5, parse_math=False)
 
 

@@ -30,6 +30,8 @@ Blocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
 _LAYERS = 32
+# Whole numbers of a smaller range show as terraces on a surface that is lit.
+_FEW = 64
 # Colours of a transfer function: 1024 steps keep the error of a ramp below half a grey level of 256.
 _COLOURS = 1024
 
@@ -287,9 +289,18 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
         values = warp(volume, Identity(3), output=one).values[0]
     else:
-        values = _accumulate(how, _resampled_blocks(volume, lattice, how.margin), _with_steps(settings, d, d, d),
+        values = _accumulate(how, _resampled_blocks(_smooth(volume, how), lattice, how.margin), _with_steps(settings, d, d, d),
                              lattice.shape[0], progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
+
+
+def _smooth(volume: Volume, how: Projection) -> Volume:
+    """The volume with numbers between its values, where light would show the steps between a few whole numbers."""
+    low, high = volume.value_range
+    if how.margin == 0 or volume.dtype.kind == "f" or high - low > _FEW or (
+            volume.is_labels and volume.dtype != np.bool_):
+        return volume
+    return replace(volume, values=volume.values.astype(np.float32), is_labels=False)
 
 
 def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Grid:

@@ -127,9 +127,9 @@ def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height
     plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
     try:
         plotter.renderer.SetBackground(*background)
-        finite = replace(volume, values=volume.finite_values)
-        actor: Any = plotter.add_volume(finite.to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
-                                        cmap="gray", opacity="linear")
+        # The transfer function and its unit replace these choices, but pyvista wants to make them.
+        actor: Any = plotter.add_volume(_for_vtk(volume).to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
+                                        cmap="gray", opacity="linear", opacity_unit_distance=transfer.unit)
         _set_transfer(actor.prop, transfer)
         actor.mapper.SetAutoAdjustSampleDistances(False)
         actor.mapper.SetSampleDistance(_sampling(volume, height, size))
@@ -144,6 +144,19 @@ def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height
         plotter.close()
         if progress is not None:
             progress(1.0)
+
+
+def _for_vtk(volume: Volume) -> Volume:
+    """A volume as VTK draws it well: no NaN (it makes holes), no bool (pyvista drops them), background all around.
+
+    VTK's body ends at the centres of the outermost voxels: one slice would have no thickness, and the face of a body
+    that is cut off there no slope, which VTK paints black.
+    """
+    values = np.pad(volume.finite_values, 1, constant_values=volume.background)
+    if np.ptp(volume.value_range) <= 1:  # VTK's slopes of whole numbers are black where a mask is flat
+        values = values.astype(np.float32)
+    nz, ny, nx = volume.shape
+    return replace(volume, values=values, grid=volume.grid.crop((-1, -1, -1), (nz + 2, ny + 2, nx + 2)))
 
 
 def _set_transfer(prop: Any, transfer: TransferFunction) -> None:

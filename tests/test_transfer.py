@@ -1,0 +1,216 @@
+"""Transfer functions: interpolation, opacity by thickness, presets that fit every volume, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from skimage.filters import threshold_otsu
+
+from deformnb.datasets import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.transfer import PRESETS, TransferFunction, levels, preset
+from deformnb.volume import Volume
+
+RAMP = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((0, 0), (20, 0.5)), unit=2.0)
+SMALL = {"bar": (24, 16, 32), "fish": (24, 48, 24), "knee": (40, 32, 24), "lobster": (14, 48, 40), "head": (32, 36, 28),
+         "horse": (32, 40, 16), "abdomen": (28, 24, 32)}
+
+
+def volume_of(values: Any) -> Volume:
+    return Volume.from_array(np.asarray(values))
+
+
+# ---- the function ----------------------------------------------------------------------------------------------------
+
+
+@given(value=st.floats(-50, 50))
+def test_values_between_nodes_are_interpolated_and_those_beyond_are_clamped(value: float) -> None:
+    v = min(max(value, 0.0), 20.0)
+    red, green, blue = (v / 10, v / 20, 0.0) if v < 10 else (1.0, v / 20, (v - 10) / 10)
+    oracle.assert_close(RAMP(value), [red, green, blue, v / 40], atol=1e-12)
+
+
+@given(step=st.floats(0.01, 10), parts=st.integers(1, 20))
+def test_a_layer_cut_into_thinner_ones_stops_the_same_light(step: float, parts: int) -> None:
+    whole, part = RAMP.table(0, 20, step), RAMP.table(0, 20, step / parts)
+    oracle.assert_close(1 - (1 - part[:, 3].astype(float)) ** parts, whole[:, 3], atol=2e-6)  # float32 times the parts
+    np.testing.assert_array_equal(whole[:, :3], part[:, :3])
+
+
+def test_the_unit_is_the_thickness_that_opacities_are_meant_for() -> None:
+    oracle.assert_close(RAMP.table(0, 20, 2.0, 5)[:, 3], [0, 0.125, 0.25, 0.375, 0.5], atol=1e-7)
+    opaque = TransferFunction(((0, 1, 1, 1),), ((0, 1.0),))
+    for step in (1e-6, 1.0, 1e6):
+        assert opaque.table(0, 1, step)[:, 3].tolist() == [1.0] * 256
+
+
+def test_one_node_is_a_constant() -> None:
+    one = TransferFunction(((5, 0.1, 0.2, 0.3),), ((9, 0.4),))
+    oracle.assert_close(one([-1e9, 5, 1e9]), [[0.1, 0.2, 0.3, 0.4]] * 3, atol=1e-12)
+
+
+def test_a_step_is_two_nodes_at_one_value() -> None:
+    step = TransferFunction(((0, 1, 1, 1),), ((0, 0), (5, 0), (5, 1), (9, 1)))
+    assert step([4.999, 5.0, 5.001])[:, 3].tolist()[::2] == [0, 1]
+
+
+# ---- what is refused, what is clipped --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nodes", [((2, 0, 0, 0), (1, 1, 1, 1)), ((0, 0, 0, np.nan),), ((np.inf, 0, 0, 0),), (),
+                                   ((0, 0, 0),), ((0, 0, 0, 0, 0),), (1, 2, 3, 4)])
+def test_wrong_colours_are_refused_by_name(nodes: Any) -> None:
+    with pytest.raises(DeformError, match="colors"):
+        TransferFunction(nodes, ((0, 0),))
+
+
+@pytest.mark.parametrize("nodes", [((2, 0), (1, 1)), ((0, np.nan),), ((np.nan, 0),), (), ((0, 0, 0),), ((0,),)])
+def test_wrong_opacities_are_refused_by_name(nodes: Any) -> None:
+    with pytest.raises(DeformError, match="opacities"):
+        TransferFunction(((0, 0, 0, 0),), nodes)
+
+
+@pytest.mark.parametrize("unit", [0.0, -1.0, np.nan, np.inf])
+def test_a_wrong_unit_is_refused(unit: float) -> None:
+    with pytest.raises(DeformError, match="unit thickness"):
+        TransferFunction(((0, 0, 0, 0),), ((0, 0),), unit)
+
+
+def test_numbers_beyond_0_to_1_are_clipped_and_said_once() -> None:
+    clipped = TransferFunction(((0, -0.5, 0, 300.0),), ((0, 0.4), (1, 1.5)))
+    assert clipped.colors == ((0, 0, 0, 1),)
+    assert clipped.opacities == ((0, 0.4), (1, 1))
+    assert clipped.notes == ("colours and opacities were clipped to 0 to 1",)
+    assert clipped.scaled(2).notes == clipped.notes
+    assert RAMP.notes == RAMP.scaled(0.5).notes == ()
+    assert RAMP.scaled(3).opacities == ((0, 0), (20, 1))
+    assert RAMP.scaled(3).notes == clipped.notes
+    assert RAMP.scaled(0.5).opacities == ((0, 0), (20, 0.25))
+    assert RAMP.scaled(0.5).unit == RAMP.unit
+
+
+def test_an_unknown_preset_lists_the_presets() -> None:
+    with pytest.raises(DeformError, match="unknown transfer function 'muscle'.*" + ", ".join(PRESETS)):
+        preset("muscle", volume_of(np.zeros((2, 2, 2))))
+
+
+# ---- levels ----------------------------------------------------------------------------------------------------------
+
+
+def otsu_of_histogram(values: np.ndarray) -> tuple[float, float | None]:
+    """The two thresholds by scikit-image, of the same 256 bins; the second is None where one bin is left."""
+    counts, edges = np.histogram(values, bins=256, range=(values.min(), values.max()))
+    centres = (edges[:-1] + edges[1:]) / 2
+    first = threshold_otsu(hist=(counts, centres))
+    above = centres > first
+    if np.count_nonzero(counts[above]) < 2:
+        return first, None
+    return first, threshold_otsu(hist=(counts[above], centres[above]))
+
+
+@pytest.mark.parametrize("name", PHANTOMS)
+def test_levels_are_those_of_scikit_image(name: str) -> None:
+    volume = PHANTOMS[name].make(SMALL[name])
+    low, air, dense, high = levels(volume)
+    assert (air, dense) == pytest.approx(otsu_of_histogram(volume.values), rel=1e-12)
+    assert low == volume.values.min()
+    assert low < air < dense < high <= volume.values.max()
+
+
+@given(numbers=st.lists(st.integers(-1000, 3000), min_size=3, max_size=60).filter(lambda v: len(set(v)) > 2),
+       dtype=st.sampled_from(["float64", "int16"]))
+def test_levels_of_any_few_values_are_those_of_scikit_image(numbers: list[int], dtype: str) -> None:
+    values = np.array(numbers, dtype).reshape(1, 1, -1)
+    found = levels(volume_of(values))
+    first, second = otsu_of_histogram(values)
+    # Where several bins are equally good, each may take another; both then cut the values alike.
+    for mine, theirs in ((found[1], first), (found[2], second)):
+        if theirs is None:
+            continue
+        between = (values > min(mine, theirs)) & (values <= max(mine, theirs))
+        counts, width = int(between.sum()), np.ptp(values) / 256
+        assert counts == 0 or abs(mine - theirs) <= width * 1.001
+    assert found[0] == values.min()
+    assert found[0] < found[1] <= found[2] <= found[3] <= values.max()
+
+
+def test_negative_hounsfield_units_split_into_air_tissue_and_bone() -> None:
+    values = np.full((8, 10, 10), -1000, np.int16)
+    values[1:7, 1:9, 1:9] = 40
+    values[3:5, 3:6, 3:6] = 1200
+    low, air, dense, high = levels(volume_of(values))
+    assert low == -1000
+    assert -1000 < air < 40 <= dense < 1200
+    assert high == pytest.approx(1200, abs=5)  # the middle of the last of 256 bins
+
+
+def test_one_spot_denser_than_all_else_is_not_the_scale() -> None:
+    values = np.zeros((4, 100, 100), np.float32)
+    values[:, 20:80, 20:80] = np.random.default_rng(3).uniform(90, 110, (4, 60, 60))
+    values[0, 50, 50] = 1000
+    assert levels(volume_of(values))[3] < 150
+
+
+@pytest.mark.parametrize("value", [0, -1000, 5, 1e30, np.nan])
+def test_a_constant_volume_has_one_level(value: float) -> None:
+    found = levels(volume_of(np.full((2, 3, 4), value, np.float32)))
+    assert set(found) == {0.0 if np.isnan(value) else float(np.float32(value))}
+
+
+@pytest.mark.parametrize("values", [
+    np.array([0, 1], bool), np.array([0, 255], np.uint8), np.array([-128, 127], np.int8),
+    np.array([0, 65535], np.uint16), np.array([-(2**31), 2**31 - 1], np.int32),
+    np.array([1, np.nextafter(np.float32(1), 2)], np.float32),
+    np.array([0, 5e-324]), np.array([-1e300, 1e300]), np.array([0, np.nan, 1, np.inf], np.float32),
+])
+def test_levels_of_two_values_lie_between_them(values: np.ndarray) -> None:
+    low, air, dense, high = levels(volume_of(values.reshape(1, 1, -1)))
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    assert low == finite.min()
+    assert low <= air <= dense <= high <= finite.max()
+
+
+def test_a_subject_in_slices_that_are_not_looked_at_is_survived() -> None:
+    values = np.zeros((128, 2, 2), np.uint8)
+    values[65] = 200  # every second slice is looked at
+    assert levels(volume_of(values))[0] == 0
+    for make in PRESETS.values():
+        assert make(volume_of(values))([200.0])[0, 3] > 0
+
+
+# ---- presets ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PHANTOMS)
+@pytest.mark.parametrize("kind", PRESETS)
+def test_presets_leave_air_empty_and_show_the_dense(kind: str, name: str) -> None:
+    volume = PHANTOMS[name].make(SMALL[name])
+    function = preset(kind, volume)
+    low, _, dense, high = levels(volume)
+    assert function.notes == ()
+    assert function.unit == pytest.approx(min(volume.grid.lengths) / 100)
+    alpha = function(np.linspace(low, high, 200))[:, 3]
+    assert alpha[0] == 0
+    assert (np.diff(alpha) >= 0).all()
+    assert alpha[-1] > 0.05
+    # A body as thick as the shortest edge: bones are always seen, and nothing but the surface hides what is behind it.
+    through = 1 - (1 - function([dense + 0.5 * (high - dense)])[0, 3]) ** 100
+    assert through > 0.5
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+@pytest.mark.parametrize("values", [
+    np.zeros((2, 2, 2)), np.full((1, 1, 1), -1000.0), np.array([[[0, 1]]], np.uint8), np.array([[[False, True]]]),
+    np.full((2, 2, 2), np.nan), np.array([[[0, 1e300]]]), np.array([[[-1024, -1023]]], np.int16),
+], ids=["zero", "one voxel", "two values", "bool", "nan", "huge", "two close values"])
+def test_presets_are_valid_for_poor_volumes(kind: str, values: np.ndarray) -> None:
+    function = preset(kind, volume_of(values))
+    for volume_step in (1e-3, 1.0):
+        table = function.table(*volume_of(values).value_range, volume_step)
+        assert np.isfinite(table).all()
+        assert 0 <= table.min() <= table.max() <= 1
