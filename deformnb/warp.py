@@ -194,13 +194,25 @@ class Warper:
 def _moved_rows(table: Any, maps: NDArray[np.float32], at: warp_plan.Places, fill: Any, settings: dict[str, Any],
                 progress: Progress | None = None) -> NDArray[Any]:
     """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
-    out = np.empty((*maps.shape[1:], table.shape[1]), fill.dtype)
+    shape = (*maps.shape[1:], table.shape[1])
+
+    def moved(chunk: slice) -> NDArray[Any]:
+        with sampling.arithmetic(fill.dtype, table.size):
+            done = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
+        return np.asarray(done)
+
+    chunks = warp_plan.chunks(shape[0], shape[1] * shape[2] * fill.dtype.itemsize)
+    if len(chunks) == 1:  # the kernel's own memory, not copied
+        whole = moved(chunks[0])
+        if progress:
+            progress(1.0)
+        return whole
+    out = np.empty(shape, fill.dtype)
 
     def work(chunk: slice) -> None:
-        with sampling.arithmetic(fill.dtype, table.size):
-            out[chunk] = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
+        out[chunk] = moved(chunk)
 
-    warp_plan.share(warp_plan.chunks(len(out), out[0].nbytes), work, progress)
+    warp_plan.share(chunks, work, progress)
     return out
 
 

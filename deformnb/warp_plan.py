@@ -45,8 +45,9 @@ BLOCK_VOXELS = 2**20
 """Output voxels computed at once: 16 parts of a volume of 256^3. Their displacements take 12 MiB, which stays in the
 cache; memory above 32 MiB would be given back to the system after every part, which costs as much as the warp."""
 
-CHUNK_BYTES = 2**22
-"""Bytes of the result that are made at once where whole rows move."""
+CHUNK_BYTES = 2**24
+"""Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
+the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,10 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     index[:, 2 - normal] = n
     weights = np.asarray(field.weights_at(field.plane.to_plane(output.index_to_point(index))[:, 2]), dtype=np.float64)
     checked(weights)
+    kept: NDArray[np.float32] | None = None
     if field.is_replication:
-        maps, kept = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32), None
+        if len(maps) > 1 or weights[0, 0] != 1:
+            maps = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32)
     else:
         kept = weights.astype(np.float32)
     matrix = (np.linalg.inv(source.matrix) @ plane_vectors(field.plane))[::-1]
@@ -225,7 +228,7 @@ def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     axes = range(samples.ndim - 1)
     if any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis):
         return None
-    samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers have no place between them
+    samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers lie between none
     for axis in axes:
         n = samples.shape[axis]
         place = np.clip(at.whole[axis][axis] + at.part[axis][axis], 0, n - 1)
