@@ -1,0 +1,148 @@
+// When to draw what: quick pictures while something moves, then the full one piece by piece, then finer ones.
+// Never more than one piece of work is on its way, so the next movement waits for that piece only.
+
+const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
+const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
+
+class FrameLoop {
+  /** caster: a RayCaster; camera: () -> what it wants; options: () -> {target, settle} in milliseconds. */
+  constructor(caster, camera, options, report) {
+    Object.assign(this, { caster, camera, options, report });
+    this.scale = caster.isSoftware ? 0.3 : 0.7;
+    this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
+    this.moved = 0;
+    this.wanted = false;
+    this.work = null;
+    this.held = false;
+    this.times = { drag: [], full: 0, passes: 0, frames: 0 };
+    this.waiting = 0;
+    this.closed = false;
+  }
+
+  /** Something has changed: draw soon. `held`: a finger or a button is still down. */
+  touch(held = false) {
+    this.held = held;
+    this.moved = performance.now();
+    this.wanted = true;
+    this.work = null;
+    this.#plan(0);
+  }
+
+  /** The finger is lifted: nothing has changed, but the full picture may begin. */
+  release() { this.held = false; this.#plan(0); }
+
+  close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame || 0); }
+
+  #plan(delay) {
+    if (this.closed || this.sync) return; // what is on its way plans the next step itself
+    clearTimeout(this.waiting);
+    cancelAnimationFrame(this.frame || 0);
+    const next = () => { this.frame = requestAnimationFrame(() => this.#step()); };
+    if (delay > 0) this.waiting = setTimeout(next, delay); else next();
+  }
+
+  #step() {
+    if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
+    const { settle } = this.options(), idle = performance.now() - this.moved;
+    if (this.wanted) this.#quick();
+    else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
+    else if (this.#refine()) return;
+  }
+
+  get size() { return [this.caster.canvas.width, this.caster.canvas.height]; }
+
+  #quick() {
+    this.wanted = false;
+    const [w, h] = this.size, { target } = this.options(), caster = this.caster;
+    const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
+    const start = performance.now();
+    // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
+    caster.cast("coarse", width, height, this.camera(width / height), { coarseness: this.scale < 0.5 ? 1.6 : 1.15 });
+    caster.present("coarse");
+    this.showing = "coarse";
+    this.#when(() => {
+      const ms = performance.now() - start;
+      this.times.drag = [...this.times.drag.slice(-49), ms];
+      this.times.frames += 1;
+      const change = Math.sqrt((0.75 * target) / Math.max(ms, 1));
+      this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+    });
+  }
+
+  #begin(pass) {
+    const [w, h] = this.size;
+    const side = Math.max(16, Math.min(Math.max(w, h), Math.round(Math.sqrt(TILE_MS / this.pixelCost))));
+    const tiles = [];
+    for (let y = 0; y < h; y += side) {
+      for (let x = 0; x < w; x += side) tiles.push([x, y, Math.min(side, w - x), Math.min(side, h - y)]);
+    }
+    const far = ([x, y, tw, th]) => Math.hypot(x + tw / 2 - w / 2, y + th / 2 - h / 2);
+    tiles.sort((a, b) => far(b) - far(a)); // taken from the end: the middle first
+    this.work = { pass, tiles, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1 };
+    if (pass === 0) this.caster.enlarge(w, h);
+  }
+
+  /** Draws pieces of the full picture for about TILE_MS; false when nothing is left to do. */
+  #refine() {
+    if (!this.work) this.#begin(0);
+    const { work, caster } = this, [w, h] = work.size;
+    if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return true; }
+    if (work.tiles.length === 0) return false;
+    const camera = this.camera(w / h), start = performance.now();
+    let pixels = 0;
+    do {
+      const tile = work.tiles.pop();
+      caster.cast("full", w, h, camera, { tile, pass: work.pass });
+      pixels += tile[2] * tile[3];
+    } while (work.tiles.length && pixels * this.pixelCost < TILE_MS);
+    caster.present("full");
+    this.showing = "full";
+    this.#when(() => {
+      const ms = performance.now() - start;
+      // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
+      this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / pixels));
+      if (this.work === work) this.#finished(work, ms);
+    });
+    return true;
+  }
+
+  #finished(work, ms) {
+    work.spent += ms;
+    if (work.tiles.length) return;
+    if (work.pass === 0) {
+      this.times.full = work.spent;
+      work.passes = (PASSES.find(([limit]) => work.spent < limit) || [0, 1])[1];
+    }
+    this.times.passes = work.pass + 1;
+    if (work.pass + 1 < work.passes) this.#begin(work.pass + 1);
+    else this.report();
+  }
+
+  /** Calls done when the card has finished what it was given, without blocking the page. */
+  #when(done) {
+    const gl = this.caster.gl;
+    this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const look = () => {
+      if (this.closed || !this.sync) return;
+      if (gl.isContextLost()) { this.sync = null; return; }
+      if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) { setTimeout(look, 2); return; }
+      gl.deleteSync(this.sync);
+      this.sync = null;
+      done();
+      this.#plan(0);
+    };
+    setTimeout(look, 1);
+  }
+
+  /** The full picture at once, for a screenshot: the page waits. */
+  drawNow(passes = 2) {
+    const [w, h] = this.size;
+    for (let pass = 0; pass < passes; pass++) this.caster.cast("full", w, h, this.camera(w / h), { pass });
+    this.caster.present("full");
+    this.showing = "full";
+  }
+
+  /** Shows again what was drawn last, after the canvas was cleared or the background changed. */
+  again() { if (this.showing) this.caster.present(this.showing); }
+}

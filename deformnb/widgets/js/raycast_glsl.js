@@ -1,0 +1,166 @@
+// The shaders of the ray caster. Lengths are physical, along the index axes of the volume (its own frame); every ray
+// sample x of the result takes its value from the place x + D(x) of the input, as the paper does on its GPU.
+
+const VERTEX = `#version 300 es
+in vec2 corner;
+void main() { gl_Position = vec4(corner, 0., 1.); }`;
+
+const DISPLACEMENT = `
+uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
+uniform sampler2D weights;     // row k: the weight of map k, from the first slice to the last
+uniform int mapCount;
+uniform mat3 toMap; uniform vec3 toMap0;     // from the volume's frame to (column, row, depth) in texture coordinates
+uniform vec3 axisU, axisV, axisN;
+uniform sampler3D space; uniform vec3 toSpace, toSpace0;
+
+#ifdef PLANAR
+vec3 planar(vec3 x) {
+  vec3 m = toMap * x + toMap0;
+#ifdef WEIGHTED
+  vec2 d = vec2(0.);
+  for (int k = 0; k < mapCount; k++) {
+    float w = textureLod(weights, vec2(m.z, (float(k) + .5) / float(mapCount)), 0.).r;
+    if (w != 0.) d += w * textureLod(maps, vec3(m.xy, float(k)), 0.).rg;
+  }
+#else
+  vec2 d = textureLod(maps, vec3(m.xy, 0.), 0.).rg;
+#endif
+  return axisU * d.x + axisV * d.y;
+}
+#endif
+
+// Where the value at x of the result comes from: the plane's displacement was done last, so it is undone first.
+vec3 origin(vec3 x) {
+#ifdef PLANAR
+  x += planar(x);
+#endif
+#ifdef SPACE
+  x += textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+#endif
+  return x;
+}
+
+#ifdef WARPED
+uniform float slopeStep;
+// The gradient of f(x + D(x)) is the transposed Jacobian of x + D(x) times the gradient of f there.
+vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
+#ifdef SPACE
+  vec3 r = vec3(dot(origin(x + slopeStep * axisU) - at, g), dot(origin(x + slopeStep * axisV) - at, g),
+                dot(origin(x + slopeStep * axisN) - at, g)) / slopeStep;
+  return axisU * r.x + axisV * r.y + axisN * r.z;
+#else
+  vec3 d = at - x;
+  float u = dot(planar(x + slopeStep * axisU) - d, g), v = dot(planar(x + slopeStep * axisV) - d, g);
+  g += (axisU * u + axisV * v) / slopeStep;
+#ifdef WEIGHTED
+  g += axisN * (dot(planar(x + slopeStep * axisN) - d, g) / slopeStep);
+#endif
+  return g;
+#endif
+}
+#endif`;
+
+const FRAGMENT = `#version 300 es
+precision highp float; precision highp int;
+precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
+uniform sampler3D volume;      // gradient (128 is zero) and value
+uniform sampler3D blocks;      // rings of transparent blocks around each, largest value near it
+uniform sampler3D ambience;    // how much light reaches a place
+uniform sampler2D table;       // colour and opacity of one step
+uniform vec3 eye, right, up, ahead; uniform float bend;
+uniform vec2 resolution, shift; uniform float phase;
+uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
+uniform float stepLength, outside, outsideOpacity, certain;
+uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
+uniform vec3 ink;
+out vec4 color;
+${DISPLACEMENT}
+
+vec3 lit(vec3 rgb, vec3 g, float light) {
+  float size = length(g);
+  vec3 n = g / max(size, 1e-6);
+  if (dot(n, ahead) < 0.) n = -n;           // g points into what is denser; seen from within, it is turned around
+  float key = max(-dot(n, lamp), 0.), fill = max(-dot(n, fillLamp), 0.);
+  float gloss = pow(max(-dot(n, halfway), 0.), 28.);
+  float sure = clamp(size * certain, 0., 1.); // where all is alike there is no surface to be lit
+  vec3 surface = rgb * (light * (.34 + .16 * fill) + .78 * key * (.45 + .55 * light)) + vec3(.26 * gloss * light);
+  return mix(rgb * .8 * (.3 + .7 * light), surface, sure);
+}
+
+void main() {
+  vec2 at = (gl_FragCoord.xy + shift) / resolution * 2. - 1.;
+  vec3 start = eye + at.x * right + at.y * up, ray = ahead;
+  float nearest = -1e30;
+  if (bend > 0.) { ray = normalize(at.x * right + at.y * up + ahead / bend); start = eye - ahead / bend; nearest = 0.; }
+  vec3 safe = mix(ray, vec3(1e-7), lessThan(abs(ray), vec3(1e-7)));
+  vec3 a = (boxLow - start) / safe, b = (boxHigh - start) / safe, lo = min(a, b), hi = max(a, b);
+  float t0 = max(max(max(lo.x, lo.y), lo.z), nearest), t1 = min(min(hi.x, hi.y), hi.z);
+  color = vec4(0.);
+  if (t0 >= t1) return;
+  vec3 face = vec3(lessThanEqual(vec3(t0), lo)) * sign(ray);
+  // Neighbouring rays start at different depths: what would be rings becomes a fine grain, and later frames average it.
+  float noise = fract(52.9829189 * fract(dot(floor(gl_FragCoord.xy), vec2(.06711056, .00583715))) + phase);
+  // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
+  vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
+  vec4 sum = vec4(0.); float most = 0.;
+  float t = t0 + noise * stepLength;
+  for (int i = 0; i < 4096; i++) {
+    if (t >= t1) break;
+    vec3 x = start + t * ray, from = origin(x), q = from * toTexture + toTexture0;
+    vec3 cell = clamp(q, 0., 1.) * blockScale;
+    vec2 block = textureLod(blocks, cell, 0.).rg * 255.;
+#ifdef MIP
+    bool skip = block.g <= most * 255. + .5;
+    float rings = 1.;                         // the value counts the neighbours too
+#else
+    bool skip = block.r > .5;
+    float rings = block.r - 1.;
+#endif
+    if (skip) {
+      vec3 inside = fract(cell * vec3(textureSize(blocks, 0)));
+      vec3 room = min((1. - inside + rings) * upward, (inside + rings) * downward);
+      t += max(1., floor(min(min(room.x, room.y), room.z) / stepLength)) * stepLength;
+      continue;
+    }
+    t += stepLength;
+    bool out_ = any(lessThan(q, vec3(0.))) || any(greaterThanEqual(q, vec3(1.)));
+#ifdef MIP
+    most = max(most, out_ ? outside : textureLod(volume, q, 0.).a);
+#else
+    if (out_ && outsideOpacity == 0.) continue;
+    vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
+    vec4 rgba = textureLod(table, vec2(here.a * (255. / 256.) + .5 / 256., .5), 0.);
+    if (rgba.a <= 0.) continue;
+#ifdef SHADED
+    vec3 g = here.rgb * 255. - 128.;
+#ifdef WARPED
+    // Where the box cuts through the body its face is lit, not the grain of the voxels behind it.
+    if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.; else g = pulledBack(x, from, g);
+#endif
+    rgba.rgb = lit(rgba.rgb, g, textureLod(ambience, clamp(q, 0., 1.), 0.).r);
+#endif
+    sum += (1. - sum.a) * rgba.a * vec4(rgba.rgb, 1.);
+    if (sum.a > .985) { sum /= sum.a; break; }
+#endif
+  }
+#ifdef MIP
+  float v = clamp((most - grey.x) / (grey.y - grey.x), 0., 1.);
+  color = vec4(ink * v, v);
+#else
+  color = sum;
+#endif
+}`;
+
+// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
+const PRESENT = `#version 300 es
+precision highp float;
+uniform sampler2D picture; uniform vec2 resolution; uniform vec3 centre, corner;
+out vec4 color;
+void main() {
+  vec2 at = gl_FragCoord.xy / resolution;
+  vec4 c = textureLod(picture, at, 0.);
+  vec2 d = (at - vec2(.5, .56)) * vec2(1.1, 1.25);
+  vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
+  behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
+  color = vec4(c.rgb + (1. - c.a) * behind, 1.);
+}`;

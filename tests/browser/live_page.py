@@ -1,0 +1,142 @@
+"""A page that holds live views, with the widgets' own Python at the other end: no notebook, no server, no network."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_PAGE = """<!doctype html><meta charset="utf-8"><style>body { margin: 0; background: #888 }</style><div id="root"></div>
+<script>
+const models = {};
+const packed = (b) => { let s = ""; for (const x of new Uint8Array(b)) s += String.fromCharCode(x); return btoa(s); };
+const bytes = (t) => new DataView(Uint8Array.from(atob(t), (c) => c.charCodeAt(0)).buffer);
+const value = (v) => (v && v.__bytes__ !== undefined ? bytes(v.__bytes__) : v);
+function makeModel(name, state) {
+  const traits = Object.fromEntries(Object.entries(state).map(([k, v]) => [k, value(v)])), calls = {}, dirty = new Set();
+  const fire = (event, ...args) => [...(calls[event] || [])].forEach((f) => f(...args));
+  const model = {
+    name, sent: [], saved: [],
+    get: (k) => traits[k],
+    set(k, v) { traits[k] = v; dirty.add(k); fire("change:" + k, model, v); fire("change"); },
+    fromPython(k, v) { traits[k] = value(v); fire("change:" + k, model, traits[k]); },
+    save_changes() { const state = {}; for (const k of dirty) state[k] = traits[k]; dirty.clear(); model.saved.push(state);
+      if (window.toPython) toPython(name, "state", JSON.stringify(state), []); },
+    send(content, callbacks, buffers) { model.sent.push(content);
+      if (window.toPython) toPython(name, "message", JSON.stringify(content), (buffers || []).map(packed)); },
+    on(e, f) { (calls[e] ??= []).push(f); },
+    off(e, f) { if (calls[e]) calls[e] = calls[e].filter((g) => g !== f); },
+    receive(content, buffers) { fire("msg:custom", content, buffers.map(bytes)); },
+    widget_manager: { get_model: async (id) => models[id] },
+  };
+  return (models[name] = model);
+}
+async function draw(name, source) {
+  const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
+  const el = document.createElement("div");
+  document.getElementById("root").append(el);
+  const cleanup = await module.default.render({ model: models[name], el });
+  models[name].cleanups = [...(models[name].cleanups || []), () => { cleanup && cleanup(); el.remove(); }];
+}
+function pixels(name) { // what is on the canvas, drawn at once and in full
+  const page = document.querySelector(`[data-model="${name}"] .dnb-view`)?.deformnb ?? document.querySelector(".dnb-view").deformnb;
+  page.loop.drawNow(4);
+  return page.canvas.toDataURL("image/png").split(",")[1];
+}
+</script>"""
+
+# Without a sandbox it runs in containers; without a network it is quiet.
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync",
+             "--disable-component-update", "--enable-unsafe-swiftshader"]
+
+
+class LivePage:
+    """A browser page with models whose messages go to real widgets in this process."""
+
+    def __init__(self, browser: Any, size: tuple[int, int] = (900, 700), *, init: str = "") -> None:
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type in ("error", "warning") else None)
+        self.widgets: dict[str, Any] = {}
+        self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
+        self.page.expose_function("toPython", self._from_page)
+        if init:
+            self.page.add_init_script(init)
+        self.page.set_content(_PAGE)
+        if init:
+            self.page.evaluate(init)
+
+    def add(self, widget: Any, name: str = "view", *, draw: bool = True) -> None:
+        """Puts a widget on the page."""
+        self.widgets[name] = widget
+        widget.send = lambda content, buffers=None: self.outbox.append((name, content, list(buffers or [])))
+        widget.observe(lambda change: self.page.evaluate(
+            "([m, k, v]) => models[m].fromPython(k, v)", [name, change["name"], _plain(change["new"])])
+            if widget.trait_metadata(change["name"], "sync") and not self._echo else None)
+        self._echo = False
+        state = {k: _plain(getattr(widget, k)) for k in widget.keys if not k.startswith("_") and k not in _OTHERS}
+        self.page.evaluate("([n, s]) => { makeModel(n, s); }", [name, state])
+        if draw:
+            self.draw(name)
+
+    def draw(self, name: str = "view") -> None:
+        self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])
+        self.page.add_style_tag(content=self.widgets[name]._css)
+        self.flush()
+
+    def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
+        widget, content = self.widgets[name], json.loads(text)
+        if kind == "state":
+            self._echo = True
+            widget.set_state(content)
+            self._echo = False
+        else:
+            widget._handle_custom_msg(content, [memoryview(base64.b64decode(b)) for b in buffers])
+
+    def flush(self) -> None:
+        """Delivers what the widgets have sent."""
+        while self.outbox:
+            name, content, buffers = self.outbox.pop(0)
+            text = [base64.b64encode(b).decode() for b in buffers]
+            self.page.evaluate("([m, c, b]) => { models[m].receive(c, b); }", [name, content, text])
+
+    def wait(self, condition: str, timeout: float = 30.0) -> None:
+        """Until a JavaScript expression holds; messages flow meanwhile."""
+        for _ in range(int(timeout / 0.03)):
+            self.flush()
+            if self.page.evaluate(f"() => Boolean({condition})"):
+                return
+            self.page.wait_for_timeout(30)
+        raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
+
+    def loaded(self) -> None:
+        """Until the volume is on the card and all that was sent is applied."""
+        self.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && "
+                  "document.querySelector('.dnb-view').deformnb.field")
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """The picture, drawn in full now."""
+        from PIL import Image
+
+        self.flush()
+        data = self.page.evaluate("() => pixels('view')")
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).copy()
+
+    def close(self) -> None:
+        self.page.close()
+
+
+_OTHERS = ("comm", "layout", "tabbable", "tooltip")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes | memoryview):
+        return {"__bytes__": base64.b64encode(bytes(value)).decode()}
+    if hasattr(value, "model_id") and hasattr(value, "comm"):
+        return f"IPY_MODEL_{value.page_name}" if hasattr(value, "page_name") else None
+    return value
