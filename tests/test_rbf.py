@@ -260,6 +260,24 @@ def test_scikit_image_gives_the_same_thin_plate() -> None:
     oracle.assert_close(x + fit.displacement(x), theirs(x), atol=1e-5)  # theirs is r^2 log(r^2 + 1e-8)
 
 
+def test_vtk_gives_the_same_thin_plate() -> None:
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonTransforms import vtkThinPlateSplineTransform
+
+    points, fit = fitted("thin_plate", "affine", 2)
+    theirs = vtkThinPlateSplineTransform()
+    theirs.SetBasisToR2LogR()
+    for put, places in ((theirs.SetSourceLandmarks, points.target), (theirs.SetTargetLandmarks, points.source)):
+        cloud = vtkPoints()
+        cloud.SetDataTypeToDouble()
+        for a, b in places:
+            cloud.InsertNextPoint(a, b, 0.0)
+        put(cloud)
+    x = elsewhere(2)
+    moved = np.array([theirs.TransformPoint(a, b, 0.0)[:2] for a, b in x])
+    oracle.assert_close(x + fit.displacement(x), moved, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["thin_plate", "cubic", "linear"])
 def test_kernels_without_a_scale_do_not_depend_on_the_support(name: str) -> None:
     points, fit = fitted(name, "affine", 2)
