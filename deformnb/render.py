@@ -124,8 +124,10 @@ def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height
                 background: tuple[float, float, float], progress: Progress | None) -> Image:
     import pyvista
 
-    plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
+    # One lamp at the camera: the three of pyvista's kit dim what faces the viewer and stain it where their lights meet.
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
     try:
+        plotter.add_light(pyvista.Light(light_type="headlight"))
         plotter.renderer.SetBackground(*background)
         # The transfer function and its unit replace these choices, but pyvista wants to make them.
         actor: Any = plotter.add_volume(_for_vtk(volume).to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
