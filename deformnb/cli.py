@@ -64,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int = EXIT_ERROR) -> int:
-    print(f"deformnb: {message}", file=sys.stderr)
+    line = " ".join(message.split())  # other packages' messages may have several lines
+    print(f"deformnb: {line}", file=sys.stderr)
     return code
 
 

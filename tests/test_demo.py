@@ -30,7 +30,7 @@ from deformnb.demo import (
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io import read_volume
 from deformnb.io.documents import read_deformation
-from deformnb.picture import Picture, project
+from deformnb.picture import Picture
 from deformnb.plane import Plane, Raster
 from deformnb.volume import Grid, Volume
 
