@@ -110,7 +110,8 @@ def _add_demo(commands: Commands) -> None:
         pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
     p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
     _add_spacing(p)
-    p.add_argument("--species", default="Antigonia", help="Thompson's species to end with (default %(default)s)")
+    p.add_argument("--species", default="Antigonia", help="Thompson's species to end with: Antigonia, Scorpaena, "
+                   "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)")
     p.add_argument("--view", default="-x",
                    help="along which axis to look at the side of the fish: +x -x +y -y +z -z (default %(default)s)")
     p.add_argument("--head", choices=("left", "right"), default="left",
@@ -276,8 +277,8 @@ def _output_grid(volume: Volume, options: argparse.Namespace) -> Grid | None:
     needed, free = output.size * volume.dtype.itemsize, available_memory()
     if needed > free:
         voxels = " x ".join(map(str, output.shape[::-1]))
-        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} GiB "
-                          "are free; choose a coarser --resolution.")
+        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} "
+                          "GiB are free; choose a coarser --resolution.")
     return output
 
 

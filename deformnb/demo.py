@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.datasets.darcy import ThompsonMap, thompson_map
+from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, thompson_pairs
 from deformnb.deformation import Deformation, VolumeReference
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
@@ -82,14 +82,27 @@ def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, f
     return edges[0], edges[1], edges[2], edges[3]
 
 
-def transform(volume: Volume, *, species: str = "Antigonia", source: str = "Polyprion", view: str = "-x",
+def source_of(species: str) -> str:
+    """The figure that Thompson drew beside a species, to go there from.
+
+    Examples
+    --------
+    >>> source_of("Orthagoriscus")
+    'Diodon'
+    """
+    name = thompson_grid(species).species
+    partners = {target: source for source, target in thompson_pairs()}
+    return partners.get(name, "Polyprion")
+
+
+def transform(volume: Volume, *, species: str = "Antigonia", source: str | None = None, view: str = "-x",
               head: str = "left", stage: Stage) -> Transformation:
     """Turn what a volume shows into another of Thompson's species.
 
     Parameters
     ----------
     volume : a fish, or anything else, seen from the side along ``view``.
-    species, source : Thompson's names of the figures to go to and to start from.
+    species, source : Thompson's names of the figures to go to and to start from; by default the one he drew beside it.
     view : direction of looking; head : where the head then points, "left" or "right".
     stage : announces each piece of work and takes its progress.
 
@@ -100,6 +113,7 @@ def transform(volume: Volume, *, species: str = "Antigonia", source: str = "Poly
     """
     plane = Plane.along(volume.grid, view)
     before = project(volume, plane, "mip", progress=stage("look at it from the side"))
+    source = source or source_of(species)
     nets = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
     deformation = Deformation.on_picture(volume.grid, plane, nets.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
@@ -148,7 +162,7 @@ def check_demo(species: str, view: str, renderer: str) -> None:
     """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
     from deformnb.render import renderer_named
 
-    thompson_map("Polyprion", species)
+    thompson_map(source_of(species), species)
     Plane.along(Grid((1, 1, 1)), view)
     renderer_named(renderer)
 

@@ -242,7 +242,7 @@ def _captioned(image: Image, caption: str, background: tuple[float, float, float
     canvas = Pillow.fromarray(image)
     ink = (235, 232, 226) if sum(background) < 1.5 else (40, 36, 30)
     draw, place, text = ImageDraw.Draw(canvas), (image.shape[1] / 2, image.shape[0] - 12), shown(caption)
-    size = max(_SMALLEST, image.shape[0] // 28)
+    size = max(_SMALLEST, image.shape[0] // 28, image.shape[1] // 55)
     length = draw.textlength(text, ImageFont.load_default(size))
     if length > 0.96 * image.shape[1]:  # a long name is written smaller, and at last cut off
         size = max(_SMALLEST, int(size * 0.96 * image.shape[1] / length))

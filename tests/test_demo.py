@@ -13,7 +13,7 @@ import pytest
 from matplotlib.path import Path as Outline
 from PIL import Image
 
-from deformnb.datasets import PHANTOMS, thompson_grids, thompson_pairs
+from deformnb.datasets import PHANTOMS, thompson_pairs
 from deformnb.datasets.darcy import grid_lines
 from deformnb.demo import (
     FILES,
@@ -24,6 +24,7 @@ from deformnb.demo import (
     field_of_view,
     refined,
     run_demo,
+    source_of,
     subject_box,
     transform,
 )
@@ -126,7 +127,8 @@ def test_nothing_moves_along_the_direction_of_looking(antigonia: Transformation)
 @pytest.mark.parametrize("pair", thompson_pairs(), ids=lambda pair: pair[1])
 def test_every_pair_of_thompson_works(pair: tuple[str, str], fish: Volume) -> None:
     source, target = pair
-    result = transform(fish, source=source, species=target, stage=quiet)
+    result = transform(fish, species=target, stage=quiet)
+    assert result.nets.source.species.startswith(source)
     body = result.after.grey() > 0.08
     assert (body & inside(result.nets.target_nodes, result.after.raster)).sum() > 0.93 * body.sum()
 
@@ -302,6 +304,7 @@ def test_it_can_be_stopped_anywhere(stop_at: str, fish: Volume, tmp_path: Path) 
 
 @pytest.mark.parametrize(("choices", "match"), [
     (("Cyprinus", "-x", "core"), "no figure.*Antigonia"), (("Diodon", "-x", "core"), "do not correspond"),
+    (("", "-x", "core"), "no figure"),
     (("Antigonia", "front", "core"), r"unknown view 'front'.*\+x"), (("Antigonia", "-x", "povray"), "unknown renderer"),
 ])
 def test_choices_are_checked_before_the_work(choices: tuple[str, str, str], match: str, tmp_path: Path) -> None:
@@ -315,12 +318,20 @@ def test_choices_are_checked_before_the_work(choices: tuple[str, str, str], matc
         run_demo(tmp_path, species=choices[0], view=choices[1], renderer=choices[2], stage=stage)
 
 
-def test_every_species_of_the_same_net_is_accepted() -> None:
-    size = thompson_grids()[380].nodes.shape
-    fitting = [g.species for g in thompson_grids().values() if g.nodes.shape == size]
-    assert len(fitting) >= 4
-    for species in fitting:
-        check_demo(species, "-x", "core")
+@pytest.mark.parametrize("pair", thompson_pairs(), ids=lambda pair: pair[1])
+def test_every_species_starts_from_the_figure_beside_it(pair: tuple[str, str]) -> None:
+    source, target = pair
+    assert source_of(target) == source
+    check_demo(target.split()[0], "-x", "core")
+
+
+def test_help_names_the_species(capsys: pytest.CaptureFixture[str]) -> None:
+    from deformnb.cli import main
+
+    assert main(["demo", "--help"]) == 0
+    out = capsys.readouterr().out
+    for _, target in thompson_pairs():
+        assert target.split()[0] in out
 
 
 def test_an_empty_volume_is_refused() -> None:

@@ -95,8 +95,8 @@ def test_numbers_beyond_0_to_1_are_clipped_and_said_once() -> None:
 
 
 def test_an_unknown_preset_lists_the_presets() -> None:
-    with pytest.raises(DeformError, match="unknown transfer function 'muscle'.*" + ", ".join(PRESETS)):
-        preset("muscle", volume_of(np.zeros((2, 2, 2))))
+    with pytest.raises(DeformError, match="unknown transfer function 'no such'.*" + ", ".join(PRESETS)):
+        preset("no such", volume_of(np.zeros((2, 2, 2))))
 
 
 # ---- levels ----------------------------------------------------------------------------------------------------------
