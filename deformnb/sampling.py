@@ -57,13 +57,16 @@ def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
     return float64() if dtype.name in WIDE or size > LARGEST_INT32 else nullcontext()
 
 
-def on_device(array: NDArray[Any]) -> Any:
-    """The array as JAX sees it, sharing memory where it can; one copy (with large pages) where it cannot."""
-    if array.flags.c_contiguous and array.ctypes.data % _ALIGNMENT == 0:
-        return jax.device_put(array, may_alias=True)
-    copy = aligned_empty(array.shape, array.dtype)
-    np.copyto(copy, array)
-    return jax.device_put(copy, may_alias=True)
+def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
+    """The array as JAX sees it, sharing memory where it can; one copy (with large pages) where it cannot.
+
+    ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
+    """
+    if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
+        copy = aligned_empty(array.shape, array.dtype)
+        np.copyto(copy, array)
+        array = copy
+    return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
 
 
 def aligned_empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

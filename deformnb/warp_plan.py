@@ -1,5 +1,5 @@
-"""Deciding how a volume is warped: where each output voxel lies in the input, which of three kernels may be used, and
-in which parts the work is done.
+"""Deciding how a volume is warped: what the options allow, where each output voxel lies in the input, which of three
+kernels may be used, and in which parts the work is done.
 
 All of this is small (tables along axes, maps of one picture) and is computed on the host in float64.
 """
@@ -20,7 +20,7 @@ from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField, DisplacementField
 from deformnb.plane import Plane, Raster
-from deformnb.sampling import on_device
+from deformnb.sampling import METHODS, on_device
 from deformnb.volume import Grid
 
 Progress = Callable[[float], None]
@@ -48,6 +48,30 @@ cache; memory above 32 MiB would be given back to the system after every part, w
 CHUNK_BYTES = 2**24
 """Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
 the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
+
+
+def checked_method(method: str | None, *, discrete: bool) -> str:
+    """The method, or its default; refused where it would make up labels."""
+    if method is None:
+        return "nearest" if discrete else "linear"
+    if method not in METHODS:
+        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    if discrete and METHODS[method].blends:
+        raise DeformError(f"method {method!r} would invent values between labels; leave it at 'nearest'.")
+    return method
+
+
+def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
+    """The fill value in the voxel type, refused where the type does not hold it; bool as uint8."""
+    try:
+        with np.errstate(all="ignore"):
+            voxel = np.asarray(value).astype(dtype)
+            same = voxel.shape == () and (voxel.item() == value or (dtype.kind == "f" and not np.isinf(voxel)))
+    except (TypeError, ValueError):
+        same = False
+    if not same:
+        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {value!r}.")
+    return voxel.view(np.uint8)[()] if dtype == np.bool_ else voxel[()]
 
 
 @dataclass(frozen=True)
@@ -268,7 +292,12 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
 
 def chunks(count: int, size: int) -> list[slice]:
     """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
-    length = _length(count, CHUNK_BYTES // max(1, size), 1)
+    return parts(count, CHUNK_BYTES // max(1, size))
+
+
+def parts(count: int, most: int) -> list[slice]:
+    """Parts of ``count`` slices, at most ``most`` (or one) at a time, all of one length; the last one overlaps."""
+    length = _length(count, most, 1)
     return [slice(start, start + length) for start in _starts(count, length, 1)]
 
 

@@ -528,7 +528,7 @@ def test_parts_cover_the_output_and_have_one_size(shape: tuple[int, int, int], s
                                    extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate")])
 def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warp_plan, "processors", lambda: threads)
-    monkeypatch.setattr(warp_plan, "BLOCK_VOXELS", 99)
+    monkeypatch.setattr(warp_plan, "BLOCK_VOXELS", 20)
     monkeypatch.setattr(warp_plan, "CHUNK_BYTES", 400)
     seen: list[float] = []
     warp(noise(STRAIGHT), field, progress=seen.append)
