@@ -30,7 +30,7 @@ function settingsOf(model) {
   return Object.fromEntries(names.map((name) => [name, model.get(name)]));
 }
 
-// Forget a bus when its last editor view is gone, so that a page that lives for weeks does not collect them.
+// A bus lives as long as someone holds it: the editor's model and whoever follows it. Views come and go in between.
 function holdBus(bus) {
   bus.owners += 1;
 }

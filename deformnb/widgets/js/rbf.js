@@ -228,28 +228,6 @@ function rbfShown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
-// Orthonormal directions that span centred points: singular vectors by one-sided Jacobi, exact to rounding.
-function rbfSpan(rows) {
-  if (rows.length < 2) return [];
-  let v = [[1, 0], [0, 1]];
-  let columns = [rows.map((r) => r[0]), rows.map((r) => r[1])];
-  const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
-  for (let sweep = 0; sweep < 8; sweep++) {
-    const gamma = dot(columns[0], columns[1]);
-    if (gamma === 0) break;
-    const zeta = (dot(columns[1], columns[1]) - dot(columns[0], columns[0])) / (2 * gamma);
-    const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
-    const c = 1 / Math.hypot(1, t), s = c * t;
-    const turn = ([p, q]) => [p.map((value, k) => c * value - s * q[k]), p.map((value, k) => s * value + c * q[k])];
-    columns = turn(columns);
-    v = turn(v);
-  }
-  const sigma = columns.map((p) => Math.hypot(...p.map((value) => value)));
-  const first = sigma[0] >= sigma[1] ? 0 : 1;
-  if (sigma[first] === 0) return [];
-  return sigma[1 - first] > RBF_FLAT * sigma[first] ? [[1, 0], [0, 1]] : [v[first]];
-}
-
 function rbfBearable(trend, kernel, n, rank) {
   if (n === 0 || trend === "none" || trend === "translation" || rank === 2) return [trend, []];
   if (rank === 0) {
@@ -352,20 +330,6 @@ function rbfCrossingPairs(ready, map, most = 3) {
   }
   const sorted = [...pairs.entries()].sort((p, q) => p[0] - q[0]).slice(0, most);
   return sorted.map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
-}
-
-function rbfSpectralNorm(m) {
-  const e = (m[0][0] + m[1][1]) / 2, f = (m[0][0] - m[1][1]) / 2;
-  const g = (m[1][0] + m[0][1]) / 2, h = (m[1][0] - m[0][1]) / 2;
-  return Math.hypot(e, h) + Math.hypot(f, g);
-}
-
-function rbfRotationOf(fit) {
-  const m = [[1 + fit.linear[0][0] / fit.support, fit.linear[0][1] / fit.support],
-    [fit.linear[1][0] / fit.support, 1 + fit.linear[1][1] / fit.support]];
-  const c = m[0][0] + m[1][1], s = m[1][0] - m[0][1], length = Math.hypot(c, s);
-  if (!(m[0][0] * m[1][1] - m[0][1] * m[1][0] > 0) || length === 0) return [[1, 0], [0, 1]];
-  return [[c / length, -s / length], [s / length, c / length]];
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------

@@ -1,0 +1,263 @@
+"""The editor: control points dragged on a picture that follows them while the mouse moves.
+
+The page fits the points and warps the picture itself, by the same mathematics as :func:`deformnb.rbf.fit_rbf`, so a
+drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
+
+Messages by the page: ``{"type": "edit", "seq": n, "phase": "move" | "end", "points": [...]}``. Messages to the page:
+``{"type": "done", "seq": n}`` and ``{"type": "error", "message": text}``. What is wrong in a message is logged and the
+message dropped.
+"""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Step
+from deformnb.degenerate import default_support
+from deformnb.errors import DeformError
+from deformnb.kernels import kernel_named
+from deformnb.picture import Picture
+from deformnb.plane import Raster
+from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.trend import trend_named
+from deformnb.widgets.assets import joined, style
+from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
+from deformnb.widgets.point_messages import checked_state, edit_from_message, points_from_json, points_to_json
+
+_FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "paint.js", "handles.js",
+          "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
+
+_LOG = logging.getLogger(__name__)
+
+# Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
+_LONE_POINT_SHARE = 0.25
+
+EditCallback = Callable[[ControlPoints, str], None]
+"""Called with the points and "move" or "end"."""
+
+
+class _PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
+    """Control points of a picture; in the page a plain list."""
+
+    info_text = "control points of dimension 2"
+
+    def validate(self, obj: Any, value: Any) -> ControlPoints:
+        if not isinstance(value, ControlPoints):
+            raise DeformError(f"the points of an editor must be ControlPoints, got {type(value).__name__}.")
+        if value.dim != 2:
+            raise DeformError("an editor shows points on a picture, with two coordinates; these lie in space.")
+        return value
+
+
+class Editor(anywidget.AnyWidget):
+    """Control points on a picture, dragged in the page.
+
+    Parameters
+    ----------
+    picture : what is seen behind the points; None for an empty sheet.
+    points : control points in the picture's coordinates; default is none.
+    raster : where an empty sheet lies; default is the box of the points with some air.
+    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.deformation.Step`.
+    density : cells of the grid along the longer side of the picture; 0 for no grid.
+    show_net, show_radius : whether the grid and the reach of the points are drawn.
+    height : largest height of the picture in CSS pixels; a narrow page makes it smaller.
+    theme : "auto" follows the page, "light" and "dark" do not.
+    label : what a screen reader calls the picture.
+    read_only : True shows points that cannot be changed.
+    lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
+
+    Notes
+    -----
+    ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
+    others. ``selected`` holds the ids of the selected points. ``uid`` names the editor in its page, where other widgets
+    find its live points without the kernel (see link.js).
+
+    Raises
+    ------
+    DeformError
+        For points in space, an unknown name, or a setting that is no sensible number.
+
+    Examples
+    --------
+    >>> editor = Editor(None, ControlPoints.from_arrays([[0, 0], [40, 0], [0, 30]], [[0, 0], [50, 0], [0, 30]]))
+    >>> editor.points = editor.points.move(2, [5, 33])
+    >>> bool(abs(editor.fit().displacement([5.0, 33.0]) - [-5.0, -3.0]).max() < 1e-12)
+    True
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("editor.css")
+
+    points = _PointsTrait(ControlPoints.empty()).tag(
+        sync=True, echo_update=False, to_json=lambda value, widget: points_to_json(value),
+        from_json=lambda value, widget: points_from_json(value, widget.next_id))
+    next_id = traitlets.Int(0).tag(sync=True)
+    selected = traitlets.List(traitlets.Int()).tag(sync=True)
+    kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
+    support = traitlets.Float(None, allow_none=True).tag(sync=True)
+    trend = traitlets.Unicode("affine").tag(sync=True)
+    smoothing = traitlets.Float(0.0).tag(sync=True)
+    strength = traitlets.Float(1.0).tag(sync=True)
+    lone_support = traitlets.Float(1.0).tag(sync=True)
+    density = traitlets.Int(16, min=0, max=64).tag(sync=True)
+    show_net = traitlets.Bool(True).tag(sync=True)
+    show_radius = traitlets.Bool(False).tag(sync=True)
+    height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
+    theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    label = traitlets.Unicode("Picture").tag(sync=True)
+    read_only = traitlets.Bool(False).tag(sync=True)
+    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    uid = traitlets.Unicode().tag(sync=True)
+    raster = traitlets.Dict().tag(sync=True)
+    image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
+
+    def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
+                 raster: Raster | None = None, **settings: Any) -> None:
+        given = ControlPoints.empty() if points is None else points
+        self._callbacks: list[EditCallback] = []
+        self._previous: RBFInterpolant | None = None
+        self._picture = picture
+        super().__init__(points=given, uid=uuid.uuid4().hex, **{**_of_picture(picture, raster, given), **settings})
+        self.on_msg(self._received)
+
+    # ---- what is shown ----------------------------------------------------------------------------------------------
+
+    @property
+    def picture(self) -> Picture | None:
+        """What is seen behind the points; setting another one keeps the points."""
+        return self._picture
+
+    @picture.setter
+    def picture(self, picture: Picture | None) -> None:
+        traits = _of_picture(picture, None, self.points)
+        self._picture = picture
+        with self.hold_sync():  # both in one message: a picture must never meet another one's raster
+            for name, value in traits.items():
+                setattr(self, name, value)
+
+    def fit(self) -> RBFInterpolant:
+        """The fit of the points as the core makes it: the displacement that the page shows.
+
+        Raises
+        ------
+        DeformError
+            If the points cannot be fitted; the page shows the same message.
+        """
+        points = self.points
+        fit = fit_rbf(points if self.strength == 1 else points.blended(self.strength), kernel=self.kernel,
+                      support=self.support or default_support(points) or self.lone_support, trend=self.trend,
+                      smoothing=self.smoothing, previous=self._previous)
+        self._previous = fit
+        return fit
+
+    def step(self, **options: Any) -> Step:
+        """The points and settings as a step of a :class:`~deformnb.deformation.Deformation`.
+
+        Parameters
+        ----------
+        options : further fields of the step, such as its rule of extrusion.
+        """
+        if self._picture is None:
+            raise DeformError("an editor without a picture has no plane in space; give it a picture.")
+        return Step((self.points,), self._picture.plane, kernel=self.kernel, support=self.support, trend=self.trend,
+                    smoothing=self.smoothing, strength=self.strength, **options)
+
+    def preview_png(self) -> bytes:
+        """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
+        picture = self._picture or sheet(self.points)
+        return preview_png(picture, self.points, self.fit(), self.density if self.show_net else 0)
+
+    # ---- edits ------------------------------------------------------------------------------------------------------
+
+    def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
+        """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
+
+        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. Exceptions of
+        the callback are logged and shown in the page.
+        """
+        if remove:
+            self._callbacks.remove(callback)
+        else:
+            self._callbacks.append(callback)
+        self.live = bool(self._callbacks)
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        edit = edit_from_message(content, self.next_id)
+        if edit is None:
+            return
+        try:
+            if edit.phase == "end":
+                self.points = edit.points
+            for callback in tuple(self._callbacks):
+                callback(edit.points, edit.phase)
+        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+            _LOG.exception("a callback of an editor failed")
+            self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
+        finally:
+            self.send({"type": "done", "seq": edit.seq})
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        state = checked_state(sync_data, self.next_id)
+        if state:
+            super().set_state(state)
+
+    # ---- traits -----------------------------------------------------------------------------------------------------
+
+    @traitlets.observe("points")
+    def _ids_never_come_back(self, change: Any) -> None:
+        self.next_id = max(self.next_id, change["new"].next_id)
+
+    @traitlets.validate("kernel", "trend")
+    def _known(self, proposal: Any) -> str:
+        check = {"kernel": kernel_named, "trend": trend_named}[proposal["trait"].name]
+        check(proposal["value"])
+        return str(proposal["value"])
+
+    @traitlets.validate("support", "lone_support")
+    def _a_length(self, proposal: Any) -> float | None:
+        value = proposal["value"]
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise DeformError(f"the support radius must be a positive length, got {value}.")
+        return None if value is None else float(value)
+
+    @traitlets.validate("smoothing", "strength")
+    def _a_number(self, proposal: Any) -> float:
+        name, value = proposal["trait"].name, proposal["value"]
+        if not np.isfinite(value) or (name == "smoothing" and value < 0):
+            allowed = "0 or a positive number" if name == "smoothing" else "a finite number"
+            raise DeformError(f"{name} must be {allowed}, got {value}.")
+        return float(value)
+
+    # ---- display ----------------------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        if self._picture is None:
+            return f"Editor({len(self.points)} points, no picture)"
+        nv, nu = self._picture.raster.shape
+        return f"Editor({len(self.points)} points, picture of {nu} x {nv})"
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        try:
+            if data is not None:
+                data["image/png"] = self.preview_png()
+        except Exception:  # a picture for later readers must not keep the widget from being shown now
+            _LOG.exception("the preview of an editor could not be drawn")
+        return bundle
+
+
+def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
+    """The traits that follow from a picture, or from an empty sheet."""
+    where = picture.raster if picture is not None else raster or sheet(points).raster
+    image, channels = (b"", 1) if picture is None else picture_png(picture)
+    return {"image": image, "raster": raster_json(where, channels), "lone_support": _LONE_POINT_SHARE * where.diagonal}

@@ -1,0 +1,408 @@
+// The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
+// To Python: edit (seq, phase, points). From Python: done (seq), error (message).
+
+const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
+
+const LONGEST_MESSAGE = 65000; // bytes that Python takes of one edit: 400 points
+
+class EditorPage extends EditorDrawing {
+  constructor(model, el) {
+    super();
+    this.model = model;
+    this.bus = busOf(model);
+    this.bus.history ??= new History();
+    this.id = Math.random().toString(36).slice(2);
+    Object.assign(this, { points: cleanPoints(model.get("points")), selected: new Set(model.get("selected")), fit: null,
+      error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
+      isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
+    this.sender = new Sender(model);
+    this.#build(el);
+    this.painter = new Painter(this.canvas);
+    this.handles = new Handles(this.svg);
+    this.gestures = new Gestures(this);
+    this.#listen();
+    this.#theme();
+    this.guard(() => this.layout());
+    this.loadPicture();
+  }
+
+  #build(el) {
+    this.root = pageElement("div", "dnb-editor", el, { "data-lm-suppress-shortcuts": "true" });
+    this.toolbar = new Toolbar(this, this.root);
+    this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application" });
+    this.canvas = pageElement("canvas", "dnb-ed-canvas", this.stage, { "aria-hidden": "true" });
+    this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
+    this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
+      "aria-label": "name of the point" });
+    this.tip = pageElement("div", "dnb-ed-hint", this.stage, { hidden: "", "aria-hidden": "true" });
+    this.alert = pageElement("div", "dnb-ed-alert", this.stage, { role: "alert", hidden: "" });
+    this.help = helpPanel(this.stage);
+    this.status = pageElement("div", "dnb-ed-status", this.root);
+    this.facts = pageElement("span", "dnb-ed-facts", this.status);
+    this.foldFact = pageElement("span", "dnb-ed-folds", this.status);
+    this.notes = pageElement("div", "dnb-ed-notes", this.status);
+    this.spoken = pageElement("div", "dnb-ed-spoken", this.root, { "aria-live": "polite" });
+    this.root.deformnb = this; // for tests and for whoever looks into the page
+  }
+
+  #listen() {
+    const handlers = this.handlers = [];
+    const on = (name, handler) => {
+      const guarded = (...given) => this.guard(() => handler(...given));
+      this.model.on(name, guarded);
+      handlers.push([name, guarded]);
+    };
+    on("change:points", () => this.receive());
+    on("change:selected", () => this.select(this.model.get("selected"), false));
+    on("change:image", () => this.loadPicture());
+    on("change:raster", () => this.loadPicture());
+    on("change:height", () => this.layout());
+    on("change:theme", () => this.#theme());
+    on("change:label", () => this.layout());
+    for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
+    for (const name of ["density", "show_net", "show_radius", "read_only"]) on(`change:${name}`, () => this.invalidate());
+    on("msg:custom", (message) => this.message(message));
+    this.moved = (event) => this.guard(() => {
+      const { origin, points, phase } = event.detail;
+      if (origin !== this.id && phase === "move" && !this.drag0) { this.points = points; this.changed(true); }
+    });
+    this.bus.addEventListener("deformnb:points", this.moved);
+    this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
+    this.observer.observe(this.root);
+    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
+    this.repaint = () => this.guard(() => this.#theme());
+    this.dark.addEventListener("change", this.repaint);
+    this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change attributes of the body
+    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
+      "data-jp-theme-name", "data-vscode-theme-kind"] });
+    this.closed = new AbortController();
+    const { signal } = this.closed;
+    this.input.addEventListener("keydown", (e) => {
+      e.stopPropagation();
+      if (e.key === "Enter") this.endRename(true);
+      if (e.key === "Escape") this.endRename(false);
+    }, { signal });
+    this.input.addEventListener("blur", () => this.endRename(true), { signal });
+  }
+
+  close() {
+    this.gestures.close();
+    this.closed.abort();
+    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+    this.bus.removeEventListener("deformnb:points", this.moved);
+    this.dark.removeEventListener("change", this.repaint);
+    this.observer.disconnect();
+    this.themes.disconnect();
+    cancelAnimationFrame(this.frame);
+    for (const timer of [this.restTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    this.root.remove();
+  }
+
+  // Whatever goes wrong in here is said in the widget, and the page goes on.
+  guard(action) {
+    try { return action(); } catch (error) {
+      console.error(error);
+      this.say(`The editor met an error: ${error.message}`);
+      return undefined;
+    }
+  }
+
+  // ---- the model ----------------------------------------------------------------------------------------------------
+
+  receive() {
+    const points = cleanPoints(this.model.get("points"));
+    if (this.drag0 || samePoints(points, this.points)) return; // the hand goes first; our own echo is no news
+    if (!this.isSaving) this.bus.history.record(this.points);
+    this.points = points;
+    this.changed();
+  }
+
+  message(message) {
+    if (message?.type === "done") this.sender.done(message.seq);
+    if (message?.type === "error") this.say(String(message.message), true);
+  }
+
+  save() {
+    this.isSaving = true; // other views of this model hear of it at once, and must not record it again
+    this.model.set("points", this.points);
+    this.model.set("next_id", nextId(this.points, this.model.get("next_id") ?? 0));
+    this.isSaving = false;
+    if (JSON.stringify(this.points).length > LONGEST_MESSAGE) {
+      this.say("These are too many points to send at once: Python keeps those from before. Remove some, or edit in Python.");
+      return;
+    }
+    this.model.save_changes();
+    this.sender.end(this.points);
+  }
+
+  set(name, value) {
+    this.model.set(name, value);
+    this.model.save_changes();
+    this.invalidate();
+  }
+
+  async loadPicture() {
+    const ticket = this.ticket = {}, bytes = this.model.get("image"), raster = this.model.get("raster");
+    try {
+      if (!bytes || !bytes.byteLength) this.painter.source = null;
+      else {
+        const decoded = await decodePicture(bytes, raster);
+        if (this.ticket !== ticket) return;
+        this.painter.source = decoded;
+      }
+    } catch (error) {
+      if (this.ticket === ticket) this.say(`The picture could not be shown: ${error.message}`);
+    }
+    this.guard(() => this.layout());
+  }
+
+  get box() {
+    const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
+    return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
+  }
+
+  // ---- edits --------------------------------------------------------------------------------------------------------
+
+  // The next list of points, unless it cannot be fitted while the present one can: then it is said why.
+  edit(points, kind = null) {
+    if (this.model.get("read_only") || samePoints(points, this.points)) return false;
+    if (!this.error && !this.accepts(points)) return false;
+    this.bus.history.record(this.points, kind);
+    this.points = points;
+    this.select([...this.selected]);
+    this.changed();
+    this.save();
+    return true;
+  }
+
+  accepts(points) {
+    try { rbfFit(points, { ...settingsOf(this.model), previous: this.fit }); } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      this.say(error.message, true);
+      this.handles.blink(points.filter((p) => error.message.includes(rbfLabel(p))).map((p) => p.id));
+      return false;
+    }
+    return true;
+  }
+
+  stepHistory(way) {
+    if (this.drag0 || this.model.get("read_only")) return;
+    const points = this.bus.history[way](this.points);
+    if (points === null) return;
+    this.points = points;
+    this.select([...this.selected]);
+    this.changed();
+    this.save();
+    this.speak(way === "undo" ? "undone" : "redone");
+  }
+
+  beginDrag() { if (!this.model.get("read_only")) this.drag0 = this.points; }
+
+  drag(ids, dx, dy, what) {
+    if (!this.drag0) return;
+    this.points = movedPoints(this.drag0, ids, dx / this.view.k, dy / this.view.k, what);
+    this.changed(true);
+    this.isLive = true;
+  }
+
+  endDrag(isCancelled) {
+    const before = this.drag0, points = this.points;
+    this.drag0 = null;
+    if (!before) return;
+    this.points = before;
+    if (isCancelled || !this.edit(points)) this.changed();
+  }
+
+  nudge(focused, [dx, dy], pixels, what) {
+    const ids = focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
+    if (ids.length === 0) { this.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
+    if (focused !== null && !this.selected.has(focused)) this.select([focused]);
+    const [du, dv] = this.model.get("raster").spacing;
+    this.edit(movedPoints(this.points, ids, dx * pixels * du, dy * pixels * dv, what), `nudge ${ids}`);
+    if (ids.length === 1) this.speak(pointLabel(this.points.find((p) => p.id === ids[0])));
+  }
+
+  // A new point takes hold of what is seen there: its source is where the map looks, so nothing moves.
+  addAt([x, y]) {
+    const { k } = this.view, near = this.points.map((p) => [Math.hypot(k * p.target[0] + this.view.x - x,
+      k * p.target[1] + this.view.y - y), p.id]).sort((p, q) => p[0] - q[0])[0];
+    if (near && near[0] < NEAR) { this.select([near[1]]); this.handles.focus(near[1]); return near[1]; }
+    const target = [(x - this.view.x) / k, (y - this.view.y) / k];
+    const [da, db] = this.fit && !this.isComparing ? rbfAt(this.fit, ...target) : [0, 0];
+    const strength = this.model.get("strength") || 1, id = nextId(this.points, this.model.get("next_id") ?? 0);
+    // Dragged `strength` times, a feature must come from target + D to be seen at the target.
+    const points = addedPoint(this.points, id, target, target);
+    points[points.length - 1].source = [target[0] + da / strength, target[1] + db / strength];
+    if (!this.edit(points)) return id;
+    this.select([id]);
+    this.drawNow();
+    this.handles.focus(id);
+    this.speak(`${pointLabel(points[points.length - 1])}, added`);
+    return id;
+  }
+
+  addInMiddle() { this.addAt([this.view.width / 2, this.view.height / 2]); }
+
+  remove(ids) {
+    const at = this.points.findIndex((p) => p.id === ids[0]), hadFocus = this.svg.contains(document.activeElement);
+    if (!ids.length || !this.edit(removedPoints(this.points, ids))) return;
+    this.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    const next = this.points[Math.min(at, this.points.length - 1)];
+    this.drawNow();
+    if (hadFocus && next) this.handles.focus(next.id);
+    else if (hadFocus) this.focusStage();
+  }
+
+  rename(id) {
+    const p = this.points.find((q) => q.id === id);
+    if (!p || this.model.get("read_only")) return;
+    const { k, x, y, width, height } = this.view;
+    this.renamed = id;
+    this.input.hidden = false;
+    this.input.value = p.name;
+    this.input.placeholder = `point ${id}`;
+    this.input.style.left = `${Math.max(4, Math.min(width - 164, k * p.target[0] + x + 12))}px`;
+    this.input.style.top = `${Math.max(4, Math.min(height - 32, k * p.target[1] + y - 30))}px`;
+    this.input.focus();
+    this.input.select();
+  }
+
+  endRename(isKept) {
+    if (this.input.hidden) return;
+    const id = this.renamed;
+    this.input.hidden = true;
+    if (isKept) this.guard(() => this.edit(renamedPoint(this.points, id, this.input.value)));
+    this.handles.focus(id);
+  }
+
+  // ---- selection and commands ---------------------------------------------------------------------------------------
+
+  select(ids, isShared = true) {
+    const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
+    const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
+    this.selected = next;
+    this.invalidate();
+    if (isSame || !isShared) return;
+    clearTimeout(this.selectTimer); // a band selects many times before it is done
+    this.selectTimer = setTimeout(() => { this.model.set("selected", [...this.selected]); this.model.save_changes(); }, 150);
+  }
+
+  toggleSelected(id) {
+    this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
+  }
+
+  pointsInside({ x, y, width, height }) {
+    const v = this.view;
+    return this.points.filter(({ target: [a, b] }) => {
+      const px = v.k * a + v.x - x, py = v.k * b + v.y - y;
+      return px >= 0 && py >= 0 && px <= width && py <= height;
+    }).map((p) => p.id);
+  }
+
+  run(command, focused) {
+    const ids = focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
+    const { width, height } = this.view, all = this.points.map((p) => p.id);
+    if (focused === null && this.toolbar.isOff(command)) return;
+    const commands = {
+      add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
+      redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0]),
+      switch: () => this.edit(switchedPoints(this.points, ids)), reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all)),
+      net: () => this.set("show_net", !this.model.get("show_net")),
+      radius: () => this.set("show_radius", !this.model.get("show_radius")),
+      compare: () => { this.isComparing = !this.isComparing; this.invalidate(); },
+      "zoom-in": () => this.zoomAt(1.25, width / 2, height / 2), "zoom-out": () => this.zoomAt(0.8, width / 2, height / 2),
+      fit: () => this.fitView(), help: () => this.toggleHelp(),
+    };
+    commands[command]?.();
+  }
+
+  setAdding(isAdding) {
+    this.isAdding = isAdding && !this.model.get("read_only");
+    this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
+    if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
+    this.invalidate();
+  }
+
+  stopAdding() {
+    const was = this.isAdding;
+    this.setAdding(false);
+    return was;
+  }
+
+  toggleHelp() {
+    this.help.hidden = !this.help.hidden;
+    if (this.help.hidden) this.focusStage();
+    else this.help.focus();
+    this.invalidate();
+  }
+
+  closeHelp() {
+    if (this.help.hidden) return false;
+    this.toggleHelp();
+    return true;
+  }
+
+  focusStage() { this.stage.focus({ preventScroll: true }); }
+
+  // ---- words -------------------------------------------------------------------------------------------------------
+
+  // A sentence over the picture; a passing one goes after a while.
+  say(message, isPassing = false) {
+    clearTimeout(this.alertTimer);
+    this.alert.hidden = !message;
+    this.alert.textContent = message;
+    if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
+  }
+
+  hint(text) {
+    clearTimeout(this.tipTimer);
+    this.tip.hidden = false;
+    this.tip.textContent = text;
+    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, 2500);
+  }
+
+  speak(text) { setText(this.spoken, text); }
+
+  // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
+  #theme() {
+    this.root.dataset.theme = this.model.get("theme") || "auto";
+    const [r, g, b] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? [255, 255, 255]).map(Number);
+    this.root.classList.toggle("dnb-ed-dark", 0.2126 * r + 0.7152 * g + 0.0722 * b < 110);
+    const style = getComputedStyle(this.root), colour = (name) => style.getPropertyValue(name).trim() || "#777";
+    this.colours = { stage: colour("--dnb-stage"), net: colour("--dnb-net") };
+    this.invalidate();
+  }
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+// The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+async function decodePicture(bytes, raster) {
+  const view = new Uint8Array(bytes.buffer ?? bytes, bytes.byteOffset ?? 0, bytes.byteLength);
+  const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
+    { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const [height, width] = raster.shape;
+  if (bitmap.width !== width || bitmap.height !== height) throw new Error("its size is not that of its raster");
+  const canvas = Object.assign(document.createElement("canvas"), { width, height });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const rgba = context.getImageData(0, 0, width, height).data;
+  if (raster.channels !== 1) return new PictureSource(rgba, 4, raster);
+  return new PictureSource(Uint8Array.from({ length: width * height }, (_, k) => rgba[4 * k]), 1, raster);
+}
+
+function render({ model, el }) {
+  const page = new EditorPage(model, el);
+  return () => page.close();
+}
+
+function initialize({ model }) {
+  const bus = busOf(model), uid = model.get("uid");
+  holdBus(bus);
+  model.on("destroy", () => releaseBus(bus, uid));
+}
+
+export default { initialize, render };

@@ -1,0 +1,178 @@
+// What the editor draws and where: its view, the frames, the status line. EditorPage is this and the edits.
+
+const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
+const REST = 120; // milliseconds after which the full picture is drawn
+const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
+const SMALLEST = 420; // CSS pixels of width that the buttons need in one or two rows
+
+class EditorDrawing {
+  // ---- the view -----------------------------------------------------------------------------------------------------
+
+  layout() {
+    const [a0, a1, b0, b1] = this.box, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
+    const ideal = (most - 2 * MARGIN) / aspect + 2 * MARGIN;
+    this.root.style.maxWidth = `${Math.round(Math.max(SMALLEST, ideal))}px`;
+    const width = Math.max(120, this.stage.clientWidth || SMALLEST);
+    const height = Math.round(Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
+    this.stage.style.height = `${height}px`;
+    this.stage.setAttribute("aria-label", `${this.model.get("label") || "Picture"} with control points. Tab goes through ` +
+      "them, arrows move, Enter adds, question mark lists the keys.");
+    const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
+    const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
+    Object.assign(v, { width, height, ratio });
+    this.painter.resize(width, height, ratio);
+    this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    if (this.isFitted) this.fitView();
+    else Object.assign(v, { x: v.x + dx, y: v.y + dy });
+    this.drawNow(); // at once: a canvas that was resized is empty
+  }
+
+  get fittedScale() {
+    const [a0, a1, b0, b1] = this.box, { width, height } = this.view;
+    return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
+  }
+
+  fitView() {
+    const [a0, a1, b0, b1] = this.box, { width, height } = this.view, k = this.fittedScale;
+    Object.assign(this.view, { k, x: width / 2 - k * (a0 + a1) / 2, y: height / 2 - k * (b0 + b1) / 2 });
+    this.isFitted = true;
+    this.invalidate();
+  }
+
+  panBy(dx, dy) {
+    Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
+    this.#keepInSight();
+    this.moving();
+  }
+
+  zoomAt(factor, x, y) {
+    const v = this.view, fitted = this.fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
+    const f = k / v.k;
+    Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
+    this.#keepInSight();
+    this.moving();
+  }
+
+  // Some of the picture stays in the view, so that nobody is lost in the grey.
+  #keepInSight() {
+    const [a0, a1, b0, b1] = this.box, v = this.view, rest = 40;
+    v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
+    v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));
+    this.isFitted = false;
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  changed(isMoving = false) {
+    this.isDirty = true;
+    if (isMoving) this.moving();
+    else this.invalidate();
+  }
+
+  moving() {
+    this.isMoving = true;
+    clearTimeout(this.restTimer);
+    this.restTimer = setTimeout(() => { this.isMoving = false; this.net = null; this.invalidate(); }, REST);
+    this.invalidate();
+  }
+
+  invalidate() {
+    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
+  }
+
+  drawNow() {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    this.guard(() => this.draw());
+  }
+
+  draw() {
+    const start = performance.now();
+    if (this.isDirty) this.refit();
+    const fitted = performance.now(), { isMoving } = this, fit = this.isComparing ? null : this.fit;
+    this.stats.paint = this.painter.paint(this.view, fit, { isMoving, paper: this.colours.stage });
+    this.painter.drawFrame(this.view, this.box);
+    const painted = performance.now();
+    if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
+    const drawn = performance.now();
+    this.handles.update(this.points, this.selected, this.view, this.shownRadius());
+    this.describe();
+    const end = performance.now();
+    Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
+      picture: painted - fitted, net: drawn - painted, handles: end - drawn }, isMoving });
+  }
+
+  refit() {
+    this.isDirty = false;
+    const settings = settingsOf(this.model);
+    try {
+      this.fit = rbfFit(this.points, { ...settings, previous: this.fit });
+      this.error = "";
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      this.error = error.message; // the last good picture stays
+    }
+    this.net = this.folds = null;
+    const phase = this.drag0 ? "move" : "end";
+    publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: this.error ? null : this.fit, phase });
+    if (phase === "move" && this.isLive && this.model.get("live")) this.sender.move(this.points);
+    this.isLive = false;
+  }
+
+  drawNet(fit) {
+    const cells = this.model.get("density"), wanted = Math.min(8, Math.max(1, Math.floor(8e4 / (cells * cells *
+      Math.max(1, fit?.count ?? 1)) * (this.isMoving ? 1 : 4)))), parts = fit?.count ? Math.max(this.isMoving ? 1 : 2, wanted) : 1;
+    const key = [fit, cells, parts, String(this.box)];
+    if (!this.net || key.some((value, k) => value !== this.net.key[k])) {
+      const still = { count: 0, centers: [], coefficients: [], linear: [[0, 0], [0, 0]], constant: [0, 0], origin: [0, 0],
+        support: 1, kernel: "wendland_c2" };
+      this.net = { key, lines: deformedNet(fit ?? still, this.box, cells, parts, 0.05 / this.view.k) };
+    }
+    this.painter.drawNet(this.view, this.net.lines, this.colours.net);
+  }
+
+  shownRadius() {
+    if (!this.model.get("show_radius") || !this.fit) return 0;
+    const { order } = RBF_KERNELS[this.fit.kernel];
+    return order === 2 || this.fit.kernel === "linear" ? 0 : this.fit.support; // those kernels know no radius
+  }
+
+  // ---- words --------------------------------------------------------------------------------------------------------
+
+  describe() {
+    const { points, selected, fit } = this, off = points.filter((p) => !p.active).length;
+    const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
+    const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
+    const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      : selected.size ? `${selected.size} selected` : "";
+    setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
+      : "No points yet: double click the picture to take hold of it");
+    if (fit && !this.folds) this.folds = foldsOf(fit, this.box, fit.count > 200 ? 9 : this.isMoving ? 17 : 33);
+    this.#describeFolds(this.folds ?? { least: 1, share: 0 });
+    const notes = [this.error, ...(this.error ? [] : fit?.notes ?? [])].filter(Boolean).join("; ");
+    setText(this.notes, notes || this.#advice());
+    this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
+    this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
+    const { history } = this.bus, pressed = Object.entries({ add: this.isAdding, compare: this.isComparing,
+      net: this.model.get("show_net"), radius: this.model.get("show_radius"), help: !this.help.hidden });
+    this.toolbar.update({ count: points.length, selected: selected.size, past: history.past.length > 0,
+      future: history.future.length > 0, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
+      readOnly: this.model.get("read_only") });
+  }
+
+  #describeFolds({ least, share }) {
+    const value = `min det J ${least.toFixed(2)}`, much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
+    this.foldFact.classList.toggle("dnb-ed-bad", least <= 0);
+    this.foldFact.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
+    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
+    setText(this.foldFact, this.points.length ? `${words} (${value})` : "");
+  }
+
+  // What can be done next, where there is nothing to remark.
+  #advice() {
+    if (this.model.get("read_only")) return "These points are shown only";
+    if (this.points.length === 0) return "Three or more points bend the picture; one moves it, two turn and scale it";
+    if (this.selected.size === 0) return "Drag a disc to move what lies under it; ? lists all keys";
+    return "Arrows move the selected points, Delete removes them, Home puts them back";
+  }
+}

@@ -1,0 +1,85 @@
+// Edits of a list of control points and their undo. Pure functions of plain lists; no DOM.
+// A point is {id, name, source: [a, b], target: [a, b], active, weight}; no edit changes an object it was given.
+
+function samePoints(p, q) {
+  return p === q || JSON.stringify(p) === JSON.stringify(q);
+}
+
+// Any list of point-like objects as full points; what is no point is left out.
+function cleanPoints(list) {
+  const good = (place) => Array.isArray(place) && place.length === 2 && place.every(Number.isFinite);
+  const seen = new Set();
+  return (Array.isArray(list) ? list : []).filter((p) => {
+    if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;
+    seen.add(p.id);
+    return true;
+  }).map((p) => ({ id: p.id, name: String(p.name ?? ""), source: [...p.source], target: [...p.target],
+    active: p.active !== false, weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1 }));
+}
+
+function changed(points, ids, change) {
+  const chosen = new Set(ids);
+  return points.map((p) => (chosen.has(p.id) ? { ...p, ...change(p) } : p));
+}
+
+// Move targets ("target"), sources ("source") or whole points ("both") by (da, db).
+function movedPoints(points, ids, da, db, what = "target") {
+  const by = ([a, b]) => [a + da, b + db];
+  return changed(points, ids, (p) => ({
+    source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
+}
+
+function addedPoint(points, id, source, target) {
+  return [...points, { id, name: "", source: [...source], target: [...target], active: true, weight: 1 }];
+}
+
+function removedPoints(points, ids) {
+  const gone = new Set(ids);
+  return points.filter((p) => !gone.has(p.id));
+}
+
+function renamedPoint(points, id, name) {
+  return changed(points, [id], () => ({ name: name.trim().slice(0, 80) }));
+}
+
+// On if all chosen are off, else off: one press always does something visible.
+function switchedPoints(points, ids) {
+  const chosen = new Set(ids), some = points.some((p) => chosen.has(p.id) && p.active);
+  return changed(points, ids, () => ({ active: !some }));
+}
+
+function resetPoints(points, ids) {
+  return changed(points, ids, (p) => ({ target: [...p.source] }));
+}
+
+function nextId(points, least) {
+  return points.reduce((id, p) => Math.max(id, p.id + 1), least);
+}
+
+// Undo as a list of old states. Edits of one kind in quick succession (arrow keys) count as one.
+class History {
+  constructor(most = 200) {
+    Object.assign(this, { past: [], future: [], most, kind: null, at: -Infinity });
+  }
+
+  // `before` is the state that the edit leaves; kind null never joins the edit before it.
+  record(before, kind = null, now = Date.now()) {
+    const joins = kind !== null && kind === this.kind && now - this.at < 800 && this.past.length > 0;
+    if (!joins) this.past.push(before);
+    if (this.past.length > this.most) this.past.shift();
+    this.future = [];
+    this.kind = kind;
+    this.at = now;
+  }
+
+  undo(current) { return this.#step(this.past, this.future, current); }
+
+  redo(current) { return this.#step(this.future, this.past, current); }
+
+  #step(from, to, current) {
+    if (from.length === 0) return null;
+    to.push(current);
+    this.kind = null;
+    return from.pop();
+  }
+}

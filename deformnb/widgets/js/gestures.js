@@ -1,0 +1,223 @@
+// Pointer, wheel and keys of the editor, turned into calls of the page. One finger or the mouse drags points, draws a
+// band or, with space or the middle button, moves the view; two fingers move and zoom it.
+
+const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
+const SLACK = { mouse: 2, pen: 3, touch: 6 }; // a press that moves less is a click
+
+class Gestures {
+  constructor(page) {
+    this.page = page;
+    this.pointers = new Map();
+    this.gesture = null;
+    this.isSpaceDown = false;
+    this.closing = new AbortController();
+    const { stage, svg, root } = page;
+    const on = (target, name, handler, options = {}) => target.addEventListener(
+      name, (event) => page.guard(() => handler(event)), { signal: this.closing.signal, ...options });
+    on(svg, "pointerdown", (e) => this.down(e));
+    on(svg, "pointermove", (e) => this.move(e));
+    on(svg, "pointerup", (e) => this.up(e));
+    on(svg, "pointercancel", (e) => this.up(e, true));
+    on(svg, "lostpointercapture", (e) => { if (this.pointers.has(e.pointerId)) this.up(e, true); });
+    on(svg, "dblclick", (e) => this.doubleClick(e));
+    on(svg, "contextmenu", (e) => this.contextMenu(e));
+    on(stage, "wheel", (e) => this.wheel(e), { passive: false });
+    on(root, "keydown", (e) => this.key(e));
+    on(root, "keyup", (e) => { if (e.key === " ") this.space(false); });
+    on(root, "focusout", (e) => { if (!root.contains(e.relatedTarget)) this.space(false); });
+  }
+
+  close() { this.closing.abort(); }
+
+  place(event) {
+    const box = this.page.stage.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  idAt(event) {
+    const target = event.target.closest?.("[data-id]"), source = event.target.closest?.("[data-source]");
+    if (target) return { id: Number(target.dataset.id), what: "target" };
+    return source ? { id: Number(source.dataset.source), what: "source" } : null;
+  }
+
+  // ---- pointers -----------------------------------------------------------------------------------------------------
+
+  down(event) {
+    this.pointers.set(event.pointerId, this.place(event));
+    this.kind = event.pointerType || "mouse";
+    this.page.svg.setPointerCapture(event.pointerId);
+    if (this.pointers.size === 2 && this.gesture?.kind !== "points") { this.startPinch(); return; }
+    if (this.gesture) return;
+    const at = this.place(event), grabbed = this.idAt(event);
+    event.preventDefault();
+    if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) this.gesture = { kind: "pan", at };
+    else if (event.button !== 0) this.gesture = null;
+    else if (grabbed) this.grab(event, grabbed, at);
+    else if (this.page.isAdding) {
+      this.page.focusStage();
+      this.grab(event, { id: this.page.addAt(at), what: "target" }, at, true);
+    } else {
+      this.page.focusStage();
+      const isFinger = this.kind === "touch";
+      this.gesture = { kind: isFinger ? "pan" : "band", from: at, at, isPress: true, adds: event.shiftKey || event.ctrlKey };
+    }
+    this.page.stage.classList.toggle("dnb-ed-panning", this.gesture?.kind === "pan" && this.kind !== "touch");
+  }
+
+  grab(event, { id, what }, at, isNew = false) {
+    const { page } = this, adds = event.shiftKey || event.ctrlKey || event.metaKey, was = page.selected.has(id);
+    if (!was) page.select(adds ? [...page.selected, id] : [id]);
+    page.handles.focus(id);
+    this.gesture = { kind: "points", id, from: at, at, isPress: true, adds, was, isNew,
+      what: event.altKey ? "both" : what, ids: page.selected.has(id) ? [...page.selected] : [id] };
+  }
+
+  move(event) {
+    if (!this.pointers.has(event.pointerId)) return;
+    const at = this.place(event), g = this.gesture;
+    this.pointers.set(event.pointerId, at);
+    if (!g) return;
+    if (g.kind === "pinch") { this.pinch(); return; }
+    if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < SLACK[this.kind]) return;
+    if (g.kind === "pan") this.page.panBy(at[0] - g.at[0], at[1] - g.at[1]);
+    else if (g.kind === "band") this.band(g, at);
+    else if (g.kind === "points") {
+      if (g.isPress) this.page.beginDrag();
+      this.page.drag(g.ids, (at[0] - g.from[0]), (at[1] - g.from[1]), g.what);
+    }
+    g.isPress = false;
+    g.at = at;
+  }
+
+  band(g, at) {
+    const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]),
+      width: Math.abs(at[0] - g.from[0]), height: Math.abs(at[1] - g.from[1]) };
+    this.page.handles.showBand(box);
+    g.before ??= g.adds ? [...this.page.selected] : [];
+    this.page.select([...g.before, ...this.page.pointsInside(box)]);
+  }
+
+  up(event, isCancelled = false) {
+    this.pointers.delete(event.pointerId);
+    const g = this.gesture;
+    if (!g) return;
+    if (g.kind === "pinch") { if (this.pointers.size === 0) this.gesture = null; return; }
+    this.gesture = null;
+    this.page.stage.classList.remove("dnb-ed-panning");
+    this.page.handles.showBand(null);
+    if (g.kind === "points") {
+      if (!g.isPress) this.page.endDrag(isCancelled);
+      else if (g.was && !g.isNew) this.page.select(g.adds ? [...this.page.selected].filter((id) => id !== g.id) : [g.id]);
+    } else if (g.isPress && !isCancelled && !g.adds && g.from) this.page.select([]);
+  }
+
+  // Escape during a drag: as if it had not begun.
+  cancel() {
+    const g = this.gesture;
+    this.gesture = null;
+    this.page.handles.showBand(null);
+    if (g?.kind === "points" && !g.isPress) this.page.endDrag(true);
+    return g !== null;
+  }
+
+  startPinch() {
+    this.page.handles.showBand(null);
+    this.gesture = { kind: "pinch", was: this.twoFingers() };
+  }
+
+  twoFingers() {
+    const [[ax, ay], [bx, by]] = [...this.pointers.values()];
+    return { x: (ax + bx) / 2, y: (ay + by) / 2, gap: Math.max(10, Math.hypot(ax - bx, ay - by)) };
+  }
+
+  pinch() {
+    if (this.pointers.size < 2) return;
+    const { was } = this.gesture, now = this.twoFingers();
+    this.page.panBy(now.x - was.x, now.y - was.y);
+    this.page.zoomAt(now.gap / was.gap, now.x, now.y);
+    this.gesture.was = now;
+  }
+
+  doubleClick(event) {
+    const grabbed = this.idAt(event);
+    if (grabbed) this.page.rename(grabbed.id);
+    else this.page.addAt(this.place(event));
+    event.preventDefault();
+  }
+
+  contextMenu(event) {
+    event.preventDefault();
+    event.stopPropagation();
+    const grabbed = this.idAt(event); // a long press of a finger also comes here, and must not delete
+    if (grabbed && this.kind !== "touch") this.page.remove([grabbed.id]);
+  }
+
+  // The wheel belongs to the page that scrolls, until someone works in the editor.
+  wheel(event) {
+    const isWanted = event.ctrlKey || event.metaKey || this.page.root.contains(document.activeElement);
+    if (!isWanted) { this.page.hint("Click the picture, or hold Ctrl, to zoom with the wheel"); return; }
+    event.preventDefault();
+    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
+    const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
+    this.page.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), ...this.place(event));
+  }
+
+  // ---- keys ---------------------------------------------------------------------------------------------------------
+
+  space(isDown) {
+    this.isSpaceDown = isDown;
+    this.page.stage.classList.toggle("dnb-ed-can-pan", isDown);
+  }
+
+  key(event) {
+    const { page } = this;
+    if (event.target.closest("input, .dnb-ed-help")) { if (event.key === "Escape") page.closeHelp(); return; }
+    const isCommand = event.ctrlKey || event.metaKey, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const handled = isCommand ? this.command(key, event.shiftKey) : this.plain(key, event);
+    if (!handled) return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  command(key, isShift) {
+    const { page } = this;
+    if (key === "z") page.stepHistory(isShift ? "redo" : "undo");
+    else if (key === "y") page.stepHistory("redo");
+    else if (key === "a") page.select(page.points.map((p) => p.id));
+    else return false;
+    return true;
+  }
+
+  plain(key, event) {
+    const { page } = this, onButton = event.target.closest("button");
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const focused = this.idAt(event);
+    if (onButton && (key in arrows)) return page.toolbar.focusNext(onButton, key);
+    if (onButton && (key === "Enter" || key === " ")) return false;
+    if (key in arrows) {
+      page.nudge(focused?.id ?? null, arrows[key], event.shiftKey ? 10 : 1, event.altKey ? "both" : "target");
+      return true;
+    }
+    if (event.altKey) return false;
+    if (key === " ") { this.space(true); return true; }
+    if (key === "Enter") {
+      if (focused) page.toggleSelected(focused.id);
+      else page.addInMiddle();
+      return true;
+    }
+    if (key === "Escape") {
+      if (!this.cancel() && !page.closeHelp() && !page.stopAdding()) {
+        if (page.selected.size === 0) return false;
+        page.select([]);
+      }
+      return true;
+    }
+    const command = KEYS[key];
+    if (!command) return false;
+    page.run(command, focused?.id ?? null);
+    return true;
+  }
+}
+
+const KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", o: "switch", n: "net", r: "radius",
+  c: "compare", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };

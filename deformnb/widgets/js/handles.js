@@ -1,0 +1,156 @@
+// The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
+// Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
+
+const SVG_SPACE = "http://www.w3.org/2000/svg";
+const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
+
+function svgElement(tag, attributes, parent) {
+  const made = document.createElementNS(SVG_SPACE, tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  parent?.append(made);
+  return made;
+}
+
+function shownLength(value) {
+  return String(Number(value.toFixed(Math.abs(value) >= 100 ? 0 : 1)));
+}
+
+// What a screen reader says of a point.
+function pointLabel(p) {
+  const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1], moves = [];
+  if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
+  if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
+  const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
+  const name = p.name ? ` ${p.name}` : "";
+  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}`;
+}
+
+class Handles {
+  constructor(svg) {
+    this.svg = svg;
+    this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
+    this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
+    this.points = svgElement("g", { class: "dnb-ed-points" }, svg);
+    this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
+    this.byId = new Map();
+  }
+
+  // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none.
+  update(points, selected, view, radius) {
+    const seen = new Set(points.map((p) => p.id));
+    for (const [id, parts] of this.byId) {
+      if (seen.has(id)) continue;
+      for (const part of [parts.arrow, parts.source, parts.target, parts.radius]) part.remove();
+      this.byId.delete(id);
+    }
+    points.forEach((p, k) => {
+      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
+      this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
+        ? radius : 0);
+    });
+  }
+
+  #make(id) {
+    const arrow = svgElement("g", {}, this.arrows);
+    svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
+    svgElement("path", { class: "dnb-ed-arrow" }, arrow);
+    svgElement("path", { class: "dnb-ed-arrow-head" }, arrow);
+    const source = svgElement("g", { class: "dnb-ed-source", "data-source": id }, this.points);
+    svgElement("circle", { r: 9, class: "dnb-ed-hit" }, source);
+    svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
+    svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
+    const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "0", role: "button",
+      "aria-roledescription": "control point" }, this.points);
+    svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
+    svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
+    svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
+    svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
+    svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
+    svgElement("text", { class: "dnb-ed-name" }, target);
+    const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
+    const parts = { arrow, source, target, radius, text: null };
+    this.byId.set(id, parts);
+    return parts;
+  }
+
+  // Tab follows the order of the list, so the elements must.
+  #order(points) {
+    for (const p of points) {
+      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      if (this.points.lastChild === parts.target) continue;
+      const focused = parts.target === document.activeElement;
+      this.points.append(parts.source, parts.target);
+      if (focused) parts.target.focus();
+    }
+  }
+
+  #place(parts, p, isSelected, { k, x, y, width, height }, radius) {
+    const at = [k * p.target[0] + x, k * p.target[1] + y], from = [k * p.source[0] + x, k * p.source[1] + y];
+    const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
+    const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
+    const shown = isOutside ? inside : at, { target, source, arrow } = parts;
+    target.setAttribute("transform", `translate(${shown[0].toFixed(2)} ${shown[1].toFixed(2)})`);
+    source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
+    target.classList.toggle("dnb-ed-selected", isSelected);
+    for (const part of [target, source, arrow]) part.classList.toggle("dnb-ed-off", !p.active);
+    target.classList.toggle("dnb-ed-outside", isOutside);
+    target.setAttribute("aria-pressed", String(isSelected));
+    if (isOutside) {
+      const angle = Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180 / Math.PI;
+      target.querySelector(".dnb-ed-beyond").setAttribute("transform", `rotate(${angle.toFixed(1)})`);
+    }
+    this.#label(parts, p, shown, width);
+    this.#arrow(arrow, from, at);
+    const length = Math.hypot(at[0] - from[0], at[1] - from[1]);
+    source.setAttribute("visibility", length < 3 ? "hidden" : "visible");
+    parts.radius.setAttribute("visibility", radius > 0 ? "visible" : "hidden");
+    if (radius > 0) for (const [name, value] of [["cx", at[0]], ["cy", at[1]], ["r", radius * k]]) {
+      parts.radius.setAttribute(name, value.toFixed(1));
+    }
+  }
+
+  #label(parts, p, [left], width) {
+    const label = pointLabel(p), text = parts.target.lastChild;
+    if (parts.label !== label) parts.target.setAttribute("aria-label", parts.label = label);
+    const isLeft = left > width - 90;
+    text.setAttribute("x", isLeft ? -12 : 12);
+    text.setAttribute("y", -8);
+    text.setAttribute("text-anchor", isLeft ? "end" : "start");
+    const shown = p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id);
+    if (text.textContent !== shown) text.textContent = shown;
+    text.classList.toggle("dnb-ed-number", !p.name);
+  }
+
+  #arrow(arrow, from, at) {
+    const dx = at[0] - from[0], dy = at[1] - from[1], length = Math.hypot(dx, dy);
+    const hasRoom = length > 20;
+    arrow.setAttribute("visibility", length < 12 ? "hidden" : "visible");
+    if (length < 12) return;
+    const u = dx / length, v = dy / length, end = length - (hasRoom ? 15 : 8);
+    const place = (along, across) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
+      `${(from[1] + v * along + u * across).toFixed(2)}`;
+    const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
+    arrow.children[0].setAttribute("d", line);
+    arrow.children[1].setAttribute("d", line);
+    arrow.children[2].setAttribute("d", hasRoom
+      ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "");
+  }
+
+  showBand(box) {
+    this.band.setAttribute("visibility", box ? "visible" : "hidden");
+    if (!box) return;
+    for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
+  }
+
+  focus(id) { this.byId.get(id)?.target.focus({ preventScroll: true }); }
+
+  blink(ids) {
+    for (const id of ids) {
+      const target = this.byId.get(id)?.target;
+      if (!target) continue;
+      target.classList.add("dnb-ed-blink");
+      target.addEventListener("animationend", () => target.classList.remove("dnb-ed-blink"), { once: true });
+    }
+  }
+}
