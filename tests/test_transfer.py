@@ -214,3 +214,19 @@ def test_presets_are_valid_for_poor_volumes(kind: str, values: np.ndarray) -> No
         table = function.table(*volume_of(values).value_range, volume_step)
         assert np.isfinite(table).all()
         assert 0 <= table.min() <= table.max() <= 1
+
+
+@pytest.mark.parametrize("kind", ["bone", "muscle"])
+def test_hounsfield_units_are_known_for_what_they_are(kind: str) -> None:
+    # A trunk: half air, fat and lean in equal parts, few bones; Otsu's second threshold is then below zero.
+    parts = [(-1000.0, 500), (-100.0, 230), (50.0, 230), (500.0, 38), (1500.0, 2)]
+    volume = volume_of(np.repeat([v for v, _ in parts], [n for _, n in parts]).reshape(10, 10, 10).astype(np.int16))
+    assert levels(volume)[2] < 50
+    air, fat, lean, bone, dense = preset(kind, volume)([v for v, _ in parts])[:, 3]
+    assert air == 0
+    assert fat <= lean < 0.05
+    assert 0.5 < bone < dense
+    if kind == "muscle":
+        assert 0 < fat < lean / 2
+    else:
+        assert lean == 0
