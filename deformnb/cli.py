@@ -306,9 +306,14 @@ def _doctor(_: argparse.Namespace) -> None:
 
 
 def _read(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volume:
+    from deformnb.datasets.registry import recognised
     from deformnb.io import read_volume
 
     given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
+    known = recognised(path) if given is None else None
+    if known is not None and known.spacing is not None:
+        given = known.spacing
+        _note(f"this is the {known.title}; its true spacing {given} is used (--spacing overrides it)")
     volume = read_volume(path, spacing=given, progress=stage(f"read {Path(path).name}"))
     _note(*volume.notes)
     return volume

@@ -117,6 +117,18 @@ def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     return user_cache_path("deformnb", appauthor=False) / "data"
 
 
+def recognised(path: str | os.PathLike[str]) -> Dataset | None:
+    """The dataset that a file is, whatever its name, by size and checksum; None if it is none of them."""
+    file = Path(path)
+    if not file.is_file():
+        return None
+    likely = [d for d in DATASETS.values() if d.size is not None and d.size == file.stat().st_size]
+    if not likely:  # no reading of a large file for nothing
+        return None
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return next((d for d in likely if d.sha256 == digest), None)
+
+
 def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Path:
     """The path of a real volume, downloaded the first time.
 
