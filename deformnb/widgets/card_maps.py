@@ -7,7 +7,7 @@ last step is kept apart if it is an extrusion, since that is the one being edite
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def _parts(field: AbstractField | None) -> tuple[Extrusion | None, AbstractField
     return None, field
 
 
-def _is_planar(field: AbstractField) -> bool:
+def _is_planar(field: AbstractField) -> TypeGuard[Extrusion]:
     return isinstance(field, Extrusion) and len(field.maps) <= MOST_MAPS
 
 

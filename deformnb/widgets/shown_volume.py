@@ -135,7 +135,8 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
 
 
 def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
-    scaled = (values.astype(np.float64 if values.dtype.itemsize > 2 else np.float32) - low) * (255 / (high - low))
+    exact: NDArray[Any] = values.astype(np.float64 if values.dtype.itemsize > 2 else np.float32)
+    scaled = (exact - low) * (255 / (high - low))
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
@@ -154,9 +155,9 @@ def _factors(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
 
 
 def _coarser(grid: Grid, factors: tuple[int, int, int]) -> Grid:
-    shape = tuple(-(-n // f) for n, f in zip(grid.shape, factors[::-1], strict=True))
+    z, y, x = (-(-n // f) for n, f in zip(grid.shape, factors[::-1], strict=True))
     first = grid.index_to_point((np.asarray(factors) - 1) / 2)  # the middle of the first block
-    return replace(grid, shape=shape, spacing=tuple(np.asarray(grid.spacing) * factors), origin=tuple(first))
+    return replace(grid, shape=(z, y, x), spacing=tuple(np.asarray(grid.spacing) * factors), origin=tuple(first))
 
 
 def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
