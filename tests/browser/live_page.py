@@ -17,15 +17,21 @@ const packed = (b) => { let s = ""; for (const x of new Uint8Array(b)) s += Stri
 const bytes = (t) => new DataView(Uint8Array.from(atob(t), (c) => c.charCodeAt(0)).buffer);
 const value = (v) => (v && v.__bytes__ !== undefined ? bytes(v.__bytes__) : v);
 function makeModel(name, state) {
-  const traits = Object.fromEntries(Object.entries(state).map(([k, v]) => [k, value(v)])), calls = {}, dirty = new Set();
+  const traits = Object.fromEntries(Object.entries(state).map(([k, v]) => [k, value(v)]));
+  const calls = {}, dirty = new Set();
   const fire = (event, ...args) => [...(calls[event] || [])].forEach((f) => f(...args));
   const model = {
     name, sent: [], saved: [],
     get: (k) => traits[k],
     set(k, v) { traits[k] = v; dirty.add(k); fire("change:" + k, model, v); fire("change"); },
     fromPython(k, v) { traits[k] = value(v); fire("change:" + k, model, traits[k]); },
-    save_changes() { const state = {}; for (const k of dirty) state[k] = traits[k]; dirty.clear(); model.saved.push(state);
-      if (window.toPython) toPython(name, "state", JSON.stringify(state), []); },
+    save_changes() {
+      const state = {};
+      for (const k of dirty) state[k] = traits[k];
+      dirty.clear();
+      model.saved.push(state);
+      if (window.toPython) toPython(name, "state", JSON.stringify(state), []);
+    },
     send(content, callbacks, buffers) { model.sent.push(content);
       if (window.toPython) toPython(name, "message", JSON.stringify(content), (buffers || []).map(packed)); },
     on(e, f) { (calls[e] ??= []).push(f); },
@@ -42,8 +48,8 @@ async function draw(name, source) {
   const cleanup = await module.default.render({ model: models[name], el });
   models[name].cleanups = [...(models[name].cleanups || []), () => { cleanup && cleanup(); el.remove(); }];
 }
-function pixels(name) { // what is on the canvas, drawn at once and in full
-  const page = document.querySelector(`[data-model="${name}"] .dnb-view`)?.deformnb ?? document.querySelector(".dnb-view").deformnb;
+function pixels() { // what is on the canvas, drawn at once and in full
+  const page = document.querySelector(".dnb-view").deformnb;
   page.loop.drawNow(4);
   return page.canvas.toDataURL("image/png").split(",")[1];
 }
@@ -61,28 +67,33 @@ class LivePage:
         self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda m: self.errors.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("console", self._heard)
         self.widgets: dict[str, Any] = {}
         self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
+        self._echo = False
         self.page.expose_function("toPython", self._from_page)
-        if init:
-            self.page.add_init_script(init)
         self.page.set_content(_PAGE)
         if init:
             self.page.evaluate(init)
+
+    def _heard(self, message: Any) -> None:
+        if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
+            self.errors.append(message.text)  # reading pixels back is what a screenshot is
 
     def add(self, widget: Any, name: str = "view", *, draw: bool = True) -> None:
         """Puts a widget on the page."""
         self.widgets[name] = widget
         widget.send = lambda content, buffers=None: self.outbox.append((name, content, list(buffers or [])))
-        widget.observe(lambda change: self.page.evaluate(
-            "([m, k, v]) => models[m].fromPython(k, v)", [name, change["name"], _plain(change["new"])])
-            if widget.trait_metadata(change["name"], "sync") and not self._echo else None)
-        self._echo = False
+        widget.observe(lambda change: self._changed(name, change))
         state = {k: _plain(getattr(widget, k)) for k in widget.keys if not k.startswith("_") and k not in _OTHERS}
         self.page.evaluate("([n, s]) => { makeModel(n, s); }", [name, state])
         if draw:
             self.draw(name)
+
+    def _changed(self, name: str, change: Any) -> None:
+        if self.widgets[name].trait_metadata(change["name"], "sync") and not self._echo:
+            self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
+                               [name, change["name"], _plain(change["new"])])
 
     def draw(self, name: str = "view") -> None:
         self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])
@@ -124,7 +135,7 @@ class LivePage:
         from PIL import Image
 
         self.flush()
-        data = self.page.evaluate("() => pixels('view')")
+        data = self.page.evaluate("() => pixels()")
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).copy()
 
     def close(self) -> None:
@@ -137,6 +148,4 @@ _OTHERS = ("comm", "layout", "tabbable", "tooltip")
 def _plain(value: Any) -> Any:
     if isinstance(value, bytes | memoryview):
         return {"__bytes__": base64.b64encode(bytes(value)).decode()}
-    if hasattr(value, "model_id") and hasattr(value, "comm"):
-        return f"IPY_MODEL_{value.page_name}" if hasattr(value, "page_name") else None
     return value

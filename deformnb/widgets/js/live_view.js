@@ -238,6 +238,8 @@ class LiveViewPage {
   receiveField(content, buffers) {
     const [maps, weights, space] = content.planar ? [buffers[0], buffers[1], buffers[2]] : [null, null, buffers[0]];
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
+    // A larger field of view is seen whole: the zoom stays, not the scale.
+    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
     this.field = {
       box: content.box,
       planar: content.planar ? { ...content.planar, maps: floatsOf(maps), weights: floatsOf(weights) } : null,
@@ -246,6 +248,7 @@ class LiveViewPage {
     this.link.base = this.field.planar;
     this.applyField();
     this.link.again();
+    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
     this.touch();
   }
 

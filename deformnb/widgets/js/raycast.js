@@ -5,7 +5,7 @@ const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5
 
 const BACKGROUNDS = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
-  light: { centre: [1, 1, 1], corner: [0.865, 0.872, 0.885], ink: [0.09, 0.1, 0.13] },
+  light: { centre: [0.985, 0.986, 0.988], corner: [0.895, 0.9, 0.91], ink: [0.09, 0.1, 0.13] },
 };
 
 function compiled(gl, type, source) {

@@ -50,12 +50,11 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
   return axisU * r.x + axisV * r.y + axisN * r.z;
 #else
   vec3 d = at - x;
-  float u = dot(planar(x + slopeStep * axisU) - d, g), v = dot(planar(x + slopeStep * axisV) - d, g);
-  g += (axisU * u + axisV * v) / slopeStep;
+  float u = dot(planar(x + slopeStep * axisU) - d, g), v = dot(planar(x + slopeStep * axisV) - d, g), n = 0.;
 #ifdef WEIGHTED
-  g += axisN * (dot(planar(x + slopeStep * axisN) - d, g) / slopeStep);
+  n = dot(planar(x + slopeStep * axisN) - d, g);
 #endif
-  return g;
+  return g + (axisU * u + axisV * v + axisN * n) / slopeStep;
 #endif
 }
 #endif`;

@@ -1,0 +1,565 @@
+"""The editor in a real browser: real mouse, real keys, and pixels compared with the core's own warp."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import ARGUMENTS, LivePage
+from PIL import Image
+from scripts import chromium
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation
+from deformnb.picture import Picture, project
+from deformnb.plane import VIEWS, Raster
+from deformnb.volume import Grid, Volume
+from deformnb.warp import warp_picture
+from deformnb.widgets.editor import Editor
+
+PAGE = "document.querySelector('.dnb-editor').deformnb"
+
+
+class EditorOnPage(LivePage):
+    """An editor whose Python is in this process; ``model`` and ``page.view`` are looked at from here."""
+
+    def __init__(self, browser: Any, editor: Editor, size: tuple[int, int] = (900, 700), *, draws: int = 1) -> None:
+        super().__init__(browser, size)
+        self.editor = self.widgets["editor"] = editor
+        editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
+        editor.observe(self._told)
+        state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in
+                 ("layout", "tabbable", "tooltip")}
+        self.page.evaluate("([n, s]) => { makeModel(n, s); }", ["editor", state])
+        for _ in range(draws):
+            self.draw("editor")
+        self.settled()
+
+    def _told(self, change: Any) -> None:
+        if self.editor.trait_metadata(change["name"], "sync") and not self._echo:
+            value = packed(self.editor.get_state(change["name"])[change["name"]])
+            self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
+
+    def settled(self) -> None:
+        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && !{PAGE}.isMoving && !{PAGE}.frame")
+
+    def js(self, expression: str) -> Any:
+        return self.page.evaluate(f"() => {expression}")
+
+    def on_screen(self, place: Any) -> tuple[float, float]:
+        """CSS pixels of the window where a place of the picture is."""
+        v, box = self.js(f"({PAGE}.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
+        return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
+
+    def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
+        """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
+        x, y = self.on_screen(place)
+        mouse = self.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + by[0], y + by[1], steps=steps)
+        mouse.up()
+        self.settled()
+
+    def canvas(self) -> np.ndarray:
+        """The canvas in its own pixels; grid and points are not on it if the grid is off."""
+        self.settled()
+        data = self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]")
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
+
+    def raster(self) -> Raster:
+        """Where the pixels of the canvas are on the picture's plane."""
+        v = self.js(f"({PAGE}.view)")
+        shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
+        return Raster((shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
+                                                     (0.5 / v["ratio"] - v["y"]) / v["k"]))
+
+
+def packed(value: Any) -> Any:
+    return {"__bytes__": base64.b64encode(bytes(value)).decode()} if isinstance(value, bytes | memoryview) else value
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = chromium()
+    if path is None:
+        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Any]:
+    pages: list[EditorOnPage] = []
+
+    def open_page(editor: Editor, **options: Any) -> EditorOnPage:
+        pages.append(EditorOnPage(browser, editor, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        assert page.errors == []
+        page.close()
+
+
+@pytest.fixture(scope="module")
+def picture() -> Picture:
+    """Smooth and without symmetry, 60 x 44 pixels that are not square, away from the origin."""
+    raster = Raster((44, 60), (2.0, 2.5), (11.0, -30.0))
+    at = raster.points()
+    a, b = (at[..., 0] - 11) / 120, (at[..., 1] + 30) / 110
+    values = 120 + 60 * np.sin(7 * a + 2 * b) * np.cos(5 * b) + 60 * np.exp(-((a - 0.3) ** 2 + (b - 0.7) ** 2) * 90)
+    plane = project(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4)))).plane
+    return Picture(np.clip(values, 0, 255).astype(np.uint8), plane, raster, "mip", (0.0, 255.0))
+
+
+@pytest.fixture
+def points() -> ControlPoints:
+    source = np.array([[30.0, -10.0], [110.0, -5.0], [100.0, 60.0], [35.0, 55.0], [70.0, 25.0]])
+    return ControlPoints.from_arrays(source, names=["", "top right", "", "", "middle"])
+
+
+def expected(page: EditorOnPage, picture: Picture) -> np.ndarray:
+    """The core's own warp at the canvas's pixels."""
+    return warp_picture(picture.values, picture.raster, page.editor.fit(), output=page.raster()).astype(int)
+
+
+def inside(page: EditorOnPage, picture: Picture, rim: int = 2) -> np.ndarray:
+    """Pixels of the canvas that show the picture, without the frame along its edge."""
+    at, d = page.raster().points(), page.raster().spacing[0] * rim
+    a0, a1, b0, b1 = picture.raster.box
+    return (at[..., 0] > a0 + d) & (at[..., 0] < a1 - d) & (at[..., 1] > b0 + d) & (at[..., 1] < b1 - d)
+
+
+def wrong(page: EditorOnPage, picture: Picture) -> np.ndarray:
+    """Differences between canvas and core, in grey levels."""
+    assert (page.canvas()[..., 0] == page.canvas()[..., 2])[inside(page, picture)].all()
+    return np.abs(page.canvas()[..., 0] - expected(page, picture))[inside(page, picture)]
+
+
+# One level for rounding a mean of integers, one for the float32 map; a jump at the rim of what the map reaches may
+# fall on the other side in one pixel of a thousand.
+def assert_alike(page: EditorOnPage, picture: Picture) -> None:
+    difference = wrong(page, picture)
+    assert np.quantile(difference, 0.999) <= 2
+    assert difference.size > 50_000
+
+
+# ---- the picture ----------------------------------------------------------------------------------------------------
+
+
+def test_the_picture_at_rest_is_the_picture(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    assert_alike(opened(Editor(picture, points, show_net=False)), picture)
+
+
+@pytest.mark.parametrize("by", [(60, 0), (-45, 0), (0, 50), (0, -40), (37, 29)])
+def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, picture: Picture, points: ControlPoints,
+                                                                by: tuple[int, int]) -> None:
+    page = opened(Editor(picture, points, show_net=False))
+    page.drag(points.target[4], by)
+    k = page.js(f"{PAGE}.view.k")
+    assert page.editor.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
+    assert np.array_equal(page.editor.points.source, points.source)
+    assert_alike(page, picture)
+    assert len(page.js("models.editor.saved.filter((s) => 'points' in s)")) == 1
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: str) -> None:
+    values = np.zeros((24, 30, 36), np.uint8)
+    values[15:18, 5:9, 24:27] = 255  # a mark, off every middle
+    volume = Volume(values, Grid((24, 30, 36), (1.0, 1.5, 1.2), (4.0, 5.0, 6.0)))
+    picture = project(volume, view)
+    v, u = np.argwhere(picture.values == 255).mean(axis=0)
+    mark = np.array([picture.raster.columns[0] + u * picture.raster.spacing[0],
+                     picture.raster.rows[0] + v * picture.raster.spacing[1]])
+    page = opened(Editor(picture, ControlPoints.from_arrays([mark]), show_net=False, height=400))
+    page.drag(mark, (-31, 42))
+    bright = np.argwhere((page.canvas()[..., 0] > 128) & inside(page, picture)).mean(axis=0)
+    raster = page.raster()
+    found = np.array([raster.columns[0], raster.rows[0]]) + bright[::-1] * raster.spacing
+    assert found == pytest.approx(page.editor.points.target[0], abs=0.3)
+    moved = project(Deformation((page.editor.step(),)).apply(volume), view)
+    v, u = np.average(np.argwhere(moved.values > 60), axis=0, weights=moved.values[moved.values > 60])
+    in_volume = np.array([moved.raster.columns[0], moved.raster.rows[0]]) + np.array([u, v]) * moved.raster.spacing
+    assert found == pytest.approx(in_volume, abs=0.8)  # half a voxel of the warped volume
+
+
+def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    before = page.canvas()
+    page.drag(points.target[4], (50, 30))
+    after, moved = page.canvas(), page.editor.points
+    assert np.abs(after - before).max() > 50
+    page.page.keyboard.press("Control+z")
+    assert np.array_equal(page.canvas(), before)
+    assert page.editor.points == points
+    page.page.keyboard.press("Control+y")
+    assert np.array_equal(page.canvas(), after)
+    assert page.editor.points == moved
+
+
+def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    grey = picture.grey()
+    rgba = np.stack([grey, grey**2, 1 - grey, np.ones_like(grey)], axis=-1)
+    coloured = Picture(rgba, picture.plane, picture.raster, "composite", (0.0, 1.0))
+    page = opened(Editor(coloured, points, show_net=False))
+    page.drag(points.target[4], (50, 30))
+    oracle = warp_picture(coloured.rgb8(), picture.raster, page.editor.fit(), output=page.raster(), fill=0).astype(int)
+    difference = np.abs(page.canvas() - oracle)[inside(page, picture)]
+    assert np.quantile(difference, 0.999) <= 2
+
+
+def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, density=8))
+    page.drag(points.target[4], (60, 40))
+    lines = page.js(f"{PAGE}.net.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
+    at = np.array(lines).reshape(-1, 2)
+    a0, a1, b0, b1 = picture.raster.box
+    back = (at + page.editor.fit().displacement(at) - [a0, b0]) * 8 / max(a1 - a0, b1 - b0)
+    cells = np.array([(a1 - a0), (b1 - b0)]) * 8 / max(a1 - a0, b1 - b0)
+    back *= np.round(cells) / cells
+    off = np.abs(back - np.round(back)).min(axis=1)  # every place of the grid comes from a line of the grid
+    assert off.max() < 0.01
+    assert len(at) > 200
+
+
+def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    before = page.canvas()
+    page.drag(points.target[4], (60, 40))
+    page.page.keyboard.press("c")
+    assert np.array_equal(page.canvas(), before)
+
+
+# ---- editing --------------------------------------------------------------------------------------------------------
+
+
+def test_a_double_click_takes_hold_without_moving_anything(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points.move(4, [85, 30]), show_net=False))
+    before = page.canvas()
+    place = [50.0, 20.0]
+    page.page.mouse.dblclick(*page.on_screen(place))
+    added = page.editor.points
+    assert added.ids == (0, 1, 2, 3, 4, 5)
+    # Playwright rounds nothing, the browser hands whole CSS pixels of a mouse: less than a pixel of the screen.
+    assert added.target[5] == pytest.approx(place, abs=1.01 / page.js(f"{PAGE}.view.k"))
+    assert added.source[5] == pytest.approx(added.target[5] + Editor(picture, points.move(4, [85, 30])).fit().displacement(
+        added.target[5]), abs=1e-9)
+    assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 1
+    assert page.js("document.activeElement.dataset.id") == "5"
+
+
+def test_a_new_point_next_to_an_old_one_selects_that(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    x, y = page.on_screen(points.target[2])
+    page.page.keyboard.press("Tab")
+    page.page.locator("[data-command=add]").click()
+    page.page.locator(".dnb-ed-stage").click(position={"x": 5, "y": 5})  # away from all: a new point
+    assert len(page.editor.points) == 6
+    page.page.mouse.click(x + 4, y + 3)
+    assert len(page.editor.points) == 6
+    page.wait("models.editor.get('selected').join() === '2'")
+    assert page.editor.selected == [2]
+
+
+def test_keys_do_all_of_it(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page, (du, dv) = opened(Editor(picture, points)), picture.raster.spacing
+    keyboard = page.page.keyboard
+    page.page.locator(".dnb-ed-stage").focus()
+    keyboard.press("Tab")
+    keyboard.press("Tab")
+    assert page.js("document.activeElement.dataset.id") == "1"
+    keyboard.press("ArrowRight")
+    keyboard.press("Shift+ArrowUp")
+    assert page.editor.points.target[1] == pytest.approx(points.target[1] + [du, -10 * dv])
+    keyboard.press("Alt+ArrowDown")
+    assert page.editor.points.source[1] == pytest.approx(points.source[1] + [0, dv])
+    keyboard.press("o")
+    assert page.editor.points.active.tolist() == [True, False, True, True, True]
+    keyboard.press("F2")
+    keyboard.type("eye")
+    keyboard.press("Enter")
+    assert page.editor.points.names[1] == "eye"
+    keyboard.press("Home")
+    assert np.array_equal(page.editor.points.target[1], page.editor.points.source[1])
+    keyboard.press("Delete")
+    assert page.editor.points.ids == (0, 2, 3, 4)
+    assert page.js("document.activeElement.dataset.id") == "2"
+    for _ in range(6):
+        keyboard.press("Control+z")
+    assert page.editor.points.remove() == ControlPoints.from_arrays(points.source, names=points.names)
+    keyboard.press("Escape")
+    page.page.locator(".dnb-ed-stage").focus()
+    keyboard.press("Enter")
+    assert len(page.editor.points) == 5  # the middle of the view is next to the point "middle", which is taken
+
+
+def test_a_right_click_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.page.mouse.click(*page.on_screen(points.target[3]), button="right")
+    assert page.editor.points.ids == (0, 1, 2, 4)
+
+
+def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.drag([15, 40], (70 * page.js(f"{PAGE}.view.k"), 30 * page.js(f"{PAGE}.view.k")))
+    page.wait("models.editor.get('selected').length")
+    assert page.editor.selected == [3]
+    x, y = page.on_screen(points.target[2])
+    page.page.keyboard.down("Shift")
+    page.page.mouse.click(x, y)
+    page.page.keyboard.up("Shift")
+    page.drag(points.target[3], (20, -15))
+    shift = page.editor.points.target - points.target
+    k = page.js(f"{PAGE}.view.k")
+    assert shift == pytest.approx(np.array([[0, 0], [0, 0], [20 / k, -15 / k], [20 / k, -15 / k], [0, 0]]), abs=1e-9)
+
+
+def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    moved = points.move(4, [90, 40])
+    page = opened(Editor(picture, moved))
+    k = page.js(f"{PAGE}.view.k")
+    page.drag(moved.source[4], (-10, 5))
+    assert page.editor.points.source[4] == pytest.approx(points.source[4] + np.array([-10, 5]) / k, abs=1e-9)
+    assert np.array_equal(page.editor.points.target, moved.target)
+    page.page.keyboard.down("Alt")
+    page.drag(moved.target[4], (8, 8))
+    page.page.keyboard.up("Alt")
+    assert page.editor.points.displacement[4] == pytest.approx(moved.displacement[4] + np.array([-10, 5]) / k, abs=1e-9)
+
+
+def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    before = page.canvas()
+    x, y = page.on_screen(points.target[4])
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 50, y + 20, steps=4)
+    page.page.keyboard.press("Escape")
+    page.page.mouse.up()
+    assert np.array_equal(page.canvas()[40:-40, 40:-40], before[40:-40, 40:-40])
+    assert page.editor.points == points
+
+
+def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, picture: Picture,
+                                                                points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.js(f"{PAGE}.edit({PAGE}.points.map((p) => p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
+    assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
+    assert page.editor.points == points
+    page.editor.set_trait("kernel", "thin_plate")
+    page.editor.set_trait("trend", "rigid")
+    page.settled()
+    assert "needs a trend of affine" in page.page.locator(".dnb-ed-notes").inner_text()
+    page.editor.set_trait("trend", "affine")
+    page.settled()
+    assert "needs" not in page.page.locator(".dnb-ed-notes").inner_text()
+
+
+def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture) -> None:
+    line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
+    page = opened(Editor(picture, ControlPoints.from_arrays(line)))
+    page.drag(line[1], (5, 9))
+    status = page.page.locator(".dnb-ed-status")
+    assert "the control points lie on one line" in status.inner_text()
+    assert "no folds" in status.inner_text()
+    page.drag(page.editor.points.target[1], (200, 130))
+    assert "folds on" in status.inner_text()
+
+
+# ---- view, themes, protocol -----------------------------------------------------------------------------------------
+
+
+def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, show_net=False))
+    k = page.js(f"{PAGE}.view.k")
+    page.page.mouse.move(*page.on_screen(points.target[4]))
+    page.page.mouse.wheel(0, -300)
+    page.page.wait_for_timeout(50)
+    assert page.js(f"{PAGE}.view.k") == k
+    page.page.locator(".dnb-ed-stage").focus()
+    held = page.on_screen(points.target[4])
+    page.page.mouse.wheel(0, -300)
+    page.wait(f"{PAGE}.view.k > {1.3 * k}")
+    assert page.on_screen(points.target[4]) == pytest.approx(held, abs=1)
+    assert_alike(page, picture)
+    page.page.keyboard.down(" ")
+    page.drag([20, -20], (30, 10))
+    page.page.keyboard.up(" ")
+    assert page.on_screen(points.target[4]) == pytest.approx(np.array(held) + [30, 10], abs=1)
+    assert page.editor.points == points
+    page.page.keyboard.press("0")
+    page.settled()
+    assert page.js(f"{PAGE}.view.k") == pytest.approx(k)
+
+
+def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    k, fingers = page.js(f"{PAGE}.view.k"), page.page.context.new_cdp_session(page.page)
+
+    def touch(kind: str, *places: Any) -> None:
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [
+            {"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]})
+
+    x, y = page.on_screen([70, 40])
+    touch("touchStart", (x - 40, y))
+    touch("touchStart", (x - 40, y), (x + 40, y))
+    for spread in (50, 60, 80):
+        touch("touchMove", (x - spread, y), (x + spread, y))
+    touch("touchEnd")
+    page.settled()
+    assert page.js(f"{PAGE}.view.k") == pytest.approx(2 * k, rel=0.02)
+    x, y = page.on_screen(points.target[4])
+    touch("touchStart", (x, y))
+    touch("touchMove", (x + 10, y + 10))
+    touch("touchMove", (x + 30, y - 20))
+    touch("touchEnd")
+    page.settled()
+    assert page.editor.points.displacement[4] == pytest.approx(np.array([-30, 20]) / page.js(f"{PAGE}.view.k"), abs=1e-6)
+
+
+def test_a_point_beyond_the_view_waits_at_the_rim(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points.move(1, [900, 20])))
+    rim = page.page.locator("[data-id='1']")
+    assert "dnb-ed-outside" in (rim.get_attribute("class") or "")
+    assert rim.locator(".dnb-ed-disc").bounding_box()["x"] < page.page.locator(".dnb-ed-stage").bounding_box()["width"]
+
+
+def test_edits_on_their_way_are_few_and_the_last_always_arrives(opened: Any, picture: Picture,
+                                                                points: ControlPoints) -> None:
+    editor, seen = Editor(picture, points), []
+    editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
+    page = opened(editor)
+    page.outbox.append = lambda *_: None if False else None  # type: ignore[method-assign,attr-defined]
+    page.drag(points.target[4], (60, 40), steps=30)
+    assert [phase for phase, _ in seen] == ["move", "move", "end"]  # no answer came: two in flight, and the end
+    assert seen[-1][1] == editor.points.target[4].tolist()
+
+
+def test_movements_cost_nothing_where_nobody_listens(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.drag(points.target[4], (60, 40), steps=30)
+    assert [m["phase"] for m in page.js("models.editor.sent")] == ["end"]
+
+
+def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, show_net=False))
+    page.editor.points = points.move(0, [40, 0])
+    assert_alike(page, picture)
+    x, y = page.on_screen(points.target[4])
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 20, y, steps=3)
+    page.editor.points = points.reset()
+    page.page.mouse.move(x + 40, y, steps=3)
+    page.page.mouse.up()
+    page.settled()
+    assert page.editor.points.target[0].tolist() == [40, 0]
+    assert page.editor.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.view.k"), 0])
+
+
+def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.js("""(() => { window.heard = []; models.editor.deformnb.addEventListener("deformnb:points",
+        (e) => heard.push([e.detail.phase, e.detail.points[4].target, e.detail.fit.support])) })()""")
+    page.drag(points.target[4], (60, 40), steps=10)
+    heard = page.js("heard")
+    assert heard[0][0] == "move"
+    assert heard[-1][0] == "end"
+    assert heard[-1][1] == page.editor.points.target[4].tolist()
+    assert heard[-1][2] == pytest.approx(page.editor.fit().support)
+
+
+def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, height=250, show_net=False), draws=2)
+    page.drag(points.target[4], (30, 20))
+    page.wait("[...document.querySelectorAll('.dnb-editor')].every((e) => !e.deformnb.isMoving && !e.deformnb.frame)")
+    first, second = page.js("[...document.querySelectorAll('.dnb-ed-canvas')].map((c) => c.toDataURL())")
+    assert first == second
+    page.page.keyboard.press("Control+z")
+    assert page.editor.points == points  # one edit, recorded once
+    assert page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points[4].target[0])") == [70, 70]
+
+
+def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    for _ in range(20):
+        page.js("models.editor.cleanups.pop()()")
+        page.draw("editor")
+    assert page.page.locator(".dnb-editor").count() == 1
+    page.js("models.editor.cleanups.pop()()")
+    assert page.page.locator("#root > *").count() == 0
+    page.editor.points = points.move(4, [60, 20])  # nobody is left to hear of it, and nothing breaks
+    page.page.set_viewport_size({"width": 500, "height": 500})
+    page.page.wait_for_timeout(200)
+
+
+def test_a_broken_picture_is_said_and_the_points_still_work(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+    page = opened(editor)
+    editor.image = b"no picture"
+    page.wait("!document.querySelector('[role=alert]').hidden")
+    assert "could not be shown" in page.page.locator("[role=alert]").inner_text()
+    page.drag(points.target[4], (20, 10))
+    assert page.editor.points != points
+
+
+def test_an_error_in_a_callback_is_seen_in_the_page(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+    editor.on_edit(lambda p, phase: 1 // 0)
+    page = opened(editor)
+    page.drag(points.target[4], (20, 10))
+    page.wait("!document.querySelector('[role=alert]').hidden")
+    assert "ZeroDivisionError in a callback" in page.page.locator("[role=alert]").inner_text()
+
+
+def test_points_that_are_only_shown_stay(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, read_only=True))
+    page.drag(points.target[4], (20, 10))
+    page.page.keyboard.press("Delete")
+    page.page.mouse.dblclick(*page.on_screen([50, 50]))
+    assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()
+
+
+def test_everything_has_a_name_and_a_role(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points.move(1, [115, -9]), label="A fish"))
+    label = page.page.locator("[data-id='1']").get_attribute("aria-label")
+    assert label == "Point 1 top right, at 115, -9, dragged 5 right, 4 up"
+    assert page.page.locator("[role=application]").get_attribute("aria-label").startswith("A fish with control points")
+    nameless = page.js("""[...document.querySelectorAll("button, input, [tabindex], [role]")].filter((e) =>
+        !e.getAttribute("aria-label") && e.getAttribute("role") !== "alert" && e.getAttribute("role") !== "group")
+        .map((e) => e.outerHTML)""")
+    assert nameless == []
+
+
+@pytest.mark.parametrize(("theme", "scheme", "is_dark"), [
+    ("auto", "light", False), ("auto", "dark", True), ("light", "dark", False), ("dark", "light", True)])
+def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Picture, theme: str, scheme: str,
+                                                    is_dark: bool) -> None:
+    page = EditorOnPage(browser, Editor(picture, theme=theme))
+    page.page.emulate_media(color_scheme=scheme)
+    page.wait(f"document.querySelector('.dnb-ed-dark') {'!==' if is_dark else '==='} null")
+    paper, ink = page.js("""((s) => [s.backgroundColor, s.color])(getComputedStyle(document.querySelector(".dnb-editor")))""")
+    brightness = [sum(int(v) for v in colour[4:-1].split(",")) / 3 for colour in (paper, ink)]
+    assert (brightness[0] < 60 and brightness[1] > 180) if is_dark else (brightness[0] > 200 and brightness[1] < 90)
+    page.close()
+
+
+@pytest.mark.parametrize("width", [420, 600, 1280])
+def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints, width: int) -> None:
+    page = opened(Editor(picture, points), size=(width, 800))
+    clipped = page.js("""[...document.querySelectorAll(".dnb-ed-button, .dnb-ed-status > *, .dnb-ed-stage")].filter((e) => {
+        const b = e.getBoundingClientRect(), r = document.querySelector(".dnb-editor").getBoundingClientRect();
+        return b.left < r.left - 1 || b.right > r.right + 1 || b.bottom > r.bottom + 1 || e.scrollWidth > e.clientWidth + 1;
+    }).map((e) => e.className)""")
+    assert clipped == []
+    assert page.js("document.documentElement.scrollWidth <= innerWidth")

@@ -1,0 +1,294 @@
+"""The live view in a real browser: its pictures are the core's, and it survives what pages do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import ARGUMENTS, LivePage
+from scripts import chromium
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.plane import VIEWS, Plane
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
+
+SIZE = (240, 180)
+TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
+# The core warps voxel by voxel and then looks at the result, which blurs twice; on a finer grid the second time is
+# small, and its picture is what the card makes at every sample.
+FINE = GRID.resampled(spacing=0.75)
+SIDES = ((0, 1, 0), (-0.6, 0.7, 0.4))  # the same for all tests: the core compiles its renderer for each once
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = chromium()
+    if path is None:
+        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[LivePage]:
+    opened = LivePage(browser)
+    yield opened
+    opened.close()
+
+
+def shape_without_symmetry(grid: Grid = GRID) -> Volume:
+    """A bent bar with a ball at one end: no turn and no mirror brings it onto itself."""
+    k, j, i = (a / n for a, n in zip(np.indices(grid.shape), grid.shape, strict=True))
+    bar = np.maximum(np.abs(j - 0.5) / 0.36, np.maximum(np.abs(i - 0.3), np.abs(k - 0.4)) / 0.1)
+    arm = np.maximum(np.abs(i - 0.5) / 0.28, np.maximum(np.abs(j - 0.75), np.abs(k - 0.45)) / 0.12)
+    head = np.sqrt((k - 0.62) ** 2 + (j - 0.28) ** 2 + (i - 0.42) ** 2) / 0.22
+    edge = 1 + 8 * (1 - np.minimum(np.minimum(bar, arm), head))
+    return Volume((np.clip(edge, 0, 2) * 100).astype(np.uint8), grid, "shape")
+
+
+def drags(grid: Grid, plane: Plane, seed: int, size: float) -> ControlPoints:
+    rng = np.random.default_rng(seed)
+    corners = plane.to_plane(grid.corners())[:, :2]
+    source = corners.min(axis=0) + np.ptp(corners, axis=0) * rng.uniform(0.15, 0.85, (5, 2))
+    return ControlPoints.from_arrays(source, source + rng.normal(0, size, (5, 2)))
+
+
+def fields(grid: Grid = GRID) -> dict[str, Deformation]:
+    plane, other = Plane.along(grid, "+y"), Plane.along(grid, "-z")
+    oblique = Plane.through(grid.center, (1, 2, -0.7))
+    rng = np.random.default_rng(3)
+    corners = grid.corners()
+    source = corners.min(axis=0) + np.ptp(corners, axis=0) * rng.uniform(0.15, 0.85, (6, 3))
+    maps = tuple(drags(grid, plane, seed, 3.0) for seed in (4, 5, 6))
+    twice = Deformation.on_picture(grid, plane, drags(grid, plane, 7, 2.0))
+    return {
+        "none": Deformation(),
+        "replicate": Deformation.on_picture(grid, plane, drags(grid, plane, 1, 4.0)),
+        "oblique": Deformation.on_picture(grid, oblique, drags(grid, oblique, 2, 4.0)),
+        "modulate": Deformation.on_picture(grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate",
+                                           curve="sin(pi*z)"),
+        "interpolate": Deformation((Step(maps, plane, extrusion="interpolate", knots=(0.0, 0.3, 1.0)),)),
+        "two planes": twice.then(Deformation.on_picture(grid, other, drags(grid, other, 8, 2.0)).steps[0]),
+        "in space": Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
+    }
+
+
+def silhouette(image: np.ndarray) -> np.ndarray:
+    """What is brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
+    return np.asarray(image.max(axis=2) > 64)
+
+
+def dice(a: np.ndarray, b: np.ndarray) -> float:
+    return 2 * float((a & b).sum()) / float(a.sum() + b.sum())
+
+
+def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> LiveView:
+    options = {"transfer": "surface", "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, **options}
+    view = LiveView(volume or shape_without_symmetry(), **options)
+    page.add(view)
+    page.loaded()
+    return view
+
+
+def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
+    view = opened(page)
+    for name in VIEWS:
+        plane = Plane.along(GRID, name)
+        view.set_camera(plane.normal, [-c for c in plane.v])
+        live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
+        # A pixel of the edge of a shape some 80 pixels across; 0.97 leaves two thirds of that.
+        assert dice(live, still) > 0.97, name
+        for wrong in (live[::-1], live[:, ::-1], live[::-1, ::-1]):
+            assert dice(wrong, still) < 0.9, name
+    assert page.errors == []
+
+
+@pytest.mark.parametrize("name", list(fields()))
+def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
+    view = opened(page)
+    view.show_deformation(fields()[name], output=FINE)
+    for direction in SIDES:
+        view.set_camera(direction)
+        assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.965, direction
+    view.projection = "mip"
+    view.set_camera((0, 1, 0))
+    live, still = page.pixels().astype(int), view.still(SIZE).astype(int)
+    inside = silhouette(still.astype(np.uint8)) & silhouette(live.astype(np.uint8))
+    assert np.abs(live - still)[inside].mean() < 4  # grey levels of 255
+    assert page.errors == []
+
+
+def test_a_field_of_view_shows_what_has_moved_out_of_the_box(page: LivePage) -> None:
+    view = opened(page)
+    plane = Plane.along(GRID, "+y")
+    away = ControlPoints.from_arrays([[20.0, 20.0]], [[45.0, 20.0]])
+    moved = Deformation.on_picture(GRID, plane, away, trend="translation")
+    corners = GRID.corners()
+    larger = GRID.covering(np.concatenate([corners, corners + 25 * np.asarray(plane.u)]))
+    view.set_camera((0, 1, 0))
+    view.show_deformation(moved, output=larger)
+    assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.965
+
+
+@pytest.mark.parametrize("name", ["none", "modulate", "two planes"])
+@pytest.mark.parametrize("projection", ["shaded", "mip"])
+def test_skipping_what_is_empty_changes_no_pixel(page: LivePage, name: str, projection: str) -> None:
+    view = opened(page, projection=projection)
+    view.show_deformation(fields()[name])
+    view.set_camera((-0.6, 0.7, 0.4))
+    fast = page.pixels().astype(int)
+    # A field as steep as this lets nothing be skipped: every sample is taken.
+    page.page.evaluate("""() => { const c = document.querySelector(".dnb-view").deformnb.caster;
+        const none = { shape: [2, 2, 2], origin: [0, 0, 0], spacing: [0.1, 0.1, 0.1], values: new Float32Array(24) };
+        c.setSpace(c.space || none);
+        c.space.slope = 1e9; }""")
+    slow = page.pixels().astype(int)
+    # Positions of samples are sums of the same steps in float32: a few pixels at edges differ by rounding.
+    assert (np.abs(fast - slow).max(axis=2) > 8).mean() < 2e-3
+
+
+def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
+    view = opened(page)
+    view.set_camera((0, 1, 0))
+    page.flush()
+    mouse, keyboard = page.page.mouse, page.page.keyboard
+    mouse.move(120, 90)
+    mouse.down()
+    mouse.move(160, 90, steps=4)
+    mouse.up()
+    page.wait("models.view.saved.length > 0")
+    # What faces the viewer follows the pointer to the right, so the viewer comes from further left: looks to the right.
+    direction = view.camera["direction"]
+    assert direction[0] > 0.3
+    assert abs(direction[2]) < 1e-6
+    keyboard.press("ArrowDown")
+    page.wait("models.view.saved.length > 1")
+    assert view.camera["direction"][2] < -0.01  # the front goes down: seen from above
+    before = view.camera["zoom"]
+    keyboard.press("+")
+    page.wait("models.view.saved.length > 2")
+    assert view.camera["zoom"] == pytest.approx(1.2 * before)
+    zoomed = view.camera["zoom"]
+    mouse.wheel(0, -200)
+    page.wait("models.view.saved.length > 3")
+    assert view.camera["zoom"] > 1.2 * zoomed
+    page.page.click(".dnb-button >> text=S")
+    page.wait("models.view.saved.length > 4")
+    np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
+    assert view.camera["zoom"] == pytest.approx(1.0)
+    keyboard.down("Shift")
+    mouse.move(120, 90)
+    mouse.down()
+    mouse.move(150, 90)
+    mouse.up()
+    keyboard.up("Shift")
+    page.wait("models.view.saved.length > 5")
+    assert view.camera["pan"][0] < -1
+    assert page.page.text_content(".dnb-right") == "R"  # from above with the face up
+    mouse.dblclick(120, 90)
+    page.wait("models.view.saved.length > 7")
+    assert view.camera["pan"] == [0, 0]
+    assert page.errors == []
+
+
+def test_a_turn_draws_quickly_and_then_in_full(page: LivePage) -> None:
+    view = opened(page, settle_ms=50)
+    page.wait("document.querySelector('.dnb-view').deformnb.stats")
+    before = view.stats()["frames"]
+    page.page.focus(".dnb-canvas")
+    for _ in range(5):
+        page.page.keyboard.press("ArrowLeft")
+        page.page.wait_for_timeout(40)
+    page.wait("document.querySelector('.dnb-view').deformnb.stats.frames > 1")
+    page.wait("models.view.sent.filter((m) => m.type === 'stats').length > 1")
+    stats = view.stats()
+    assert stats["frames"] > before
+    assert stats["passes"] >= 1
+    assert stats["full_ms"] > 0
+    assert 0 < stats["scale"] <= 1
+    assert stats["received"] == stats["volume_bytes"]  # no voxel comes twice
+
+
+def test_without_webgl_the_page_says_so_and_shows_a_still(browser: Any) -> None:
+    page = LivePage(browser, init="() => { HTMLCanvasElement.prototype.getContext = () => null; }")
+    view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1])
+    page.add(view)
+    page.wait("document.querySelector('.dnb-still')?.naturalWidth > 0")
+    assert "no WebGL2" in page.page.text_content(".dnb-notice")
+    assert page.page.evaluate("document.querySelector('.dnb-still').naturalWidth") == SIZE[0]
+    sent = len(page.page.evaluate("models.view.sent"))
+    page.page.click(".dnb-button >> text=S")  # the buttons still work
+    page.wait(f"models.view.sent.length > {sent}")
+    np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
+    page.close()
+
+
+def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None:
+    view = opened(page)
+    view.show_deformation(fields()["replicate"])
+    before = page.pixels().astype(int)
+    page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster;
+        window.loss = gl.getExtension("WEBGL_lose_context"); window.loss.loseContext(); }""")
+    page.wait("document.querySelector('.dnb-still')?.naturalWidth > 0")
+    assert "context was lost" in page.page.text_content(".dnb-notice")
+    page.page.evaluate("() => window.loss.restoreContext()")
+    page.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && !document.querySelector('.dnb-still')")
+    assert np.abs(page.pixels().astype(int) - before).mean() < 0.5  # the same but for the rounding of noise
+    assert page.page.is_hidden(".dnb-notice")
+
+
+def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> None:
+    opened(page, Volume(np.full((8, 8, 8), 200, np.uint8), Grid((8, 8, 8))))
+    for _ in range(20):
+        page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
+        page.draw()
+        page.loaded()
+    assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
+    assert page.errors == []  # "Too many active WebGL contexts" is a warning of the 17th
+    assert page.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.gl.isContextLost()") is False
+
+
+_EDITOR = """(state) => { makeModel("editor", state); }"""
+
+
+def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -> None:
+    plane = Plane.along(GRID, "+y")
+    still, dragged = drags(GRID, plane, 1, 0.0), drags(GRID, plane, 1, 4.0)
+    view = opened(page)
+    wanted = Deformation.on_picture(GRID, plane, dragged)
+    view.show_deformation(wanted)
+    view.set_camera((0, 1, 0))
+    expected = page.pixels().astype(int)
+    view.show_deformation(Deformation.on_picture(GRID, plane, still))
+    view.set_camera((0, 1, 0))
+    start = page.pixels().astype(int)
+    page.page.evaluate(_EDITOR, {"uid": "u1", "points": _listed(still), "kernel": "wendland_c2", "support": None,
+                                 "trend": "affine", "smoothing": 0.0, "strength": 1.0, "lone_support": 10.0})
+    page.page.evaluate("() => { models.view.fromPython('editor', 'IPY_MODEL_editor'); }")
+    sent, messages = view.stats()["field_bytes"], len(page.page.evaluate("models.view.sent"))
+    page.page.evaluate("(points) => { models.editor.set('points', points); }", _listed(dragged))
+    page.wait("document.querySelector('.dnb-view').deformnb.link.count > 1")
+    moved = page.pixels().astype(int)
+    assert np.abs(moved - start).mean() > 2
+    assert np.abs(moved - expected).mean() < 0.3  # the browser's fit is the package's
+    assert view.stats()["field_bytes"] == sent
+    assert len(page.page.evaluate("models.view.sent")) == messages
+    # Points that cannot be fitted leave the last good picture.
+    clash = [*_listed(dragged), {**_listed(dragged)[0], "id": 99, "source": [0.0, 0.0]}]
+    page.page.evaluate("(points) => { models.editor.set('points', points); }", clash)
+    assert np.abs(page.pixels().astype(int) - moved).mean() < 0.3
+    assert page.errors == []
+
+
+def _listed(points: ControlPoints) -> list[dict[str, Any]]:
+    return [{"id": points.ids[k], "name": "", "source": points.source[k].tolist(), "target": points.target[k].tolist(),
+             "active": True, "weight": 1.0} for k in range(len(points))]

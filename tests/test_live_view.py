@@ -1,0 +1,418 @@
+"""The live view's Python: what is sent, what is refused, and stills; and the arrays its page is made of. No browser."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+import logging
+from typing import Any
+
+import numpy as np
+import pytest
+from scripts import run_script
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.extrusion import Extrusion
+from deformnb.fields import AbstractField, Composed, DisplacementField, Identity, compose
+from deformnb.plane import VIEWS, Plane
+from deformnb.transfer import TransferFunction, preset
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.card_maps import card_maps
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.shown_volume import ShownVolume, shown_volume
+from deformnb.widgets.view import AbstractView
+
+TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
+
+
+def ball(grid: Grid = GRID, dtype: str = "uint8") -> Volume:
+    k = np.indices(grid.shape)[::-1] - (np.array(grid.shape[::-1]) - 1).reshape(3, 1, 1, 1) / 2
+    r = np.sqrt((k**2).sum(axis=0))
+    return Volume(np.clip(40 * (4.5 - r), 0, 200).astype(dtype), grid, "ball")
+
+
+def points(grid: Grid, plane: Plane, seed: int = 0, size: float = 2.0) -> ControlPoints:
+    rng = np.random.default_rng(seed)
+    corners = plane.to_plane(grid.corners())[:, :2]
+    source = corners.min(axis=0) + np.ptp(corners, axis=0) * rng.uniform(0.1, 0.9, (5, 2))
+    return ControlPoints.from_arrays(source, source + rng.normal(0, size, (5, 2)))
+
+
+class Recorded(LiveView):
+    """A view whose messages are kept instead of sent."""
+
+    def send(self, content: Any, buffers: Any = None) -> None:
+        self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
+
+    def say(self, content: Any, buffers: list[Any] | None = None) -> list[tuple[Any, list[bytes]]]:
+        """What the view answers to a message of a page."""
+        self.__dict__["out"] = []
+        self._handle_custom_msg(content, buffers or [])
+        return list(self.__dict__["out"])
+
+
+def test_the_view_keeps_the_contract_of_all_views() -> None:
+    view = Recorded()
+    assert isinstance(view, AbstractView)
+    with pytest.raises(DeformError, match="no volume yet"):
+        view.still()
+    with pytest.raises(DeformError, match="no volume yet"):
+        view.show_deformation(None)
+
+
+def test_the_pieces_put_together_are_the_voxels() -> None:
+    volume = ball(Grid((40, 300, 200)))
+    view = Recorded()
+    view.show(volume, window=(0.0, 255.0))  # the bytes as they are
+    info = view.volume_info
+    assert info["chunks"] == 2
+    whole = np.zeros(volume.grid.size, np.uint8)
+    for index in range(info["chunks"]):
+        ((content, (packed,)),) = view.say({"type": "chunk", "view": "a", "id": info["id"], "index": index})
+        voxels = np.frombuffer(gzip.decompress(packed), np.uint8)
+        whole[content["start"] : content["start"] + len(voxels)] = voxels
+        assert (content["type"], content["view"], content["index"]) == ("chunk", "a", index)
+    np.testing.assert_array_equal(whole.reshape(volume.shape), volume.values)
+    assert view.stats()["volume_bytes"] > 0
+
+
+def test_a_saved_notebook_holds_no_voxels_and_no_maps() -> None:
+    rng = np.random.default_rng(0)
+    volume = Volume(rng.integers(0, 255, (64, 64, 64)).astype(np.uint8), Grid((64, 64, 64)))
+    view = Recorded(volume)
+    plane = Plane.along(volume.grid, "+y")
+    view.show_deformation(Deformation.on_picture(volume.grid, plane, points(volume.grid, plane)))
+    state = {k: v for k, v in view.get_state().items() if k not in ("_esm", "_css")}
+    size = sum(len(v) if isinstance(v, bytes) else len(json.dumps(v, default=str)) for v in state.values())
+    assert size < 12_000  # of which the table of colours is 4096; the voxels are 262144
+
+
+def test_a_page_that_comes_late_gets_the_deformation() -> None:
+    view = Recorded(ball())
+    field = Deformation.on_picture(GRID, "+y", points(GRID, Plane.along(GRID, "+y")))
+    view.show_deformation(field)
+    ((content, buffers),) = view.say({"type": "hello", "view": "b", "largest": 2048, "renderer": "", "software": True})
+    assert content["type"] == "field"
+    assert content["view"] == "b"
+    k, rows, columns = content["planar"]["shape"]
+    assert len(buffers[0]) == k * rows * columns * 8
+
+
+@pytest.mark.parametrize("message", [
+    None, [], "hello", {}, {"type": "nothing"}, {"type": []}, {"type": "chunk"}, {"type": "chunk", "view": 3},
+    {"type": "chunk", "view": "a" * 201}, {"type": "hello", "view": "a"},
+    {"type": "hello", "view": "a", "largest": 1e3}, {"type": "hello", "view": "a", "largest": -1},
+    {"type": "still", "view": "a", "width": 10**9, "height": 5},
+    {"type": "still", "view": "a", "width": "1", "height": 100}, {"type": "screenshot", "view": "a", "id": 1},
+    {"type": "screenshot", "view": "a", "id": "x"}, {"type": "_chunk", "view": "a"},
+])
+def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture) -> None:
+    view = Recorded(ball())
+    with caplog.at_level(logging.WARNING):
+        assert view.say(message) == []
+    assert "dropped" in caplog.text
+
+
+def test_a_piece_that_does_not_exist_is_refused_and_one_of_an_old_volume_ignored(caplog: Any) -> None:
+    view = Recorded(ball())
+    with caplog.at_level(logging.WARNING):
+        assert view.say({"type": "chunk", "view": "a", "id": view.volume_info["id"], "index": 1}) == []
+    assert "between 0 and 0" in caplog.text
+    caplog.clear()
+    assert view.say({"type": "chunk", "view": "a", "id": "old", "index": 0}) == []
+    assert caplog.text == ""
+
+
+def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:
+    view = Recorded(ball())
+    view.say({"type": "stats", "view": "a", "drag_ms": 12.5, "full_ms": "x", "scale": float("nan"), "evil": 1})
+    assert view.stats()["drag_ms"] == 12.5
+    assert not {"full_ms", "scale", "evil"} & set(view.stats())
+
+
+def test_a_smaller_card_gets_a_smaller_volume() -> None:
+    view = Recorded(ball(Grid((4, 300, 5))))
+    view.show_deformation(Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(
+        view._volume.grid, "+z"))))
+    answers = view.say({"type": "hello", "view": "a", "largest": 128, "renderer": "", "software": True})
+    assert view.volume_info["shape"] == [5, 100, 4]
+    assert view.volume_info["note"] == "shown at 1/3 along y"
+    assert answers[-1][0]["planar"] is not None
+
+
+def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
+    rng = np.random.default_rng(1)
+    grid = Grid((5, 7, 9), (0.5, 1.0, 2.0), (3, 4, 5), TURNED)
+    volume = Volume(rng.integers(0, 1000, grid.shape).astype(np.int16), grid)
+    shown = shown_volume(volume, 80, 2048, window=(0.0, 1000.0))
+    assert shown.factors == (3, 2, 1)  # always along the axis where voxels lie closest
+    assert shown.note == "shown at 1/3 along x, 1/2 along y"
+    first = volume.values[0, 0:2, 0:3].astype(float).mean() * 255 / 1000
+    last = volume.values[4, 6:7, 6:9].astype(float).mean() * 255 / 1000
+    assert abs(shown.volume.values[0, 0, 0] - first) <= 0.501  # rounded to a byte
+    assert abs(shown.volume.values[4, 3, 2] - last) <= 0.501
+    np.testing.assert_allclose(shown.volume.grid.index_to_point([0, 0, 0]), volume.grid.index_to_point([1.0, 0.5, 0]))
+    assert shown.box() == {"low": [-0.75, -1.0, -1.0], "high": [3.75, 6.0, 9.0]}  # the original's, from the first centre
+
+
+@pytest.mark.parametrize(("shape", "limit", "largest"), [
+    ((1, 1, 1), 1, 1), ((7, 5, 3), 1, 2048), ((9, 400, 3), 10**6, 64),
+])
+def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) -> None:
+    shown = shown_volume(Volume(np.zeros(shape, np.float32), Grid(shape)), limit, largest)
+    assert shown.volume.grid.size <= limit
+    assert max(shown.volume.shape) <= largest
+
+
+@pytest.mark.parametrize("values", [
+    np.zeros((3, 4, 5), bool), np.full((3, 4, 5), 7, np.int16), np.full((3, 4, 5), np.nan), np.ones((1, 1, 1)),
+])
+def test_any_volume_can_be_shown(values: Any) -> None:
+    view = Recorded(Volume.from_array(values))
+    assert view.still((32, 24)).shape == (24, 32, 3)
+
+
+def test_values_become_bytes_by_the_window() -> None:
+    volume = Volume(np.array([[[-5.0, 0.0, 5.0, 10.0, 99.0, np.nan]]]), Grid((1, 1, 6)))
+    shown = shown_volume(volume, 100, 2048, window=(0.0, 10.0))
+    assert shown.volume.values.ravel().tolist() == [0, 0, 128, 255, 255, 0]
+    with pytest.raises(DeformError, match="two rising numbers"):
+        shown_volume(volume, 100, 2048, window=(3.0, 3.0))
+
+
+def _at(content: dict[str, Any], maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
+    """What the card computes from the maps at places (n, 3) of its frame, by the formula of the shader."""
+    planar, plane = content["planar"], content["planar"]["plane"]
+    k, rows, columns = planar["shape"]
+    grid = np.frombuffer(maps, "<f4").reshape(k, rows, columns, 2).astype(np.float64)
+    table = np.frombuffer(weights, "<f4").reshape(k, -1)
+    a, b, c = (np.dot(x - plane["origin"], plane[name]) for name in "uvn")
+    col, row = (a - planar["origin"][0]) / planar["spacing"][0], (b - planar["origin"][1]) / planar["spacing"][1]
+    i, j = np.clip(col.astype(int), 0, columns - 2), np.clip(row.astype(int), 0, rows - 2)
+    s, t = (col - i)[:, None], (row - j)[:, None]
+    c0, c1 = planar["depth"]
+    zeta = np.clip((c - c0) / (c1 - c0), 0, 1)
+    total = np.zeros((len(x), 2))
+    for m, w in zip(grid, table, strict=True):
+        d = (1 - t) * ((1 - s) * m[j, i] + s * m[j, i + 1]) + t * ((1 - s) * m[j + 1, i] + s * m[j + 1, i + 1])
+        total += np.interp(zeta, np.linspace(0, 1, table.shape[1]), w)[:, None] * d
+    return total[:, :1] * plane["u"] + total[:, 1:] * plane["v"]
+
+
+@pytest.mark.parametrize("view", [*VIEWS, "oblique"])
+@pytest.mark.parametrize("rule", ["replicate", "modulate", "interpolate"])
+def test_the_card_knows_the_displacement_of_an_extrusion(view: str, rule: str) -> None:
+    shown = shown_volume(ball(), 10**6, 2048)
+    plane = Plane.through(GRID.center, (1, 2, -0.7)) if view == "oblique" else Plane.along(GRID, view)
+    sets = tuple(points(GRID, plane, seed) for seed in range(3 if rule == "interpolate" else 1))
+    of_rule: dict[str, Any] = {"modulate": {"curve": "sin(pi*z)"}, "interpolate": {"knots": (0.0, 0.3, 1.0)}}
+    options = of_rule.get(rule, {})
+    field = Deformation((Step(sets, plane, extrusion=rule, **options),)).field(GRID)
+    message = card_maps(field, shown, None, 256, 32)
+    rng = np.random.default_rng(2)
+    x = GRID.index_to_point(rng.uniform(0, np.array(GRID.shape[::-1]) - 1, (200, 3)))
+    got = _at(message.content, *message.buffers, shown.to_frame(x))
+    expected = field.displacement(x) @ shown.frame.T
+    # Interpolation between samples 0.15 apart of bumps some 10 wide and 2 high: h^2/8 times a second derivative of 0.1.
+    np.testing.assert_allclose(got, expected, atol=2e-3)
+
+
+def test_what_is_no_extrusion_is_sampled_in_space() -> None:
+    shown = shown_volume(ball(), 10**6, 2048)
+    rng = np.random.default_rng(3)
+    field = DisplacementField(rng.normal(0, 1, (2, 2, 2, 3)), Grid((2, 2, 2), (20.0, 30.0, 25.0), (0.0, -20.0, 10.0)))
+    content, (samples,) = (message := card_maps(field, shown, None, 64, 40)).content, message.buffers
+    about = content["space"]
+    nx, ny, nz = about["shape"]
+    values = np.frombuffer(samples, "<f4").reshape(nz, ny, nx, 3)
+    at = np.array([3, 7, 2])
+    place = np.asarray(about["origin"]) + at * about["spacing"]
+    x = GRID.index_to_point(place / np.asarray(GRID.spacing))
+    np.testing.assert_allclose(values[at[2], at[1], at[0]], shown.frame @ field.displacement(x), atol=1e-5)  # float32
+    low = np.asarray(about["origin"])
+    high = low + (np.array([nx, ny, nz]) - 1) * about["spacing"]
+    np.testing.assert_allclose([low, high], [content["box"]["low"], content["box"]["high"]], atol=1e-9)
+
+
+def test_of_a_composition_the_last_extrusion_stays_one() -> None:
+    shown, plane = shown_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
+    steps = [Deformation.on_picture(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
+    both = card_maps(compose(*steps), shown, None, 64, 16)
+    assert both.content["planar"] is not None
+    assert both.content["space"] is not None
+    # The steps before are looked up at displaced places: they are known that far beyond the box.
+    assert both.content["space"]["origin"][0] < both.content["box"]["low"][0]
+    none: list[AbstractField | None] = [None, Identity(3)]
+    for field in none:
+        assert card_maps(field, shown, None, 64, 16).buffers == []
+    odd = card_maps(Composed(steps[0], DisplacementField.sample(steps[1], GRID)), shown, None, 64, 16)
+    assert (odd.content["planar"], len(odd.buffers)) == (None, 1)
+
+
+def test_only_fields_in_space_and_extrusions_to_be_edited() -> None:
+    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
+    fit = Deformation.on_picture(GRID, plane, points(GRID, plane)).steps[0].fits(GRID)[0]
+    with pytest.raises(DeformError, match="extrude"):
+        view.show_deformation(fit)
+    field = Deformation.on_picture(GRID, plane, points(GRID, plane)).field(GRID)
+    assert isinstance(field, Extrusion)
+    with pytest.raises(DeformError, match="no map 1"):
+        view.follow(None, field, 1)
+    with pytest.raises(DeformError, match="does not end with one"):
+        view.follow(view, DisplacementField.sample(field, GRID))
+
+
+def test_colours_are_those_of_the_values() -> None:
+    view = Recorded(ball(dtype="int16"))
+    ramp = TransferFunction(((0, 0, 0, 0), (200, 1, 0.5, 0)), ((0, 0), (200, 0.8)), unit=3.0)
+    view.set_transfer(ramp)
+    table = np.frombuffer(view.table, "<f4").reshape(256, 4)
+    low, high = view._shown.window  # type: ignore[union-attr]
+    np.testing.assert_allclose(table, ramp(np.linspace(low, high, 256)), atol=1e-6)
+    assert view.unit == 3.0
+    with pytest.raises(DeformError, match="unknown transfer function"):
+        view.set_transfer("gold")
+    np.testing.assert_array_equal(np.frombuffer(view.table, "<f4").reshape(256, 4), table)  # the old one stays
+
+
+def test_the_camera_is_set_and_kept() -> None:
+    view = Recorded(ball())
+    view.set_camera((0, 2, 0), zoom=2)
+    assert view.camera["direction"] == [0.0, 1.0, 0.0]
+    assert view.camera["zoom"] == 2.0
+    view.set_camera(up=(1, 5, 0))
+    assert view.camera["up"] == [1.0, 0.0, 0.0]
+    view.show(ball())
+    assert view.camera["zoom"] == 2.0
+    for wrong in ({"zoom": 0}, {"zoom": float("nan")}, {"direction": (0, 0, 0)}):
+        with pytest.raises(DeformError):
+            view.set_camera(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_still_shows_the_deformed_volume_from_the_camera() -> None:
+    view = Recorded(ball(Grid((24, 24, 24))), transfer="surface")
+    view.set_camera((0, 1, 0))
+    size = (100, 80)
+
+    def middle() -> np.ndarray:
+        rows, columns = np.nonzero(view.still(size).max(axis=2) > 60)
+        return np.array([columns.mean(), rows.mean()])
+
+    before = middle()
+    np.testing.assert_allclose(before, [49.5, 39.5], atol=0.6)  # pixels, of a ball on a lattice
+    plane = Plane.along(Grid((24, 24, 24)), "+y")
+    moved = ControlPoints.from_arrays([[12.0, 12.0]], [[16.0, 9.0]])  # to the right and up
+    view.show_deformation(Deformation.on_picture(view._volume.grid, plane, moved, trend="translation"))
+    right, down = middle() - before
+    assert right > 5
+    assert down < -4
+    view.camera = {**view.camera, "pan": [4.0, 3.0]}  # the view follows the ball
+    np.testing.assert_allclose(middle(), before, atol=1.2)
+    view.projection = "mip"
+    np.testing.assert_allclose(middle(), before, atol=1.2)
+
+
+def test_a_screenshot_without_a_page_is_the_still() -> None:
+    view = Recorded(ball(), width=80, height=64)
+    image = asyncio.run(view.screenshot(timeout=0.01))
+    np.testing.assert_array_equal(image, view.still())
+
+
+def test_a_screenshot_of_a_page_arrives() -> None:
+    from deformnb.widgets.live_view import _encoded
+
+    view, picture = Recorded(ball()), np.arange(4 * 5 * 3, dtype=np.uint8).reshape(4, 5, 3)
+
+    async def take() -> np.ndarray:
+        waiting = asyncio.create_task(view.screenshot())
+        await asyncio.sleep(0)
+        content, _ = view.__dict__["out"][-1]
+        view.say({"type": "screenshot", "view": "a", "id": content["id"]}, [memoryview(_encoded(picture))])
+        return await waiting
+
+    np.testing.assert_array_equal(asyncio.run(take()), picture)
+
+
+def test_a_page_without_webgl_gets_a_still() -> None:
+    view = Recorded(ball())
+    ((content, (png,)),) = view.say({"type": "still", "view": "a", "width": 64, "height": 48})
+    assert content == {"type": "still", "view": "a"}
+    assert png.startswith(b"\x89PNG")
+
+
+# -- the arrays of volume_blocks.js ----------------------------------------------------------------------------------
+
+
+def rough() -> np.ndarray:
+    rng = np.random.default_rng(4)
+    values = np.zeros((19, 30, 26), np.uint8)
+    values[3:5, 20:22, 2:6] = rng.integers(100, 255, (2, 2, 4))
+    values[12, 25, 25] = 90
+    return values
+
+
+def test_gradients_are_central_differences_in_physical_units() -> None:
+    values, spacing = rough()[:9, 15:24, :8], (1.0, 2.0, 0.5)
+    got = run_script(("volume_blocks.js",), """({ values, shape, spacing }) =>
+        Array.from(gradientSlab(Uint8Array.from(values), shape, 2, 7, spacing, 0))""",
+        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing})
+    rgba = np.array(got).reshape(5, *values.shape[1:], 4)
+    np.testing.assert_array_equal(rgba[..., 3], values[2:7])
+    padded = np.pad(values.astype(float), 1)
+    g = np.stack([(padded[1:-1, 1:-1, 2:] - padded[1:-1, 1:-1, :-2]) / 2 * 0.5 / spacing[0],
+                  (padded[1:-1, 2:, 1:-1] - padded[1:-1, :-2, 1:-1]) / 2 * 0.5 / spacing[1],
+                  (padded[2:, 1:-1, 1:-1] - padded[:-2, 1:-1, 1:-1]) / 2 * 0.5 / spacing[2]], axis=-1) * 127 / 64
+    g *= np.minimum(1, 127 / np.maximum(np.abs(g).max(axis=-1, keepdims=True), 1e-9))
+    np.testing.assert_allclose(rgba[..., :3] - 128, g[2:7], atol=0.51)  # rounded to a byte
+
+
+def test_rings_of_blocks_are_empty_and_no_fewer() -> None:
+    values = rough()
+    alphas = np.where(np.arange(256) > 80, 0.5, 0.0)
+    got = run_script(("volume_blocks.js",), """({ values, shape, alphas }) => {
+        const found = blockExtremes(Uint8Array.from(values), shape);
+        return { size: found.size, low: Array.from(found.low), high: Array.from(found.high),
+          rings: Array.from(emptyRings(found, alphas)) }; }""",
+        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "alphas": alphas.tolist()})
+    counts = [-(-n // 8) for n in values.shape]
+    assert got["size"] == counts[::-1]
+    filled, high = np.zeros(counts, bool), np.zeros(counts, int)
+    for k, j, i in np.ndindex(*counts):
+        part = values[tuple(slice(max(0, 8 * n - 1), 8 * n + 9) for n in (k, j, i))]
+        filled[k, j, i], high[k, j, i] = part.max() > 80, part.max()
+    np.testing.assert_array_equal(np.reshape(got["high"], counts), high)
+    at = np.argwhere(filled)
+    rings = np.reshape(got["rings"], (*counts, 2))
+    for index in np.ndindex(*counts):
+        assert rings[(*index, 0)] == np.abs(at - index).max(axis=1).min()
+        near = tuple(slice(max(0, n - 1), n + 2) for n in index)
+        assert rings[(*index, 1)] == high[near].max()
+
+
+def test_the_slope_of_a_field_bounds_every_difference() -> None:
+    plane = Plane.along(GRID, "+y")
+    field = Deformation.on_picture(GRID, plane, points(GRID, plane, size=3.0), extrusion="modulate",
+                                   curve="sin(pi*z)").field(GRID)
+    shown: ShownVolume = shown_volume(ball(), 10**6, 2048)
+    message = card_maps(field, shown, None, 128, 16)
+    planar = message.content["planar"]
+    maps, weights = (np.frombuffer(b, "<f4").tolist() for b in message.buffers)
+    got = run_script(("volume_blocks.js",), """({ maps, shape, spacing, weights, length }) => extrusionSlope(
+        planarBounds(maps, shape, spacing), weights, shape[0], weights.length / shape[0], length)""",
+        {"maps": maps, "shape": planar["shape"], "spacing": planar["spacing"], "weights": weights,
+         "length": planar["depth"][1] - planar["depth"][0]})
+    rng = np.random.default_rng(5)
+    x = GRID.index_to_point(rng.uniform(0, np.array(GRID.shape[::-1]) - 1, (4000, 3)))
+    norms = np.linalg.norm(field.jacobian(x), ord=2, axis=(1, 2))
+    assert norms.max() <= got * 1.02  # the shader's own margin
+    assert got < 4 * norms.max()  # and not so large that nothing is ever skipped
+
+
+def test_the_preset_of_the_whole_volume_is_used() -> None:
+    volume = ball(Grid((64, 64, 64)))
+    view = Recorded(volume, limit=1000, transfer="bone")
+    assert view._transfer == preset("bone", volume)
