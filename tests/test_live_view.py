@@ -156,7 +156,7 @@ def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     assert abs(shown.volume.values[0, 0, 0] - first) <= 0.501  # rounded to a byte
     assert abs(shown.volume.values[4, 3, 2] - last) <= 0.501
     np.testing.assert_allclose(shown.volume.grid.index_to_point([0, 0, 0]), volume.grid.index_to_point([1.0, 0.5, 0]))
-    assert shown.box() == {"low": [-0.75, -1.0, -1.0], "high": [3.75, 6.0, 9.0]}  # the original's, from the first centre
+    assert shown.box() == {"low": [-0.75, -1.0, -1.0], "high": [3.75, 6.0, 9.0]}  # from the first centre
 
 
 @pytest.mark.parametrize(("shape", "limit", "largest"), [

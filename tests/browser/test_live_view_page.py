@@ -195,7 +195,7 @@ def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
     assert view.camera["pan"][0] < -1
     assert page.page.text_content(".dnb-right") == "R"  # from above with the face up
     mouse.dblclick(120, 90)
-    page.wait("models.view.saved.length > 7")
+    page.wait("models.view.saved.length > 6")
     assert view.camera["pan"] == [0, 0]
     assert page.errors == []
 
