@@ -75,8 +75,9 @@ def measure(group: Group, rounds: int) -> list[Measured]:
 
 
 def _check(group: Group, case: Case) -> tuple[int | None, float, float]:
-    case.run()  # compiles, fills caches
-    peak, result = peak_memory(case.run)
+    warm = case.run()  # compiles, fills caches
+    peak, result = peak_memory(case.run)  # while the first result is kept, so that its memory is not taken again
+    del warm
     if case.error is None:
         return peak, float("nan"), float("nan")
     difference = np.abs(case.error(result))
