@@ -45,7 +45,14 @@ class EditorOnPage(LivePage):
             self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
 
     def settled(self) -> None:
-        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && !{PAGE}.isMoving && !{PAGE}.frame")
+        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
+                  f"!{PAGE}.isMoving && !{PAGE}.frame")
+
+    @property
+    def points(self) -> ControlPoints:
+        """Python's points, after all that the page has said."""
+        self.settled()
+        return self.editor.points
 
     def js(self, expression: str) -> Any:
         return self.page.evaluate(f"() => {expression}")
@@ -166,8 +173,8 @@ def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, pi
     page = opened(Editor(picture, points, show_net=False))
     page.drag(points.target[4], by)
     k = page.js(f"{PAGE}.view.k")
-    assert page.editor.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
-    assert np.array_equal(page.editor.points.source, points.source)
+    assert page.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
+    assert np.array_equal(page.points.source, points.source)
     assert_alike(page, picture)
     assert len(page.js("models.editor.saved.filter((s) => 'points' in s)")) == 1
 
@@ -186,7 +193,7 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
     bright = np.argwhere((page.canvas()[..., 0] > 128) & inside(page, picture)).mean(axis=0)
     raster = page.raster()
     found = np.array([raster.columns[0], raster.rows[0]]) + bright[::-1] * raster.spacing
-    assert found == pytest.approx(page.editor.points.target[0], abs=0.3)
+    assert found == pytest.approx(page.points.target[0], abs=0.3)
     moved = project(Deformation((page.editor.step(),)).apply(volume), view)
     v, u = np.average(np.argwhere(moved.values > 60), axis=0, weights=moved.values[moved.values > 60])
     in_volume = np.array([moved.raster.columns[0], moved.raster.rows[0]]) + np.array([u, v]) * moved.raster.spacing
@@ -197,14 +204,14 @@ def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Pi
     page = opened(Editor(picture, points))
     before = page.canvas()
     page.drag(points.target[4], (50, 30))
-    after, moved = page.canvas(), page.editor.points
+    after, moved = page.canvas(), page.points
     assert np.abs(after - before).max() > 50
     page.page.keyboard.press("Control+z")
     assert np.array_equal(page.canvas(), before)
-    assert page.editor.points == points
+    assert page.points == points
     page.page.keyboard.press("Control+y")
     assert np.array_equal(page.canvas(), after)
-    assert page.editor.points == moved
+    assert page.points == moved
 
 
 def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -233,27 +240,29 @@ def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, point
 
 
 def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+    page = opened(Editor(picture, points, show_net=False))
     before = page.canvas()
     page.drag(points.target[4], (60, 40))
     page.page.keyboard.press("c")
-    assert np.array_equal(page.canvas(), before)
+    assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 2  # no lattice, no rounding of the map
 
 
 # ---- editing --------------------------------------------------------------------------------------------------------
 
 
-def test_a_double_click_takes_hold_without_moving_anything(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.move(4, [85, 30]), show_net=False))
+def test_a_double_click_takes_hold_without_moving_anything(opened: Any, picture: Picture,
+                                                           points: ControlPoints) -> None:
+    points = points.move(4, [85, 30])
+    page = opened(Editor(picture, points, show_net=False))
     before = page.canvas()
     place = [50.0, 20.0]
     page.page.mouse.dblclick(*page.on_screen(place))
-    added = page.editor.points
+    added = page.points
     assert added.ids == (0, 1, 2, 3, 4, 5)
     # Playwright rounds nothing, the browser hands whole CSS pixels of a mouse: less than a pixel of the screen.
     assert added.target[5] == pytest.approx(place, abs=1.01 / page.js(f"{PAGE}.view.k"))
-    assert added.source[5] == pytest.approx(added.target[5] + Editor(picture, points.move(4, [85, 30])).fit().displacement(
-        added.target[5]), abs=1e-9)
+    seen = added.target[5] + Editor(picture, points).fit().displacement(added.target[5])
+    assert added.source[5] == pytest.approx(seen, abs=1e-9)
     assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 1
     assert page.js("document.activeElement.dataset.id") == "5"
 
@@ -264,9 +273,9 @@ def test_a_new_point_next_to_an_old_one_selects_that(opened: Any, picture: Pictu
     page.page.keyboard.press("Tab")
     page.page.locator("[data-command=add]").click()
     page.page.locator(".dnb-ed-stage").click(position={"x": 5, "y": 5})  # away from all: a new point
-    assert len(page.editor.points) == 6
+    assert len(page.points) == 6
     page.page.mouse.click(x + 4, y + 3)
-    assert len(page.editor.points) == 6
+    assert len(page.points) == 6
     page.wait("models.editor.get('selected').join() === '2'")
     assert page.editor.selected == [2]
 
@@ -280,33 +289,42 @@ def test_keys_do_all_of_it(opened: Any, picture: Picture, points: ControlPoints)
     assert page.js("document.activeElement.dataset.id") == "1"
     keyboard.press("ArrowRight")
     keyboard.press("Shift+ArrowUp")
-    assert page.editor.points.target[1] == pytest.approx(points.target[1] + [du, -10 * dv])
+    assert page.points.target[1] == pytest.approx(points.target[1] + [du, -10 * dv])
     keyboard.press("Alt+ArrowDown")
-    assert page.editor.points.source[1] == pytest.approx(points.source[1] + [0, dv])
+    assert page.points.source[1] == pytest.approx(points.source[1] + [0, dv])
     keyboard.press("o")
-    assert page.editor.points.active.tolist() == [True, False, True, True, True]
+    assert page.points.active.tolist() == [True, False, True, True, True]
     keyboard.press("F2")
     keyboard.type("eye")
     keyboard.press("Enter")
-    assert page.editor.points.names[1] == "eye"
+    assert page.points.names[1] == "eye"
     keyboard.press("Home")
-    assert np.array_equal(page.editor.points.target[1], page.editor.points.source[1])
+    assert np.array_equal(page.points.target[1], page.points.source[1])
     keyboard.press("Delete")
-    assert page.editor.points.ids == (0, 2, 3, 4)
+    assert page.points.ids == (0, 2, 3, 4)
     assert page.js("document.activeElement.dataset.id") == "2"
     for _ in range(6):
         keyboard.press("Control+z")
-    assert page.editor.points.remove() == ControlPoints.from_arrays(points.source, names=points.names)
+    assert page.points.remove() == ControlPoints.from_arrays(points.source, names=points.names)
     keyboard.press("Escape")
     page.page.locator(".dnb-ed-stage").focus()
     keyboard.press("Enter")
-    assert len(page.editor.points) == 5  # the middle of the view is next to the point "middle", which is taken
+    assert len(page.points) == 5  # the middle of the view is next to the point "middle", which is taken
+
+
+def test_a_double_click_on_a_point_renames_it(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.page.mouse.dblclick(*page.on_screen(points.target[3]))
+    page.page.keyboard.type("tail fin")
+    page.page.mouse.click(*page.on_screen([20, 20]))
+    assert page.points.names[3] == "tail fin"
+    assert len(page.points) == 5
 
 
 def test_a_right_click_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     page.page.mouse.click(*page.on_screen(points.target[3]), button="right")
-    assert page.editor.points.ids == (0, 1, 2, 4)
+    assert page.points.ids == (0, 1, 2, 4)
 
 
 def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -319,7 +337,7 @@ def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Pic
     page.page.mouse.click(x, y)
     page.page.keyboard.up("Shift")
     page.drag(points.target[3], (20, -15))
-    shift = page.editor.points.target - points.target
+    shift = page.points.target - points.target
     k = page.js(f"{PAGE}.view.k")
     assert shift == pytest.approx(np.array([[0, 0], [0, 0], [20 / k, -15 / k], [20 / k, -15 / k], [0, 0]]), abs=1e-9)
 
@@ -329,12 +347,12 @@ def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, poi
     page = opened(Editor(picture, moved))
     k = page.js(f"{PAGE}.view.k")
     page.drag(moved.source[4], (-10, 5))
-    assert page.editor.points.source[4] == pytest.approx(points.source[4] + np.array([-10, 5]) / k, abs=1e-9)
-    assert np.array_equal(page.editor.points.target, moved.target)
+    assert page.points.source[4] == pytest.approx(points.source[4] + np.array([-10, 5]) / k, abs=1e-9)
+    assert np.array_equal(page.points.target, moved.target)
     page.page.keyboard.down("Alt")
     page.drag(moved.target[4], (8, 8))
     page.page.keyboard.up("Alt")
-    assert page.editor.points.displacement[4] == pytest.approx(moved.displacement[4] + np.array([-10, 5]) / k, abs=1e-9)
+    assert page.points.displacement[4] == pytest.approx(moved.displacement[4] + np.array([-10, 5]) / k, abs=1e-9)
 
 
 def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -347,7 +365,7 @@ def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture
     page.page.keyboard.press("Escape")
     page.page.mouse.up()
     assert np.array_equal(page.canvas()[40:-40, 40:-40], before[40:-40, 40:-40])
-    assert page.editor.points == points
+    assert page.points == points
 
 
 def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, picture: Picture,
@@ -355,7 +373,7 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, pi
     page = opened(Editor(picture, points))
     page.js(f"{PAGE}.edit({PAGE}.points.map((p) => p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
     assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
-    assert page.editor.points == points
+    assert page.points == points
     page.editor.set_trait("kernel", "thin_plate")
     page.editor.set_trait("trend", "rigid")
     page.settled()
@@ -368,11 +386,11 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, pi
 def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture) -> None:
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
     page = opened(Editor(picture, ControlPoints.from_arrays(line)))
-    page.drag(line[1], (5, 9))
+    page.drag(line[1], (15, 10))
     status = page.page.locator(".dnb-ed-status")
     assert "the control points lie on one line" in status.inner_text()
     assert "no folds" in status.inner_text()
-    page.drag(page.editor.points.target[1], (200, 130))
+    page.drag(page.points.target[1], (200, 130))
     assert "folds on" in status.inner_text()
 
 
@@ -393,10 +411,10 @@ def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture,
     assert page.on_screen(points.target[4]) == pytest.approx(held, abs=1)
     assert_alike(page, picture)
     page.page.keyboard.down(" ")
-    page.drag([20, -20], (30, 10))
+    page.drag([75, 32], (30, 10))
     page.page.keyboard.up(" ")
-    assert page.on_screen(points.target[4]) == pytest.approx(np.array(held) + [30, 10], abs=1)
-    assert page.editor.points == points
+    assert page.on_screen(points.target[4]) == pytest.approx((held[0] + 30, held[1] + 10), abs=1)
+    assert page.points == points
     page.page.keyboard.press("0")
     page.settled()
     assert page.js(f"{PAGE}.view.k") == pytest.approx(k)
@@ -424,7 +442,7 @@ def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, p
     touch("touchMove", (x + 30, y - 20))
     touch("touchEnd")
     page.settled()
-    assert page.editor.points.displacement[4] == pytest.approx(np.array([-30, 20]) / page.js(f"{PAGE}.view.k"), abs=1e-6)
+    assert page.points.displacement[4] == pytest.approx(np.array([-30, 20]) / page.js(f"{PAGE}.view.k"), abs=1e-6)
 
 
 def test_a_point_beyond_the_view_waits_at_the_rim(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -439,7 +457,7 @@ def test_edits_on_their_way_are_few_and_the_last_always_arrives(opened: Any, pic
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
     page = opened(editor)
-    page.outbox.append = lambda *_: None if False else None  # type: ignore[method-assign,attr-defined]
+    editor.send = lambda content, buffers=None: None  # type: ignore[method-assign]
     page.drag(points.target[4], (60, 40), steps=30)
     assert [phase for phase, _ in seen] == ["move", "move", "end"]  # no answer came: two in flight, and the end
     assert seen[-1][1] == editor.points.target[4].tolist()
@@ -463,8 +481,8 @@ def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Pictu
     page.page.mouse.move(x + 40, y, steps=3)
     page.page.mouse.up()
     page.settled()
-    assert page.editor.points.target[0].tolist() == [40, 0]
-    assert page.editor.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.view.k"), 0])
+    assert page.points.target[0].tolist() == [40, 0]
+    assert page.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.view.k"), 0])
 
 
 def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -475,7 +493,7 @@ def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: P
     heard = page.js("heard")
     assert heard[0][0] == "move"
     assert heard[-1][0] == "end"
-    assert heard[-1][1] == page.editor.points.target[4].tolist()
+    assert heard[-1][1] == page.points.target[4].tolist()
     assert heard[-1][2] == pytest.approx(page.editor.fit().support)
 
 
@@ -486,8 +504,9 @@ def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: Co
     first, second = page.js("[...document.querySelectorAll('.dnb-ed-canvas')].map((c) => c.toDataURL())")
     assert first == second
     page.page.keyboard.press("Control+z")
-    assert page.editor.points == points  # one edit, recorded once
-    assert page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points[4].target[0])") == [70, 70]
+    assert page.points == points  # one edit, recorded once
+    both = page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points[4].target[0])")
+    assert both == [70, 70]
 
 
 def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -503,14 +522,15 @@ def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Pictur
     page.page.wait_for_timeout(200)
 
 
-def test_a_broken_picture_is_said_and_the_points_still_work(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_a_broken_picture_is_said_and_the_points_still_work(opened: Any, picture: Picture,
+                                                            points: ControlPoints) -> None:
     editor = Editor(picture, points)
     page = opened(editor)
     editor.image = b"no picture"
     page.wait("!document.querySelector('[role=alert]').hidden")
     assert "could not be shown" in page.page.locator("[role=alert]").inner_text()
     page.drag(points.target[4], (20, 10))
-    assert page.editor.points != points
+    assert page.points != points
 
 
 def test_an_error_in_a_callback_is_seen_in_the_page(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -548,7 +568,8 @@ def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Pictu
     page = EditorOnPage(browser, Editor(picture, theme=theme))
     page.page.emulate_media(color_scheme=scheme)
     page.wait(f"document.querySelector('.dnb-ed-dark') {'!==' if is_dark else '==='} null")
-    paper, ink = page.js("""((s) => [s.backgroundColor, s.color])(getComputedStyle(document.querySelector(".dnb-editor")))""")
+    style = "getComputedStyle(document.querySelector('.dnb-editor'))"
+    paper, ink = page.js(f"[{style}.backgroundColor, {style}.color]")
     brightness = [sum(int(v) for v in colour[4:-1].split(",")) / 3 for colour in (paper, ink)]
     assert (brightness[0] < 60 and brightness[1] > 180) if is_dark else (brightness[0] > 200 and brightness[1] < 90)
     page.close()
@@ -557,9 +578,13 @@ def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Pictu
 @pytest.mark.parametrize("width", [420, 600, 1280])
 def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints, width: int) -> None:
     page = opened(Editor(picture, points), size=(width, 800))
-    clipped = page.js("""[...document.querySelectorAll(".dnb-ed-button, .dnb-ed-status > *, .dnb-ed-stage")].filter((e) => {
-        const b = e.getBoundingClientRect(), r = document.querySelector(".dnb-editor").getBoundingClientRect();
-        return b.left < r.left - 1 || b.right > r.right + 1 || b.bottom > r.bottom + 1 || e.scrollWidth > e.clientWidth + 1;
-    }).map((e) => e.className)""")
+    clipped = page.js("""(() => {
+        const r = document.querySelector(".dnb-editor").getBoundingClientRect();
+        const parts = [...document.querySelectorAll(".dnb-ed-button, .dnb-ed-status > *, .dnb-ed-stage")];
+        return parts.filter((e) => {
+            const b = e.getBoundingClientRect(), isWide = e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0;
+            return b.left < r.left - 1 || b.right > r.right + 1 || b.bottom > r.bottom + 1 || isWide;
+        }).map((e) => e.className);
+    })()""")
     assert clipped == []
     assert page.js("document.documentElement.scrollWidth <= innerWidth")

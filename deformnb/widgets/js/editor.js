@@ -21,7 +21,6 @@ class EditorPage extends EditorDrawing {
     this.handles = new Handles(this.svg);
     this.gestures = new Gestures(this);
     this.#listen();
-    this.#theme();
     this.guard(() => this.layout());
     this.loadPicture();
   }
@@ -57,7 +56,7 @@ class EditorPage extends EditorDrawing {
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
     on("change:height", () => this.layout());
-    on("change:theme", () => this.#theme());
+    on("change:theme", () => this.applyTheme());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
     for (const name of ["density", "show_net", "show_radius", "read_only"]) on(`change:${name}`, () => this.invalidate());
@@ -70,7 +69,7 @@ class EditorPage extends EditorDrawing {
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.observer.observe(this.root);
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.guard(() => this.#theme());
+    this.repaint = () => this.guard(() => this.applyTheme());
     this.dark.addEventListener("change", this.repaint);
     this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change attributes of the body
     this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
@@ -364,10 +363,11 @@ class EditorPage extends EditorDrawing {
   speak(text) { setText(this.spoken, text); }
 
   // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
-  #theme() {
+  applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    const [r, g, b] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? [255, 255, 255]).map(Number);
-    this.root.classList.toggle("dnb-ed-dark", 0.2126 * r + 0.7152 * g + 0.0722 * b < 110);
+    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
+    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
+    this.root.classList.toggle("dnb-ed-dark", isDark);
     const style = getComputedStyle(this.root), colour = (name) => style.getPropertyValue(name).trim() || "#777";
     this.colours = { stage: colour("--dnb-stage"), net: colour("--dnb-net") };
     this.invalidate();

@@ -9,6 +9,7 @@ class EditorDrawing {
   // ---- the view -----------------------------------------------------------------------------------------------------
 
   layout() {
+    this.applyTheme(); // a style sheet that comes late changes sizes as well
     const [a0, a1, b0, b1] = this.box, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
     const ideal = (most - 2 * MARGIN) / aspect + 2 * MARGIN;
     this.root.style.maxWidth = `${Math.round(Math.max(SMALLEST, ideal))}px`;

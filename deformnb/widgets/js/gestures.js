@@ -34,8 +34,11 @@ class Gestures {
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
+  // The point that an event is about. While a pointer is captured its clicks say nothing of what lies under them.
   idAt(event) {
-    const target = event.target.closest?.("[data-id]"), source = event.target.closest?.("[data-source]");
+    const isClick = event.type === "dblclick" || event.type === "contextmenu";
+    const hit = isClick ? this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY) : event.target;
+    const target = hit?.closest?.("[data-id]"), source = hit?.closest?.("[data-source]");
     if (target) return { id: Number(target.dataset.id), what: "target" };
     return source ? { id: Number(source.dataset.source), what: "source" } : null;
   }
