@@ -148,6 +148,8 @@ class Extrusion(AbstractField):
             raise DeformError(f"{len(self.maps)} maps and {len(self.knots)} knots do not fit weights of shape {shape}.")
         if isinstance(self.weights, np.ndarray) and any(m.dim != 2 for m in self.maps):
             raise DeformError("an extrusion needs maps over a plane, of dimension 2.")
+        if not self.depth[0] <= self.depth[1]:  # NaN as well
+            raise DeformError(f"the depth of an extrusion runs from front to back, got {self.depth}.")
 
     @property
     def dim(self) -> int:

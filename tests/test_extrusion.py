@@ -288,3 +288,10 @@ def test_every_rule_is_registered_and_weights_have_their_shape() -> None:
         assert knots[0] >= 0
         assert knots[-1] <= 1
         assert weights.shape[1] == len(knots)
+
+
+@pytest.mark.parametrize("depth", [(2.0, 1.0), (np.nan, 1.0)])
+def test_a_depth_from_back_to_front_is_refused(depth: tuple[float, float]) -> None:
+    knots, weights = replicate()
+    with pytest.raises(DeformError, match="front to back"):
+        Extrusion(Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), depth, (Identity(2),), knots, weights)
