@@ -1,8 +1,10 @@
 """A deformation as JSON text and back.
 
 The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
-document or to a step are kept and written out again (so a minor version may add them there and nowhere else). The reader
-trusts nothing: no NaN, no infinity, bounded size and nesting, and every error names the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.
+document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
+
+The reader trusts nothing: no NaN, no infinity, bounded size and nesting, and every error names the place in the
+document. Nothing in a document is ever executed, unpickled, or used as a path.
 """
 
 from __future__ import annotations
