@@ -79,13 +79,13 @@ class ShownVolume:
 
     def to_frame(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points in space as lengths along the index axes, from the centre of the first voxel: the card's frame."""
-        return self.volume.grid.point_to_index(points) * np.asarray(self.volume.grid.spacing)
+        return np.asarray(self.volume.grid.point_to_index(points) * np.asarray(self.volume.grid.spacing))
 
     @property
     def frame(self) -> NDArray[np.float64]:
         """3 x 3 rows, from vectors in space to the card's frame."""
         grid = self.volume.grid
-        return np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None]
+        return np.asarray(np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None])
 
     def box(self, grid: Grid | None = None) -> dict[str, list[float]]:
         """The box of a grid (default: the volume's own) along the index axes."""

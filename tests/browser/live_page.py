@@ -85,15 +85,17 @@ class LivePage:
         self.widgets[name] = widget
         widget.send = lambda content, buffers=None: self.outbox.append((name, content, list(buffers or [])))
         widget.observe(lambda change: self._changed(name, change))
-        state = {k: _plain(getattr(widget, k)) for k in widget.keys if not k.startswith("_") and k not in _OTHERS}
-        self.page.evaluate("([n, s]) => { makeModel(n, s); }", [name, state])
+        state = {k: _plain(v) for k, v in widget.get_state().items() if not k.startswith("_") and k not in _OTHERS}
+        # Under its own name and under the one by which another widget's trait refers to it.
+        self.page.evaluate("([n, s, id]) => { models[id] = makeModel(n, s); }", [name, state, widget.model_id])
         if draw:
             self.draw(name)
 
     def _changed(self, name: str, change: Any) -> None:
         if self.widgets[name].trait_metadata(change["name"], "sync") and not self._echo:
+            key = change["name"]
             self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
-                               [name, change["name"], _plain(change["new"])])
+                               [name, key, _plain(self.widgets[name].get_state(key)[key])])
 
     def draw(self, name: str = "view") -> None:
         self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])

@@ -12,8 +12,10 @@ from scripts import chromium
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
+from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 
 SIZE = (240, 180)
@@ -292,3 +294,31 @@ def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -
 def _listed(points: ControlPoints) -> list[dict[str, Any]]:
     return [{"id": points.ids[k], "name": "", "source": points.source[k].tolist(), "target": points.target[k].tolist(),
              "active": True, "weight": 1.0} for k in range(len(points))]
+
+
+def test_what_goes_right_and_down_in_the_editor_does_so_in_space(page: LivePage) -> None:
+    view = opened(page)
+    for name in ("+y", "-x", "-z"):
+        plane = Plane.along(GRID, name)
+        still = ControlPoints.from_arrays([[20.0, 20.0]])
+        editor = Editor(project(shape_without_symmetry(), plane), still, trend="translation")
+        page.add(editor, name)
+        view.set_camera(plane.normal, [-c for c in plane.v])
+        view.follow(editor, Deformation.on_picture(GRID, plane, still, trend="translation").field(GRID))
+        start = _middle(page.pixels())
+        count = page.page.evaluate(f"{LINK}.count")
+        editor.points = still.move(0, [24.0, 23.0])
+        page.wait(f"{LINK}.count > {count}")
+        right, down = _middle(page.pixels()) - start
+        # Four and three lengths of some 2 pixels each; what leaves the box on the right makes the mean a little less.
+        assert right > 3, name
+        assert down > 2, name
+    assert page.errors == []
+
+
+LINK = "document.querySelector('.dnb-view').deformnb.link"
+
+
+def _middle(image: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(silhouette(image))
+    return np.array([columns.mean(), rows.mean()])

@@ -134,7 +134,8 @@ void main() {
     vec3 g = here.rgb * 255. - 128.;
 #ifdef WARPED
     // Where the box cuts through the body its face is lit, not the grain of the voxels behind it.
-    if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.; else g = pulledBack(x, from, g);
+    if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.;
+    else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
 #endif
     rgba.rgb = lit(rgba.rgb, g, textureLod(ambience, clamp(q, 0., 1.), 0.).r);
 #endif
