@@ -26,13 +26,13 @@ class EditorPage extends EditorDrawing {
   }
 
   #build(el) {
-    this.root = pageElement("div", "dnb-editor", el, { "data-lm-suppress-shortcuts": "true" });
+    this.root = pageElement("div", "dnb-editor", el);
     this.toolbar = new Toolbar(this, this.root);
-    this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application" });
+    this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application", ...OWN_KEYS });
     this.canvas = pageElement("canvas", "dnb-ed-canvas", this.stage, { "aria-hidden": "true" });
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
-      "aria-label": "name of the point" });
+      "aria-label": "name of the point", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", this.stage, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", this.stage, { role: "alert", hidden: "" });
     this.help = helpPanel(this.stage);

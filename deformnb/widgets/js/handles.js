@@ -2,6 +2,8 @@
 // Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
+// JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
+const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
 function svgElement(tag, attributes, parent) {
@@ -61,7 +63,7 @@ class Handles {
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
     const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "0", role: "button",
-      "aria-roledescription": "control point" }, this.points);
+      "aria-roledescription": "control point", ...OWN_KEYS }, this.points);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
     svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
     svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);

@@ -50,7 +50,8 @@ class Toolbar {
     for (const group of GROUPS) {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
       for (const [command, label, tip, stays, needs] of group) {
-        const button = pageElement("button", "dnb-ed-button", box, { type: "button", title: tip, "aria-label": tip });
+        const button = pageElement("button", "dnb-ed-button", box, { type: "button", title: tip, "aria-label": tip,
+          ...OWN_KEYS });
         const icon = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
         svgElement("path", { d: ICONS[command] }, icon);
         if (label) pageElement("span", "dnb-ed-label", button).textContent = label;
@@ -87,7 +88,7 @@ class Toolbar {
 
 function helpPanel(parent) {
   const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
-    tabindex: "-1" });
+    tabindex: "-1", ...OWN_KEYS });
   const list = pageElement("dl", "", panel);
   for (const [keys, what] of HELP) {
     const row = pageElement("div", "", list);

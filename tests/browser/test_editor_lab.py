@@ -1,0 +1,106 @@
+"""The editor in a real JupyterLab: the mouse drags, the kernel hears of it, and keys are the editor's own."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser.lab import Lab
+from browser.live_page import ARGUMENTS
+from scripts import chromium
+
+CELLS = [
+    """
+import numpy as np
+from deformnb import ControlPoints, Grid, Volume, project
+from deformnb.widgets import Editor
+z, y, x = np.indices((30, 40, 60))
+volume = Volume((((x // 6 + y // 6 + z // 6) % 2) * 200).astype(np.uint8), Grid((30, 40, 60)))
+points = ControlPoints.from_arrays([[10, 8], [48, 9], [30, 30], [30, 18]])
+moves = []
+""",
+    """
+editor = Editor(project(volume, "+z", "slice"), points, height=360)
+editor.on_edit(lambda points, phase: moves.append(phase))
+editor
+""",
+]
+PAGE = "document.querySelector('.dnb-editor').deformnb"
+STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(editor.points.ids), moves.count('end')]))"
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    for module in ("jupyterlab", "ipykernel", "nbformat"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
+    server = Lab(tmp_path)
+    try:
+        server.started()
+        yield server
+    finally:
+        server.close()
+
+
+@pytest.fixture
+def page() -> Iterator[Any]:
+    path = chromium()
+    if path is None:
+        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        yield browser.new_page(viewport={"width": 1280, "height": 800})
+        browser.close()
+
+
+def middle(page: Any, point: int) -> tuple[float, float]:
+    """Where a point is on the screen, once Lab has come to rest."""
+    box = None
+    for _ in range(40):
+        before, box = box, page.locator(f"[data-id='{point}'] .dnb-ed-disc").bounding_box()
+        if box is not None and box == before:
+            break
+        page.wait_for_timeout(250)
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def test_the_editor_works_in_jupyterlab(lab: Lab, page: Any) -> None:
+    lab.open_notebook(page, CELLS)
+    page.wait_for_selector("[data-id='3']", timeout=60_000)
+    page.wait_for_function(f"{PAGE}.painter.source")
+    page.locator(".dnb-editor").scroll_into_view_if_needed()
+    x, y = middle(page, 3)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 25, steps=8)
+    page.mouse.up()
+    k = page.evaluate(f"() => {PAGE}.view.k")
+    targets, ids, ends = json.loads(lab.run(page, STATE))
+    assert targets[3] == pytest.approx([30 + 40 / k, 18 + 25 / k], abs=1e-6)
+    assert ends == 1
+
+    # Lab's own keys would cut the cell (x), delete it (d d), or hide its output (o).
+    cells = page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length")
+    for key in ("o", "o", "x", "d", "d", "ArrowRight", "Delete"):
+        page.keyboard.press(key)
+    targets, ids, ends = json.loads(lab.run(page, STATE))
+    assert ids == [0, 1, 2]
+    assert page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length") == cells
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    targets, ids, ends = json.loads(lab.run(page, STATE))
+    assert ids == [0, 1, 2, 3]
+    assert targets[3] == pytest.approx([30 + 40 / k, 18 + 25 / k], abs=1e-6)
+
+    lab.run(page, "editor.points = editor.points.move(0, [14, 12])")
+    page.wait_for_function(f"{PAGE}.points[0].target[0] === 14")
+    page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
+    page.wait_for_function("document.querySelectorAll('.dnb-editor').length === 1 && "
+                           f"{PAGE}.points[0].target[0] === 10 && {PAGE}.painter.source", timeout=60_000)
