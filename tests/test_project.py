@@ -75,7 +75,7 @@ def _requirements(*extras: str) -> dict[str, str]:
 
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
-    own = {"deformnb", folder.name, *(path.stem for path in folder.rglob("*.py"))}
+    own = {"deformnb", folder.name, *(name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name))}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
