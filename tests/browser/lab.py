@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import signal
@@ -53,11 +54,11 @@ class Lab:
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         """A notebook with these cells in a page of a browser, all of them run."""
-        import nbformat
-
-        notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
-        notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        nbformat.write(notebook, self.folder / name)
+        kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        code = [{"cell_type": "code", "id": f"cell-{k}", "metadata": {}, "execution_count": None, "outputs": [],
+                 "source": cell} for k, cell in enumerate(cells)]
+        notebook = {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}, "cells": code}
+        (self.folder / name).write_text(json.dumps(notebook), encoding="utf-8")
         page.goto(f"http://127.0.0.1:{self.port}/lab/tree/{name}?token={self.token}")
         page.wait_for_function("window.jupyterapp?.shell.currentWidget?.sessionContext", timeout=90_000)
         page.evaluate("""async () => {

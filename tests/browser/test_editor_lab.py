@@ -35,7 +35,7 @@ STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(edit
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Lab]:
-    for module in ("jupyterlab", "ipykernel", "nbformat"):
+    for module in ("jupyterlab", "ipykernel"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
     server = Lab(tmp_path)

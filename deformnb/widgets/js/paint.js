@@ -28,6 +28,22 @@ class PictureSource {
   }
 }
 
+// The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+async function decodePicture(bytes, raster) {
+  const view = new Uint8Array(bytes.buffer ?? bytes, bytes.byteOffset ?? 0, bytes.byteLength);
+  const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
+    { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const [height, width] = raster.shape;
+  if (bitmap.width !== width || bitmap.height !== height) throw new Error("its size is not that of its raster");
+  const canvas = Object.assign(document.createElement("canvas"), { width, height });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const rgba = context.getImageData(0, 0, width, height).data;
+  if (raster.channels !== 1) return new PictureSource(rgba, 4, raster);
+  return new PictureSource(Uint8Array.from({ length: width * height }, (_, k) => rgba[4 * k]), 1, raster);
+}
+
 function halved({ pixels, width, height }, channels) {
   const w = Math.max(1, width >> 1), h = Math.max(1, height >> 1), out = new Uint8Array(w * h * channels);
   for (let y = 0; y < h; y++) {

@@ -1,4 +1,4 @@
-// The fit of control points on a picture, equal to deformnb.rbf.fit_rbf for dimension 2. No DOM.
+// The fit of control points on a picture, equal to deformnb.rbf.fit_rbf for dimension 2. Needs rbf_solve.js. No DOM.
 //
 //   rbfFit(points, settings)    -> fit; throws RbfError with a message for people
 //   rbfAt(fit, a, b)            -> [da, db], the backward displacement at a place of the picture
