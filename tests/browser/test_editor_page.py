@@ -517,6 +517,7 @@ def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Pictur
     assert page.page.locator(".dnb-editor").count() == 1
     page.js("models.editor.cleanups.pop()()")
     assert page.page.locator("#root > *").count() == 0
+    assert page.js("models.editor.deformnb.latest") is None
     page.editor.points = points.move(4, [60, 20])  # nobody is left to hear of it, and nothing breaks
     page.page.set_viewport_size({"width": 500, "height": 500})
     page.page.wait_for_timeout(200)

@@ -11,6 +11,7 @@ class EditorPage extends EditorDrawing {
     this.model = model;
     this.bus = busOf(model);
     this.bus.history ??= new History();
+    this.bus.views = (this.bus.views ?? 0) + 1;
     this.id = Math.random().toString(36).slice(2);
     Object.assign(this, { points: cleanPoints(model.get("points")), selected: new Set(model.get("selected")), fit: null,
       error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
@@ -94,6 +95,8 @@ class EditorPage extends EditorDrawing {
     this.themes.disconnect();
     cancelAnimationFrame(this.frame);
     for (const timer of [this.restTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    this.bus.views -= 1;
+    if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
     this.root.remove();
   }
 
