@@ -38,8 +38,8 @@ COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
 # Of use where it happens to be installed, and done without elsewhere.
 USED_IF_PRESENT = {"psutil"}
 LEFT_OUT = sys.stdlib_module_names | COMES_WITH_PYVISTA | USED_IF_PRESENT
-# Required by the interactive part, which imports them in the widgets.
-NOT_IMPORTED_YET = {"anywidget", "ipywidgets", "trame"}
+# Required by the application, which is being built.
+NOT_IMPORTED_YET = {"trame", "trame-rca", "trame-vuetify"}
 HEAVY = {
     "anywidget",
     "ipywidgets",
