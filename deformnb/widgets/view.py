@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, ABCMeta, abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,84 @@ import traitlets
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.deformation import Deformation
+from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
+from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 
 Image = NDArray[np.uint8]
+
+SHOWS = {
+    "deformed": "the deformed volume",
+    "original": "the volume as it was given",
+    "side_by_side": "original on the left and deformed on the right, turned together",
+    "flicker": "original and deformed in turn, at the same place",
+}
+"""What of a volume and its deformation is seen, by name; the first is the default."""
+
+HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
+"""The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""
+
+
+class ShowsTrait(traitlets.TraitType[str, str]):
+    """A name of :data:`SHOWS`."""
+
+    default_value = "deformed"
+    info_text = f"one of {', '.join(SHOWS)}"
+
+    def validate(self, obj: Any, value: Any) -> str:
+        if not isinstance(value, str) or value not in SHOWS:
+            raise DeformError(f"a view cannot show {value!r}; choose one of {', '.join(SHOWS)}.")
+        return value
+
+
+class CameraTrait(traitlets.TraitType[dict[str, Any], Mapping[str, Any]]):
+    """Where the viewer stands: direction, up, zoom, pan and perspective; what is missing is as in :data:`HOME`."""
+
+    info_text = "a dictionary of direction, up, zoom, pan and perspective"
+
+    def make_dynamic_default(self) -> dict[str, Any]:
+        return checked_camera({})
+
+    def validate(self, obj: Any, value: Any) -> dict[str, Any]:
+        return checked_camera(value)
+
+
+def checked_camera(value: Any) -> dict[str, Any]:
+    """A camera as plain numbers, complete.
+
+    Raises
+    ------
+    DeformError
+        For what is no camera.
+
+    Examples
+    --------
+    >>> checked_camera({"direction": (0, 2, 0)})["direction"]
+    [0.0, 2.0, 0.0]
+    """
+    unknown = set(value) - {*HOME, "perspective"} if isinstance(value, Mapping) else {repr(value)}
+    if unknown:
+        raise DeformError(f"a camera has direction, up, zoom, pan and perspective, not {', '.join(map(str, unknown))}.")
+    given = {name: value[name] for name in value if value[name] is not None}
+    try:
+        camera = {name: np.asarray(given.get(name, home), dtype=np.float64) for name, home in HOME.items()}
+    except (TypeError, ValueError):
+        raise DeformError(f"the numbers of a camera must be numbers, got {given}.") from None
+    if [n.shape for n in camera.values()] != [(3,), (3,), (), (2,)] or not all(map(_is_finite, camera.values())):
+        raise DeformError("direction and up of a camera have three finite numbers, pan has two, zoom is one.")
+    if camera["zoom"] <= 0:
+        raise DeformError(f"zoom must be a positive number, got {given['zoom']}.")
+    plane = Plane.through((0, 0, 0), camera["direction"], camera["up"] if "up" in given else None)
+    if "direction" in given and "up" not in given:
+        camera["up"] = -np.asarray(plane.v)
+    whole = {name: (numbers + 0.0).tolist() for name, numbers in camera.items()}  # no -0.0
+    return {**whole, "perspective": True} if given.get("perspective") else whole
+
+
+def _is_finite(numbers: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(numbers).all())
 
 
 class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
@@ -26,7 +100,14 @@ class AbstractView(ABC):
 
     A view keeps the volume it was shown; edits send displacements only. All lengths are physical, all directions in
     space (LPS). A view never changes what it is given.
+
+    Attributes
+    ----------
+    shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
+        "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     """
+
+    shows: Any
 
     @abstractmethod
     def show(self, volume: Volume) -> None:
