@@ -86,7 +86,7 @@ class ControlPoints:
     @classmethod
     def from_arrays(cls, source: ArrayLike, target: ArrayLike | None = None, *, ids: Sequence[int] | None = None,
                     names: Sequence[str] | None = None, active: ArrayLike | None = None,
-                    weight: ArrayLike | None = None) -> ControlPoints:
+                    weight: ArrayLike | None = None, next_id: int = 0) -> ControlPoints:
         """Points from arrays of shape (N, 2) or (N, 3); the targets are the sources where not given."""
         s = _as_points(source, "source")
         t = s.copy() if target is None else _as_points(target, "target")
@@ -95,13 +95,13 @@ class ControlPoints:
             s, t, tuple(int(i) for i in (range(n) if ids is None else ids)),
             tuple(str(name) for name in ([""] * n if names is None else names)),
             np.ones(n, dtype=bool) if active is None else np.array(active, dtype=bool),
-            np.ones(n) if weight is None else np.array(weight, dtype=np.float64),
+            np.ones(n) if weight is None else np.array(weight, dtype=np.float64), next_id,
         )
 
     @classmethod
-    def empty(cls, dim: int = 2) -> ControlPoints:
+    def empty(cls, dim: int = 2, next_id: int = 0) -> ControlPoints:
         """No points yet, in the plane (dim 2) or in space (dim 3)."""
-        return cls.from_arrays(np.zeros((0, dim)))
+        return cls.from_arrays(np.zeros((0, dim)), next_id=next_id)
 
     def __len__(self) -> int:
         return len(self.ids)

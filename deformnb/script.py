@@ -1,0 +1,126 @@
+"""A deformation as a short Python script that makes the same document: every gesture is code.
+
+Numbers are written so that reading them gives the same bits; what has its default value is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.plane import VIEWS, Plane
+from deformnb.volume import Grid
+
+# Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.
+_ROWS_ON_A_LINE = 3
+_DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
+_PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name")
+
+
+def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dnb.read_volume("volume.nii.gz")') -> str:
+    """A script that makes ``deformation`` and applies it.
+
+    Parameters
+    ----------
+    deformation : the document; what only a newer version knows (``extra``) and the volume's checksum are left out.
+    grid : of the volume it was made on; its own axes are written by name ("+y").
+    volume : expression that gives the volume.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0]], [[0, 0], [9, 2.5]], names=["tail", "nose"])
+    >>> grid = Grid((10, 10, 10))
+    >>> print(as_python(Deformation.on_picture(grid, "+y", points), grid))
+    import deformnb as dnb
+    <BLANKLINE>
+    volume = dnb.read_volume("volume.nii.gz")
+    <BLANKLINE>
+    points = dnb.ControlPoints.from_arrays(
+        source=[[0.0, 0.0], [9.0, 0.0]],
+        target=[[0.0, 0.0], [9.0, 2.5]],
+        names=["tail", "nose"],
+    )
+    <BLANKLINE>
+    deformation = dnb.Deformation.on_picture(volume.grid, "+y", points)
+    deformed = deformation.apply(volume)
+    <BLANKLINE>
+    """
+    sets = iter(_names(sum(len(step.maps) for step in deformation.steps)))
+    blocks, steps = ["import deformnb as dnb", f"volume = {volume}"], []
+    for step in deformation.steps:
+        names = [next(sets) for _ in step.maps]
+        blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
+        steps.append((step, names))
+    blocks.append(f"deformation = {_made(deformation, steps, grid)}\ndeformed = deformation.apply(volume)")
+    return "\n\n".join(blocks) + "\n"
+
+
+def _names(count: int) -> list[str]:
+    return ["points"] if count == 1 else [f"points_{k + 1}" for k in range(count)]
+
+
+def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid) -> str:
+    step, names = steps[0] if len(steps) == 1 else (None, [])
+    if step is not None and step.plane is not None and len(names) == 1 and not deformation.name:
+        view = _view(step.plane, grid)
+        where = f'"{view}"' if view else _plane(step.plane, grid)
+        return f"dnb.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step)})"
+    lines = [f"dnb.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
+    inside = "(\n" + "".join(f"    {line},\n" for line in lines) + ")" if lines else "()"
+    return f"dnb.Deformation({inside}{f', name={_text(deformation.name)}' if deformation.name else ''})"
+
+
+def _points(points: ControlPoints) -> str:
+    last = max((i + 1 for i in points.ids), default=0)
+    if not len(points):
+        options = "" if points.next_id == last else f", next_id={points.next_id}"
+        return f"dnb.ControlPoints.empty({points.dim}{options})"
+    rows = {"source": _rows(points.source)}
+    if not np.array_equal(points.source, points.target):
+        rows["target"] = _rows(points.target)
+    if points.ids != tuple(range(len(points))):
+        rows["ids"] = repr(list(points.ids))
+    if any(points.names):
+        rows["names"] = f"[{', '.join(_text(n) for n in points.names)}]"
+    if not points.active.all():
+        rows["active"] = repr(points.active.tolist())
+    if (points.weight != 1).any():
+        rows["weight"] = repr(points.weight.tolist())
+    if points.next_id != last:  # points were removed: their ids shall not come back
+        rows["next_id"] = str(points.next_id)
+    return "dnb.ControlPoints.from_arrays(\n" + "".join(f"    {key}={value},\n" for key, value in rows.items()) + ")"
+
+
+def _rows(array: NDArray[np.float64]) -> str:
+    rows = [repr(row) for row in array.tolist()]
+    if len(rows) <= _ROWS_ON_A_LINE:
+        return f"[{', '.join(rows)}]"
+    chunks = [", ".join(rows[k : k + _ROWS_ON_A_LINE]) for k in range(0, len(rows), _ROWS_ON_A_LINE)]
+    return "[\n        " + ",\n        ".join(chunks) + ",\n    ]"
+
+
+def _view(plane: Plane, grid: Grid) -> str | None:
+    return next((view for view in VIEWS if Plane.along(grid, view) == plane), None)
+
+
+def _plane(plane: Plane | None, grid: Grid) -> str:
+    if plane is None:
+        return "None"
+    view = _view(plane, grid)
+    if view:
+        return f'dnb.Plane.along(volume.grid, "{view}")'
+    return f"dnb.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
+
+
+def _options(step: Step) -> str:
+    changed = [(name, getattr(step, name)) for name in _PLAIN if getattr(step, name) != _DEFAULTS[name]]
+    return "".join(f", {name}={_text(value) if isinstance(value, str) else repr(value)}" for name, value in changed)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)  # its escapes are Python's too, and the quotes are double as elsewhere
