@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from browser.lab import Lab
-from browser.live_page import ARGUMENTS
-from scripts import chromium
+
+pytestmark = pytest.mark.needs_browser
 
 CELLS = [
     """
@@ -32,32 +30,6 @@ editor
 ]
 PAGE = "document.querySelector('.dnb-editor').deformnb"
 STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(editor.points.ids), moves.count('end')]))"
-
-
-@pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    for module in ("jupyterlab", "ipykernel"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
-    server = Lab(tmp_path)
-    try:
-        server.started()
-        yield server
-    finally:
-        server.close()
-
-
-@pytest.fixture
-def page() -> Iterator[Any]:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
-        yield browser.new_page(viewport={"width": 1280, "height": 800})
-        browser.close()
 
 
 def middle(page: Any, point: int) -> tuple[float, float]:
@@ -82,7 +54,8 @@ def settled(lab: Lab, page: Any, reached: Callable[[Any, list[int], int], bool])
         time.sleep(0.2)
 
 
-def test_the_editor_works_in_jupyterlab(lab: Lab, page: Any) -> None:
+def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
+    page = tab
     lab.open_notebook(page, CELLS)
     page.wait_for_selector("[data-id='3']", timeout=60_000)
     page.wait_for_function(f"{PAGE}.painter.source")

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import ARGUMENTS, LivePage
+from browser.live_page import LivePage
 from PIL import Image
-from scripts import chromium
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
@@ -20,6 +19,8 @@ from deformnb.plane import VIEWS, Raster
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
+
+pytestmark = pytest.mark.needs_browser
 
 PAGE = "document.querySelector('.dnb-editor').deformnb"
 
@@ -88,19 +89,6 @@ class EditorOnPage(LivePage):
 
 def packed(value: Any) -> Any:
     return {"__bytes__": base64.b64encode(bytes(value)).decode()} if isinstance(value, bytes | memoryview) else value
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
-        yield started
-        started.close()
 
 
 @pytest.fixture

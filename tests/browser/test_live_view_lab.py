@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
+from typing import Any
 
 import pytest
 from browser.lab import Lab
-from browser.live_page import ARGUMENTS
-from scripts import chromium
+
+pytestmark = pytest.mark.needs_browser
 
 SHOW = """
 import numpy as np
@@ -35,27 +34,10 @@ print(image.shape, middle[1] > 175, abs(middle[0] - middle[1]) < 3, bool((image 
 VIEW = "document.querySelector('.dnb-view')?.deformnb"
 
 
-def test_a_session_in_jupyterlab(tmp_path: Path) -> None:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
-    for module in ("jupyterlab", "ipykernel", "nbformat"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
-    from playwright.sync_api import sync_playwright
-
-    lab = Lab(tmp_path)
-    try:
-        lab.started()
-        with sync_playwright() as p:
-            browser = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
-            page = browser.new_page(viewport={"width": 1100, "height": 900})
-            lab.open_notebook(page, [SHOW])
-            page.wait_for_function(f"{VIEW}?.caster?.isReady", timeout=90_000)
-            assert lab.run(page, DEFORM) == ""
-            page.wait_for_function(f"{VIEW}.caster.planar && {VIEW}.stats", timeout=60_000)
-            # What the page shows came by the kernel's messages, and its picture went back by them.
-            assert lab.run(page, LOOK).strip() == "(240, 320, 3) True True True True"
-            browser.close()
-    finally:
-        lab.close()
+def test_a_session_in_jupyterlab(lab: Lab, tab: Any) -> None:
+    lab.open_notebook(tab, [SHOW])
+    tab.wait_for_function(f"{VIEW}?.caster?.isReady", timeout=90_000)
+    assert lab.run(tab, DEFORM) == ""
+    tab.wait_for_function(f"{VIEW}.caster.planar && {VIEW}.stats", timeout=60_000)
+    # What the page shows came by the kernel's messages, and its picture went back by them.
+    assert lab.run(tab, LOOK).strip() == "(240, 320, 3) True True True True"

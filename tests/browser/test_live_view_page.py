@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import ARGUMENTS, LivePage
-from scripts import chromium
+from browser.live_page import LivePage
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
@@ -18,6 +16,8 @@ from deformnb.volume import Grid, Volume
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 
+pytestmark = pytest.mark.needs_browser
+
 SIZE = (240, 180)
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
@@ -25,26 +25,6 @@ GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
 # small, and its picture is what the card makes at every sample.
 FINE = GRID.resampled(spacing=0.75)
 SIDES = ((0, 1, 0), (-0.6, 0.7, 0.4))  # the same for all tests: the core compiles its renderer for each once
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
-        yield started
-        started.close()
-
-
-@pytest.fixture
-def page(browser: Any) -> Iterator[LivePage]:
-    opened = LivePage(browser)
-    yield opened
-    opened.close()
 
 
 def shape_without_symmetry(grid: Grid = GRID) -> Volume:

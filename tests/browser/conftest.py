@@ -1,0 +1,56 @@
+"""What the browser tests share: one Chromium for each module, a fresh page for each test, and JupyterLab."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser.lab import Lab
+from browser.live_page import ARGUMENTS, LivePage
+from scripts import chromium
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = chromium()
+    if path is None:
+        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[LivePage]:
+    """A page with models whose messages go to real widgets in this process."""
+    opened = LivePage(browser)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Any]:
+    """A plain page of the browser, for a server of its own."""
+    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    """JupyterLab on this machine, started."""
+    for module in ("jupyterlab", "ipykernel"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
+    server = Lab(tmp_path)
+    try:
+        server.started()
+        yield server
+    finally:
+        server.close()
