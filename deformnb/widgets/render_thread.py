@@ -1,0 +1,211 @@
+"""One thread for everything that VTK does: an OpenGL context belongs to the thread that made it.
+
+Callbacks of widgets come from whatever thread a front end likes. What they want done is queued here: calls in the
+order in which they came, then the newest job of each name, then what waits for a rest.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+from deformnb.errors import DeformError
+
+_LOG = logging.getLogger(__name__)
+
+_Result = TypeVar("_Result")
+
+# At the end of the process a picture that is being drawn may be finished: VTK torn out of its work ends in a crash.
+_PATIENCE_AT_EXIT = 5.0
+
+
+class RenderThread:
+    """A thread that does one thing after the other, started by the first of them.
+
+    It holds nothing of whoever made it: when the last reference to this object goes, the thread ends.
+
+    Parameters
+    ----------
+    name : shown by debuggers.
+    at_end : called in the thread as its last work, if the thread was ever started.
+
+    Examples
+    --------
+    >>> thread = RenderThread()
+    >>> thread.call(lambda: 6 * 7).result()
+    42
+    >>> thread.close()
+    """
+
+    def __init__(self, name: str = "deformnb-render", at_end: Callable[[], None] | None = None) -> None:
+        self._queue = _Queue(at_end)
+        self._name = name
+        self._starting = threading.Lock()
+        self._thread: threading.Thread | None = None
+        weakref.finalize(self, self._queue.close).atexit = False
+
+    def call(self, function: Callable[[], _Result]) -> Future[_Result]:
+        """Do this in the thread; calls are done in the order in which they came, before jobs.
+
+        Returns
+        -------
+        A future with the result. Wait for it anywhere but in the thread itself.
+        """
+        future: Future[_Result] = Future()
+        self._start()
+        self._queue.put_call(lambda: _settle(future, function), future)
+        return future
+
+    def latest(self, key: str, function: Callable[[], None]) -> None:
+        """Do this in the thread soon; it takes the place of a job of the same name that still waits."""
+        self._start()
+        self._queue.put_job(key, function)
+
+    def at_rest(self, delay: float, function: Callable[[], None]) -> None:
+        """Do this once nothing else has come for ``delay`` seconds; anything that comes first drops it."""
+        self._start()
+        self._queue.put_rest(delay, function)
+
+    @property
+    def is_wanted(self) -> bool:
+        """True if something waits or the thread shall end: long work looks here and stops."""
+        return self._queue.is_wanted
+
+    @property
+    def is_here(self) -> bool:
+        """True in the thread itself."""
+        return threading.current_thread() is self._thread
+
+    @property
+    def is_closed(self) -> bool:
+        """True after :meth:`close`."""
+        return self._queue.closed
+
+    def close(self, wait: float = 0.1) -> None:
+        """End the thread after what it is doing; what waits is cancelled.
+
+        Parameters
+        ----------
+        wait : seconds that this takes at most. Longer work goes on, and the thread ends behind it.
+        """
+        self._queue.close()
+        thread = self._thread
+        if thread is not None and not self.is_here:
+            thread.join(wait)
+
+    def _start(self) -> None:
+        with self._starting:
+            if self._queue.closed:
+                raise DeformError("the view is closed; make a new one.")
+            if self._thread is None:
+                self._thread = threading.Thread(target=_work, args=(self._queue,), name=self._name, daemon=True)
+                _RUNNING[self._thread] = self._queue
+                self._thread.start()
+
+
+class _Queue:
+    """What waits, shared by the thread and its owner; it knows neither."""
+
+    def __init__(self, at_end: Callable[[], None] | None) -> None:
+        self.changed = threading.Condition()
+        self.calls: deque[tuple[Callable[[], None], Future[Any]]] = deque()
+        self.jobs: dict[str, Callable[[], None]] = {}
+        self.rest: tuple[float, Callable[[], None]] | None = None
+        self.closed = False
+        self.at_end = at_end
+
+    @property
+    def is_wanted(self) -> bool:
+        return bool(self.closed or self.calls or self.jobs)
+
+    def put_call(self, work: Callable[[], None], future: Future[Any]) -> None:
+        with self.changed:
+            if self.closed:
+                future.cancel()
+                return
+            self.calls.append((work, future))
+            self.rest = None
+            self.changed.notify()
+
+    def put_job(self, key: str, work: Callable[[], None]) -> None:
+        with self.changed:
+            self.jobs[key] = work  # a dict keeps the place of the first: nobody waits for ever
+            self.rest = None
+            self.changed.notify()
+
+    def put_rest(self, delay: float, work: Callable[[], None]) -> None:
+        with self.changed:
+            if not self.is_wanted:
+                self.rest = (time.monotonic() + delay, work)
+                self.changed.notify()
+
+    def close(self) -> None:
+        with self.changed:
+            self.closed = True
+            for _, future in self.calls:
+                future.cancel()
+            self.calls.clear()
+            self.jobs.clear()
+            self.rest = None
+            self.changed.notify_all()
+
+    def take(self) -> Callable[[], None] | None:
+        """The next thing to do, waiting for it; None at the end."""
+        with self.changed:
+            while True:
+                if self.closed:
+                    return None
+                if self.calls:
+                    return self.calls.popleft()[0]
+                if self.jobs:
+                    return self.jobs.pop(next(iter(self.jobs)))
+                left = None if self.rest is None else self.rest[0] - time.monotonic()
+                if self.rest is not None and left is not None and left <= 0:
+                    work, self.rest = self.rest[1], None
+                    return work
+                self.changed.wait(left)
+
+
+def _work(queue: _Queue) -> None:
+    while (work := queue.take()) is not None:
+        try:
+            work()
+        except Exception:  # of a job, whose owner should have caught it: the next one must still be done
+            _LOG.exception("a job of the render thread failed")
+        del work  # else the thread holds the owner of its last job while it waits
+    if queue.at_end is not None:
+        try:
+            queue.at_end()
+        except Exception:
+            _LOG.exception("the render thread could not put its things away")
+        queue.at_end = None
+    _RUNNING.pop(threading.current_thread(), None)
+
+
+def _settle(future: Future[Any], function: Callable[[], Any]) -> None:
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        future.set_result(function())
+    except BaseException as error:  # it belongs to whoever waits
+        future.set_exception(error)
+
+
+_RUNNING: dict[threading.Thread, _Queue] = {}
+
+
+@atexit.register
+def _end_all() -> None:
+    running = list(_RUNNING.items())
+    for _, queue in running:
+        queue.close()
+    until = time.monotonic() + _PATIENCE_AT_EXIT
+    for thread, _ in running:
+        thread.join(max(0.0, until - time.monotonic()))
