@@ -35,6 +35,7 @@ from .render import RENDERERS as RENDERERS
 from .render import render_pair as render_pair
 from .render import render_volume as render_volume
 from .script import as_python as as_python
+from .session import Session as Session
 from .transfer import PRESETS as PRESETS
 from .transfer import TransferFunction as TransferFunction
 from .trend import TRENDS as TRENDS

@@ -1,0 +1,293 @@
+"""A session: edits, undo, views and files, without any widget."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.history import History
+from deformnb.kernels import KERNELS
+from deformnb.picture import project
+from deformnb.plane import VIEWS, Plane
+from deformnb.session import Session
+from deformnb.transfer import PRESETS, TransferFunction
+from deformnb.trend import TRENDS
+from deformnb.volume import Grid, Volume
+from deformnb.warp import warp
+
+
+def a_volume(seed: int = 0) -> Volume:
+    values = np.random.default_rng(seed).integers(0, 255, (9, 10, 12)).astype(np.uint8)
+    return Volume(values, Grid((9, 10, 12), (1.0, 1.5, 2.0), (3.0, -4.0, 5.0)), "noise")
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(a_volume())
+
+
+def dragged(session: Session, by: float = 0.8) -> ControlPoints:
+    middle = session.points.source.mean(axis=0)
+    return session.points.add(middle, middle + np.array([by, by / 2]))
+
+
+# -- the beginning -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_session_begins_with_a_point_in_each_corner_of_the_picture(view: str) -> None:
+    session = Session(a_volume(), view=view)
+    a0, a1, b0, b1 = session.picture().raster.box
+    du, dv = session.picture().raster.spacing
+    left, right, top, bottom = a0 + du / 2, a1 - du / 2, b0 + dv / 2, b1 - dv / 2
+    corners = {(left, top), (right, top), (left, bottom), (right, bottom)}
+    assert {tuple(np.round(p, 9)) for p in session.points.source} == {tuple(np.round(c, 9)) for c in corners}
+    assert not session.points.displacement.any()
+    assert_array_equal(session.result().values, session.volume.values)
+    assert session.view == view
+    assert session.history == {"undo": "", "redo": ""}
+
+
+def test_a_session_goes_on_with_a_document() -> None:
+    points = ControlPoints.from_arrays([[0, 0], [5, 0], [0, 5]], [[0, 0], [6, 0], [0, 5]])
+    volume = a_volume()
+    given_one = Deformation.on_picture(volume.grid, "-x", points).then(Step((points,), Plane.along(volume.grid, "+z")))
+    session = Session(volume, given_one)
+    assert session.deformation is given_one
+    assert session.index == 1
+    assert session.view == "+z"
+
+
+# -- edits and undo ----------------------------------------------------------------------------------------------------
+
+
+def test_an_edit_makes_the_next_document_and_observers_see_it_whole(session: Session) -> None:
+    seen: list[tuple[int, str]] = []
+    session.observe(lambda change: seen.append((len(session.points), session.history["undo"])), "deformation")
+    before = session.deformation
+    session.edit_points(dragged(session), "add a point")
+    assert seen == [(5, "add a point")]
+    assert len(before.steps[0].points) == 4
+
+
+def test_what_cannot_be_fitted_changes_nothing(session: Session) -> None:
+    before, history = session.deformation, session.history
+    twice = ControlPoints.from_arrays([[0, 0], [5, 0], [0, 5], [3, 3]], [[0, 0], [5, 0], [2, 2], [2, 2]])
+    for edit in (lambda: session.edit_points(twice), lambda: session.change(kernel="round"),
+                 lambda: session.change(curve="z +", extrusion="modulate"), lambda: session.change(strength=np.inf),
+                 lambda: session.edit_step(3), lambda: session.set_view("up")):
+        with pytest.raises(DeformError):
+            edit()
+    assert session.deformation is before
+    assert session.history == history
+
+
+def test_a_document_from_outside_is_an_edit_too(session: Session) -> None:
+    before = session.deformation
+    session.deformation = before.with_step(0, replace(session.step, kernel="gaussian"))
+    assert session.history["undo"] == "change by code"
+    session.undo()
+    assert session.deformation == before
+    with pytest.raises(DeformError):
+        session.deformation = before.with_step(0, replace(session.step, kernel="cubic", trend="none"))
+    assert session.deformation == before
+
+
+def test_setting_a_document_without_steps_leaves_one_to_edit(session: Session) -> None:
+    session.edit_points(dragged(session))
+    session.deformation = Deformation(name="empty")
+    assert len(session.deformation.steps) == 1
+    assert session.deformation.name == "empty"
+    assert_array_equal(session.result().values, session.volume.values)
+
+
+EDITS = ("drag", "kernel", "trend", "rule", "view", "strength", "reset", "undo", "redo", "key")
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(EDITS), st.integers(0, 7)), max_size=12))
+def test_undo_goes_back_to_the_beginning_and_redo_to_the_end(edits: list[tuple[str, int]]) -> None:
+    session = Session(a_volume())
+    first = session.deformation
+    for what, n in edits:
+        do(session, what, n)
+    last, index, key = session.deformation, session.index, session.key
+    while session.history["undo"]:
+        assert session.undo()
+    assert session.deformation == first
+    while session.history["redo"]:
+        assert session.redo()
+    if not any(what in ("undo", "redo") for what, _ in edits):
+        assert (session.deformation, session.index, session.key) == (last, index, key)
+
+
+def do(session: Session, what: str, n: int) -> None:
+    if what == "drag":
+        session.edit_points(dragged(session, 0.1 * (n + 1)))
+    elif what == "kernel":
+        session.change(kernel=list(KERNELS)[n % len(KERNELS)])
+    elif what == "trend":
+        session.change(trend=list(TRENDS)[n % len(TRENDS)])
+    elif what == "rule":
+        session.change(extrusion=["replicate", "modulate", "interpolate"][n % 3])
+    elif what == "view":
+        session.set_view(VIEWS[n % 6])
+    elif what == "strength":
+        session.change(strength=n / 3)
+    elif what == "key":
+        if n < len(session.step.maps):
+            session.edit_step(session.index, n)
+    else:
+        getattr(session, what)()
+
+
+def test_edits_of_one_kind_in_quick_succession_are_one_step_of_undo() -> None:
+    history = History()
+    for k, now in enumerate((0.0, 0.5, 1.0, 3.0)):
+        history.record(k, "nudge", "nudge", now=now)
+    assert [state for state, _ in history.past] == [0, 3]
+    history.record(4, "drag", now=3.1)
+    history.record(5, "drag", now=3.2)
+    assert [state for state, _ in history.past] == [0, 3, 4, 5]
+
+
+def test_history_has_an_end() -> None:
+    history = History(most=10)
+    for k in range(1000):
+        history.record(k, "edit")
+    assert [state for state, _ in history.past] == list(range(990, 1000))
+
+
+# -- settings that need each other -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("trend", TRENDS)
+def test_every_kernel_can_be_chosen_with_every_trend_before_it(kernel: str, trend: str, session: Session) -> None:
+    session.change(trend=trend)
+    session.change(kernel=kernel)
+    assert session.step.kernel == kernel
+    needs_more = TRENDS[trend].order < KERNELS[kernel].order
+    assert bool(session.notice) == needs_more
+    assert (session.step.trend == trend) != needs_more
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("trend", TRENDS)
+def test_every_trend_can_be_chosen_with_every_kernel_before_it(kernel: str, trend: str, session: Session) -> None:
+    session.change(kernel=kernel, trend="affine")
+    session.change(trend=trend)
+    assert session.step.trend == trend
+
+
+def test_interpolation_begins_with_the_same_points_thrice_and_leaves_those_being_edited(session: Session) -> None:
+    session.edit_points(dragged(session))
+    before = session.result().values
+    session.change(extrusion="interpolate")
+    assert session.step.knots == (0.0, 0.5, 1.0)
+    assert_array_equal(session.result().values, before)
+    session.edit_step(0, 2)
+    session.edit_points(dragged(session, 1.3))
+    kept = session.points
+    assert session.step.maps[0] != kept
+    session.change(extrusion="modulate")
+    assert session.step.maps == (kept,)
+    assert session.key == 0
+
+
+# -- views -------------------------------------------------------------------------------------------------------------
+
+
+def test_turning_an_untouched_picture_moves_its_plane_and_a_used_one_begins_a_step(session: Session) -> None:
+    session.set_view("+z")
+    assert len(session.deformation.steps) == 1
+    session.edit_points(dragged(session))
+    session.set_view("-x")
+    assert len(session.deformation.steps) == 2
+    assert session.index == 1
+    first = Deformation(session.deformation.steps[:1])
+    expected = project(warp(session.volume, first.field(session.volume.grid)), "-x", "mip")
+    assert_array_equal(session.picture().values, expected.values)
+    session.edit_step(0)
+    assert session.view == "+z"
+    assert_array_equal(session.picture().values, project(session.volume, "+z", "mip").values)
+
+
+def test_the_picture_is_made_once_for_each_question(session: Session) -> None:
+    first = session.picture()
+    session.edit_points(dragged(session))  # the picture shows what is before the step
+    assert session.picture() is first
+    session.method = "slice"
+    middle = session.picture()
+    session.depth = session.depth_range[0]
+    front = project(session.volume, "+y", "slice", depth=session.depth_range[0])
+    assert_array_equal(session.picture().values, front.values)
+    assert not np.array_equal(session.picture().values, middle.values)
+
+
+def test_colours_belong_to_the_composite_picture_only(session: Session) -> None:
+    mip = session.picture()
+    session.transfer = "bone"
+    assert session.picture() is mip
+    session.method = "composite"
+    bone = session.picture()
+    session.transfer = PRESETS["muscle"](session.volume)
+    assert session.picture() is not bone
+    assert isinstance(session.transfer_function, TransferFunction)
+    for wrong in ("gold", 3):
+        with pytest.raises(DeformError):
+            session.transfer = wrong
+
+
+# -- files and code ----------------------------------------------------------------------------------------------------
+
+
+def test_a_saved_document_comes_back_and_another_volume_is_noticed(session: Session, tmp_path: Path) -> None:
+    session.edit_points(dragged(session))
+    session.change(extrusion="modulate", curve="sin(pi*z)")
+    file = tmp_path / "fish.json"
+    session.save(file)
+    again = Session(a_volume())
+    again.open(file)
+    assert again.deformation.steps == session.deformation.steps
+    assert again.notice == ""
+    assert again.undo() == "open a document"
+    other = Session(a_volume(1))
+    other.open(file)
+    assert "another volume (noise, 12 x 10 x 9 voxels)" in other.notice
+
+
+def test_the_code_makes_the_document(session: Session) -> None:
+    session.edit_points(dragged(session))
+    scope: dict[str, Any] = {"a_volume": a_volume}
+    exec(session.code("a_volume()"), scope)
+    assert scope["deformation"] == session.deformation
+    assert_array_equal(scope["deformed"].values, session.result().values)
+
+
+def test_edits_from_many_threads_all_count(session: Session) -> None:
+    def work(n: int) -> None:
+        for k in range(10):
+            session.change(label=f"{n} {k}", strength=0.01 * (10 * n + k) + 0.005)
+
+    threads = [threading.Thread(target=work, args=(n,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    count = 0
+    while session.undo():
+        count += 1
+    assert count == 40
+    assert session.step.strength == 1.0
