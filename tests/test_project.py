@@ -36,7 +36,7 @@ DISTRIBUTION = {
 # VTK's version is pyvista's business: asking for a second bound here could only contradict it.
 COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
 # Of use where it happens to be installed, and done without elsewhere.
-USED_IF_PRESENT = {"psutil"}
+USED_IF_PRESENT = {"psutil", "jupyter_server"}
 LEFT_OUT = sys.stdlib_module_names | COMES_WITH_PYVISTA | USED_IF_PRESENT
 # Required by the application, which is being built.
 NOT_IMPORTED_YET = {"trame", "trame-rca", "trame-vuetify"}

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.lab import Lab
+from browser.hosts import Lab, running
 from browser.live_page import ARGUMENTS, LivePage
 from scripts import chromium
 
@@ -45,12 +44,5 @@ def tab(browser: Any) -> Iterator[Any]:
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Lab]:
     """JupyterLab on this machine, started."""
-    for module in ("jupyterlab", "ipykernel"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: pip install deformnb[notebook]")
-    server = Lab(tmp_path)
-    try:
-        server.started()
+    with running(Lab, tmp_path) as server:
         yield server
-    finally:
-        server.close()

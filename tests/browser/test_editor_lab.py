@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from browser.lab import Lab
+from browser.hosts import Lab
 
 pytestmark = pytest.mark.needs_browser
 

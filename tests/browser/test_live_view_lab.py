@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from browser.lab import Lab
+from browser.hosts import Lab
 
 pytestmark = pytest.mark.needs_browser
 

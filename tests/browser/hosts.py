@@ -1,0 +1,203 @@
+"""The programs that show notebooks in a page: JupyterLab, Notebook 7 and Voila, each real and on this machine."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Host:
+    """A server on the loopback with a token of its own; its folders are in ``folder`` and nowhere else.
+
+    Parameters
+    ----------
+    folder : where notebooks, settings and the server's log go.
+    options : further options of its command line.
+    """
+
+    name = ""
+    module = ""
+    requires: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    address = "{name}"
+    ready = "/api"
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder = folder
+        self.token = secrets.token_hex(16)
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        command = [sys.executable, "-m", self.module, "--no-browser", f"--port={self.port}",
+                   *(option.format(folder=folder, token=self.token) for option in self.options), *options]
+        self.log = (folder / "server.log").open("wb")
+        self.process = subprocess.Popen(command, env=self._environment(), cwd=folder, stdout=self.log,
+                                        stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def _environment(self) -> dict[str, str]:
+        own = {name: str(self.folder / name.lower()) for name in
+               ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR",
+                "JUPYTERLAB_SETTINGS_DIR", "JUPYTERLAB_WORKSPACES_DIR")}
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+        # The server's extension is enabled by the file that the package installs, also where it is not installed.
+        return {**os.environ, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
+                "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config")}
+
+    @classmethod
+    def missing(cls) -> str:
+        """Why it cannot be run here, or an empty text."""
+        absent = [module for module in (cls.module, "ipykernel", *cls.requires)
+                  if importlib.util.find_spec(module) is None]
+        return f"{absent[0]} is not installed: pip install deformnb[test]" if absent else ""
+
+    def started(self, timeout: float = 60.0) -> None:
+        """Until the server answers."""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            try:
+                with urllib.request.urlopen(self.url(self.ready), timeout=2):
+                    return
+            except urllib.error.HTTPError as error:
+                if error.code in (403, 404):  # it has no such page, but it is there
+                    return
+            except (urllib.error.URLError, OSError):
+                time.sleep(0.2)
+            if self.process.poll() is not None:
+                break
+        raise RuntimeError(f"{self.name} did not start:\n{self.messages()[-2000:]}")
+
+    def messages(self) -> str:
+        """What the server has printed."""
+        return (self.folder / "server.log").read_text(errors="replace")
+
+    def url(self, path: str) -> str:
+        """The address of a page of the server, with the token."""
+        return f"http://127.0.0.1:{self.port}{path}?token={self.token}"
+
+    def write_notebook(self, cells: list[str], name: str) -> None:
+        """A notebook with these cells in the server's folder."""
+        kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        code = [{"cell_type": "code", "id": f"cell-{k}", "metadata": {}, "execution_count": None, "outputs": [],
+                 "source": cell} for k, cell in enumerate(cells)]
+        notebook = {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}, "cells": code}
+        (self.folder / name).write_text(json.dumps(notebook), encoding="utf-8")
+
+    def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
+        """A notebook with these cells in a page of a browser, all of them run."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Ends the server and its kernels."""
+        for kind in (signal.SIGTERM, signal.SIGKILL):
+            try:
+                os.killpg(self.process.pid, kind)
+                self.process.wait(10)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+            except ProcessLookupError:
+                break
+        self.log.close()
+
+
+class _Application(Host):
+    """JupyterLab and Notebook 7, which show the same application object to the tests."""
+
+    def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
+        self.write_notebook(cells, name)
+        page.goto(self.url(self.address.format(name=name)))
+        self.wait_until_open(page)
+        self.run_all(page)
+
+    def wait_until_open(self, page: Any) -> None:
+        """Until the notebook is there with a kernel."""
+        page.wait_for_function("window.jupyterapp?.shell.currentWidget?.sessionContext", timeout=90_000)
+        page.evaluate("""async () => {
+            await jupyterapp.restored;
+            const { context, sessionContext } = jupyterapp.shell.currentWidget;
+            await context.ready;
+            await sessionContext.ready;
+        }""")
+
+    def run_all(self, page: Any) -> None:
+        """Runs all cells and waits for the last."""
+        page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
+
+    def run(self, page: Any, code: str) -> str:
+        """What a new cell at the end of the notebook prints."""
+        return str(page.evaluate("""async (code) => {
+            const { sessionContext } = jupyterapp.shell.currentWidget;
+            const future = sessionContext.session.kernel.requestExecute({ code, store_history: false });
+            let text = "";
+            future.onIOPub = ({ content }) => { text += content.text ?? content.traceback?.join("\\n") ?? ""; };
+            await future.done;
+            return text;
+        }""", code))
+
+    def dark(self, page: Any, dark: bool = True) -> None:
+        """The dark theme or the light one."""
+        theme = "JupyterLab Dark" if dark else "JupyterLab Light"
+        page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
+        page.wait_for_function(f"document.body.dataset.jpThemeLight === '{str(not dark).lower()}'")
+
+
+class Lab(_Application):
+    """JupyterLab."""
+
+    name, module, requires = "JupyterLab", "jupyterlab", ("jupyterlab",)
+    address = "/lab/tree/{name}"
+    options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
+               "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
+               "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate")
+
+
+class Notebook(_Application):
+    """Jupyter Notebook, version 7."""
+
+    name, module, requires = "Notebook 7", "notebook", ("jupyterlab",)
+    address = "/notebooks/{name}"
+    options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
+               "--JupyterNotebookApp.expose_app_in_browser=True")
+
+
+class Voila(Host):
+    """Voila, which runs a notebook for each page and shows only what the cells return."""
+
+    name, module = "Voila", "voila"
+    address = "/voila/render/{name}"
+    ready = "/voila/static/voila.js"
+    options = ("--Voila.ip=127.0.0.1", "--Voila.token={token}", "--Voila.root_dir={folder}")
+
+    def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
+        self.write_notebook(cells, name)
+        page.goto(self.url(self.address.format(name=name)), timeout=90_000)
+
+
+@contextmanager
+def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
+    """A host while a test needs it; skips the test where it is not installed."""
+    if host.missing():
+        pytest.skip(host.missing())
+    server = host(folder, *options)
+    try:
+        server.started()
+        yield server
+    finally:
+        server.close()
