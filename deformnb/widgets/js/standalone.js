@@ -1,0 +1,212 @@
+// A page without a kernel: says to the pages of an editor and a live view what Python would have said.
+// Joined behind plain_model.js; the modules of the widgets stand before it and have left what they export.
+// The data is what deformnb/widgets/standalone.py writes: traits, packed voxels, the message "field", the document.
+
+const STRENGTHS = { min: -1, max: 3, step: 0.05 };
+const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
+const CONTROLS = { "data-lm-suppress-shortcuts": "true" }; // should the page be shown in a notebook
+
+// Everything binary in the data as DataView, as Jupyter hands it over; the rest as it is.
+async function decodedData(value) {
+  if (Array.isArray(value)) return Promise.all(value.map(decodedData));
+  if (!value || typeof value !== "object") return value;
+  if (typeof value.base64 === "string") return decodedBytes(value.base64, value.gzip);
+  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await decodedData(inner)]);
+  return Object.fromEntries(await Promise.all(pairs));
+}
+
+async function decodedBytes(text, isPacked = false) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  if (!isPacked) return new DataView(bytes.buffer);
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new DataView(await new Response(stream).arrayBuffer());
+}
+
+// ---- what Python would have said -------------------------------------------------------------------------------------
+
+// Answers come later, as those of a kernel do: a page asks while it is still being built.
+function editorAnswers(model) {
+  return (message) => queueMicrotask(() => {
+    if (message.type === "edit") model().receive({ type: "done", seq: message.seq });
+  });
+}
+
+function viewAnswers(model, { chunks, field, still }) {
+  const answers = {
+    hello: () => [field.content, field.buffers],
+    chunk: ({ id, index }) => [{ type: "chunk", id, index, start: chunks[index].start }, [chunks[index].packed]],
+    still: () => [{ type: "still" }, [still]],
+  };
+  return (message) => queueMicrotask(() => {
+    if (!Object.hasOwn(answers, message.type)) return;
+    const [content, buffers] = answers[message.type](message);
+    model().receive({ ...content, view: message.view }, buffers);
+  });
+}
+
+// ---- the page --------------------------------------------------------------------------------------------------------
+
+function pageNode(tag, className, parent, attributes = {}, text = "") {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.textContent = text;
+  parent?.append(made);
+  return made;
+}
+
+const pagePart = (name) => document.querySelector(`.dnb-page-${name}`);
+
+function sayOnPage(text) {
+  const alert = pagePart("alert");
+  alert.textContent = text;
+  alert.hidden = !text;
+}
+
+class StandalonePage {
+  constructor(data, widgets) {
+    this.data = data;
+    this.image = pagePart("still");
+    const still = new DataView(Uint8Array.from(atob(this.image.src.split(",")[1]), (c) => c.charCodeAt(0)).buffer);
+    this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
+    this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
+      deliver: viewAnswers(() => this.view, { ...data, still }) });
+    this.widgets = widgets;
+  }
+
+  async open() {
+    this.#controls();
+    this.fit();
+    await this.widgets.editor.initialize?.({ model: this.editor });
+    await this.widgets.editor.render({ model: this.editor, el: pagePart("picture") });
+    if (this.view) {
+      await this.widgets.view.initialize?.({ model: this.view });
+      await this.widgets.view.render({ model: this.view, el: pagePart("volume") });
+    } else pagePart("volume").remove();
+    this.image.remove();
+    document.body.classList.toggle("dnb-page-alone", !this.view);
+    this.fit();
+    window.addEventListener("resize", () => this.fit());
+  }
+
+  // As large as the window allows: two columns where it is wide, and no more height than is seen at once.
+  fit() {
+    const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
+    main.classList.toggle("dnb-page-wide", Boolean(isWide));
+    const column = isWide ? (width - 16) / 2 : width, above = main.getBoundingClientRect().top + window.scrollY;
+    const bars = 130; // of the editor: its buttons and its status line
+    const height = Math.round(Math.max(260, Math.min(1.1 * column, window.innerHeight - above - bars - 40)));
+    this.editor.update({ height });
+    const beside = pagePart("picture").clientHeight; // of a flat picture less than it may be
+    this.view?.update({ width: Math.round(column),
+      height: Math.round(Math.min(0.9 * column, height + bars, Math.max(beside, 0.72 * column))) });
+  }
+
+  // ---- controls ------------------------------------------------------------------------------------------------------
+
+  #controls() {
+    const bar = pagePart("controls");
+    this.#slider(bar, "Strength", "strength", STRENGTHS, (value) => `${Math.round(value * 100)} %`,
+      "how far the points are dragged: 100 % as they are, 0 not at all, below 0 the opposite way");
+    this.#kernels(bar);
+    if (this.view && this.view.get("shows") !== undefined) this.#shows(bar);
+    this.#slider(bar, "Grid", "density", { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
+      "cells of the grid along the longer side of the picture");
+    const buttons = pageNode("div", "dnb-page-buttons", bar);
+    this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
+      () => this.reset());
+    this.#button(buttons, "Download points", "a JSON file that deformnb opens", () => this.download());
+  }
+
+  #field(bar, label, title) {
+    const box = pageNode("label", "dnb-page-field", bar, { title });
+    pageNode("span", "dnb-page-label", box, {}, label);
+    return box;
+  }
+
+  #button(bar, text, title, action) {
+    const button = pageNode("button", "dnb-page-button", bar, { type: "button", title, ...CONTROLS }, text);
+    button.addEventListener("click", () => guarded(action));
+  }
+
+  #slider(bar, label, name, { min, max, step }, shown, title) {
+    const box = this.#field(bar, label, title), now = () => this.editor.get(name);
+    const input = pageNode("input", "dnb-page-range", box, { type: "range", min: Math.min(min, now()),
+      max: Math.max(max, now()), step, name, ...CONTROLS });
+    const output = pageNode("output", "dnb-page-value", box);
+    const show = () => { input.value = now(); output.textContent = shown(now()); };
+    input.addEventListener("input", () => guarded(() => this.editor.update({ [name]: Number(input.value) })));
+    this.editor.on(`change:${name}`, show);
+    show();
+  }
+
+  #menu(bar, label, name, model, choices, title) {
+    const box = this.#field(bar, label, title);
+    const select = pageNode("select", "dnb-page-select", box, { name, ...CONTROLS });
+    for (const [value, text, about = ""] of choices) pageNode("option", "", select, { value, title: about }, text);
+    const show = () => { select.value = model.get(name); };
+    select.addEventListener("change", () => guarded(() => model.update({ [name]: select.value })));
+    model.on(`change:${name}`, show);
+    show();
+    return select;
+  }
+
+  #kernels(bar) {
+    const select = this.#menu(bar, "Kernel", "kernel", this.editor, this.data.kernels.map(([name, title]) => [name, title]),
+      "how the influence of a point falls off with distance");
+    const order = this.data.trends[this.editor.get("trend")]; // the page changes no trend
+    this.data.kernels.forEach(([, , least], k) => { select.options[k].disabled = order < least; }); // no fit exists
+  }
+
+  #shows(bar) {
+    this.#menu(bar, "Show", "shows", this.view, this.data.shows, "what of the volume is seen");
+  }
+
+  reset() {
+    const { points, kernel, strength, density, show_net } = this.data.editor;
+    this.editor.update({ points, selected: [], kernel, strength, density, show_net });
+    this.view?.update({ camera: { ...this.data.view.camera }, shows: this.data.view.shows });
+  }
+
+  // ---- the points as a file ------------------------------------------------------------------------------------------
+
+  document() {
+    const points = this.editor.get("points"), next = this.editor.get("next_id");
+    const settings = Object.fromEntries(["kernel", "support", "trend", "smoothing", "strength"].map((name) => (
+      [name, this.editor.get(name)])));
+    if (!this.data.document) return { points, ...settings };
+    const [step] = this.data.document.steps;
+    return { ...this.data.document, steps: [{ ...step, ...settings, maps: [{ dim: 2, next_id: next, points }] }] };
+  }
+
+  download() {
+    const text = `${JSON.stringify(this.document(), null, 1)}\n`;
+    const link = pageNode("a", "", null, { download: "deformation.json" });
+    link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  }
+}
+
+// What goes wrong is said on the page, which goes on.
+function guarded(action) {
+  try { return action(); } catch (error) {
+    console.error(error);
+    sayOnPage(`This page met an error: ${error.message || error}`);
+    return undefined;
+  }
+}
+
+async function openStandalone() {
+  const data = await decodedData(JSON.parse(document.getElementById("dnb-data").textContent));
+  const page = new StandalonePage(data, globalThis[Symbol.for("deformnb.standalone")]);
+  document.body.deformnb = page; // for tests and for whoever looks into the page
+  await page.open();
+}
+
+openStandalone().catch((error) => {
+  console.error(error);
+  const isOld = typeof DecompressionStream === "undefined";
+  sayOnPage(isOld ? "This browser is too old to unpack the volume; a still picture is shown."
+    : `This page could not be opened: ${error.message || error}`);
+});

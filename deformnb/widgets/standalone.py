@@ -1,0 +1,339 @@
+"""One HTML file in which a volume still deforms: no kernel, no server, no network.
+
+The file holds the pages of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
+are, the packed voxels, and a script that says to both what Python would have said (standalone.js). The page fits and
+warps by itself, so nothing is missing but the kernel. A policy in the file forbids every access to the network, and
+knows each script by its digest: no text of a volume or a title can become one.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import html
+import json
+import os
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.document import to_json
+from deformnb.errors import DeformError
+from deformnb.extrusion import Extrusion, extrude
+from deformnb.fields import AbstractField, Composed
+from deformnb.io.atomic import atomic_write
+from deformnb.kernels import KERNELS
+from deformnb.rbf import RBFInterpolant
+from deformnb.trend import TRENDS
+from deformnb.volume import Volume
+from deformnb.widgets.assets import joined, style
+from deformnb.widgets.card_maps import CardMaps, card_maps
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.live_view import LiveView, _encoded, _in_bytes
+from deformnb.widgets.shown_volume import ShownVolume, shown_volume
+from deformnb.widgets.stills import render_still
+from deformnb.widgets.view import SHOWS
+
+LIMIT = 128**3
+"""Voxels in a file at most, if nothing else is said: about a megabyte."""
+
+# A graphics card shows at least 256 along an axis, every one of today 1024; a file cannot ask.
+_LARGEST = 1024
+_SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
+
+_STILL = (640, 480)
+_SHOWN = [[name, name.replace("_", " ").capitalize(), text] for name, text in SHOWS.items()]
+_LEVEL = 9  # of gzip: packed once and read often
+
+# Displacements are rounded to this share of a voxel, which nobody sees and which packs far better.
+_EXACTNESS = 1 / 64
+
+_NOT_FOR_THE_PAGE = ("comm", "layout", "tabbable", "tooltip")
+
+
+def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str = "", about: str = "",
+                    limit: int = LIMIT) -> str:
+    """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
+
+    Parameters
+    ----------
+    editor : its picture, points and settings are in the page.
+    view : its volume, colours and camera are in the page; None for the picture alone. If it follows the editor, what it
+        shows is kept; else the editor's displacement is replicated through the volume.
+    title : of the page; default is the volume's name.
+    about : a line under the title.
+    limit : voxels in the page at most; a larger volume is averaged and the page says so.
+
+    Returns
+    -------
+    str
+        The page. It takes 0.25 MB for the scripts, 0.1 to 0.3 MB for the two pictures, and what the voxels take packed,
+        a third more for being text: 0.3 to 0.7 MB for a phantom of 128^3 voxels, up to 2.8 MB for noise.
+
+    Raises
+    ------
+    DeformError
+        If the view shows no volume or follows another editor, or the points cannot be fitted.
+
+    Examples
+    --------
+    >>> from deformnb.control_points import ControlPoints
+    >>> page = standalone_html(Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [4, 8]])), title="A < B")
+    >>> "<title>A &lt; B</title>" in page
+    True
+    """
+    part = None if view is None else _view_part(editor, view, limit)
+    name = title or (part.volume.name if part else "") or "Deformation"
+    data = {
+        "editor": {**_traits(editor), "uid": "standalone", "live": False},
+        "view": part.traits if part else None, "chunks": part.chunks if part else [],
+        "field": part.field if part else None,
+        "kernels": [[k.name, k.title, k.order] for k in KERNELS.values()],
+        "trends": {t.name: t.order for t in TRENDS.values()},
+        "shows": _SHOWN, "document": _document(editor, part, name),
+    }
+    scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
+               joined("plain_model.js", "standalone.js")]
+    styles = [Editor._css, *([LiveView._css] if part else []), style("standalone.css")]
+    texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
+    return _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
+
+
+def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveView | None = None, *,
+                     overwrite: bool = True, **options: Any) -> None:
+    """Write the page of :func:`standalone_html` to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : the file to write.
+    editor, view, options : as in :func:`standalone_html`.
+    overwrite : whether an existing file may be replaced.
+    """
+    text = standalone_html(editor, view, **options).encode("utf-8")
+    with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
+        stream.write(text)
+
+
+# -- the volume and its displacement ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _ViewPart:
+    """What of a live view is in the page."""
+
+    volume: Volume
+    shown: ShownVolume
+    step: Step | None
+    traits: dict[str, Any]
+    chunks: list[dict[str, Any]]
+    field: dict[str, Any]
+    still: bytes
+
+    @property
+    def about(self) -> str:
+        """How large the volume is, and how much larger it was."""
+        now, before = ((" x ".join(map(str, g.shape[::-1]))) for g in (self.shown.volume.grid, self.volume.grid))
+        return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
+
+
+def _view_part(editor: Editor, view: LiveView, limit: int) -> _ViewPart:
+    volume = view._volume
+    if volume is None:
+        raise DeformError("the view shows no volume yet; call show(volume) first.")
+    field, index = _linked(editor, view, volume)
+    shown = shown_volume(volume, limit, _LARGEST, view._window)
+    shown = replace(shown, id=_digest(shown))
+    maps = card_maps(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
+    traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
+    chunks = [_chunk(shown, k) for k in range(shown.chunks)]
+    return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
+                     _still(view, shown, field))
+
+
+def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
+    """What the view shows with the points of now, and which of the maps they make."""
+    if view.editor is not None and view.editor is not editor:
+        raise DeformError("the view follows another editor; give that one, or call follow() with this one first.")
+    fit = editor.fit()
+    if view.editor is None or view._field is None:
+        step = editor.step()
+        assert step.plane is not None
+        return extrude(step.plane, volume.grid, (fit,), step.weights()), 0
+    index = int(view.editor_map)
+    return _with_map(view._field, fit, index), index
+
+
+def _extrusion(field: AbstractField) -> Extrusion:
+    last = field.then if isinstance(field, Composed) else field
+    if not isinstance(last, Extrusion):
+        raise DeformError("the view was shown another deformation since it follows the editor; call follow() again.")
+    return last
+
+
+def _with_map(field: AbstractField, fit: RBFInterpolant, index: int) -> AbstractField:
+    last = _extrusion(field)
+    edited = replace(last, maps=(*last.maps[:index], fit, *last.maps[index + 1 :]))
+    return replace(field, then=edited) if isinstance(field, Composed) else edited
+
+
+def _step_of(editor: Editor, field: Extrusion) -> Step | None:
+    """The step that makes this field of the editor's points; None where other points are needed too."""
+    if editor.picture is None or len(field.maps) > 1:
+        return None
+    weights = np.asarray(field.weights)[0]
+    if bool((weights == 1).all()):
+        return editor.step()
+    curve = np.interp(np.linspace(0.0, 1.0, max(2, len(weights))), field.knots, weights)
+    return editor.step(extrusion="modulate", curve=tuple(curve.tolist()))
+
+
+def _digest(shown: ShownVolume) -> str:
+    """A name of the content instead of a random one: the same page for the same input."""
+    about = f"{shown.volume.shape} {shown.window} {shown.factors} "
+    return hashlib.sha256(about.encode() + np.ascontiguousarray(shown.volume.values).tobytes()).hexdigest()[:32]
+
+
+def _chunk(shown: ShownVolume, index: int) -> dict[str, Any]:
+    start, packed = shown.chunk(index)
+    return {"start": start, "packed": _binary(gzip.compress(gzip.decompress(packed), _LEVEL, mtime=0))}
+
+
+def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
+    """The message ``field``; the map that the page fits by itself is left empty."""
+    step = min(shown.volume.grid.spacing) * _EXACTNESS
+    buffers = [np.frombuffer(b, "<f4") for b in maps.buffers]
+    if maps.content["planar"] is not None:
+        own = buffers[0].reshape(maps.content["planar"]["shape"][0], -1).copy()
+        own[index] = 0
+        buffers[0] = _rounded(own, step)
+    if maps.content["space"] is not None:
+        buffers[-1] = _rounded(buffers[-1], step)
+    return {"content": {"type": "field", **maps.content}, "buffers": [_packed(b.tobytes()) for b in buffers]}
+
+
+def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
+    unit = 2.0 ** np.floor(np.log2(step))  # a power of two: the last digits of every number are then zero
+    return (np.round(values / unit) * unit).astype("<f4")
+
+
+def _still(view: LiveView, shown: ShownVolume, field: AbstractField | None) -> bytes:
+    if getattr(view, "shows", "") == "original":
+        field = None
+    low, high = shown.window
+    assert view._transfer is not None
+    volume = Volume(shown.volume.values, shown.volume.grid, shown.volume.name, shown.volume.is_labels)
+    image = render_still(volume, field, view._output, view.camera, _in_bytes(view._transfer, low, high),
+                         view.projection, view.background, 255 * shown.white, _STILL)
+    return _encoded(image)
+
+
+# -- the text of the page ----------------------------------------------------------------------------------------------
+
+
+def _traits(widget: Any) -> dict[str, Any]:
+    """The traits that the page of a widget sees."""
+    state = widget.get_state()
+    return {name: _plain(value) for name, value in state.items()
+            if not name.startswith("_") and name not in _NOT_FOR_THE_PAGE}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes | bytearray | memoryview):
+        data = bytes(value)
+        return _binary(data) if data.startswith(b"\x89PNG") else _packed(data)
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def _binary(data: bytes) -> dict[str, Any]:
+    return {"base64": base64.b64encode(data).decode("ascii")}
+
+
+def _packed(data: bytes) -> dict[str, Any]:
+    """Binary data, packed where that helps; standalone.js unpacks them."""
+    return {**_binary(gzip.compress(data, _LEVEL, mtime=0)), "gzip": True}
+
+
+def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, Any] | None:
+    """The document that the page fills with its points; None where there is none that these points make alone."""
+    step = part.step if part else editor.step() if editor.picture is not None else None
+    if step is None:
+        return None
+    volume = VolumeReference.of(part.volume) if part else None
+    document: dict[str, Any] = json.loads(to_json(Deformation((step,), name, volume)))
+    return document
+
+
+def _as_script(module: str, name: str) -> str:
+    """A widget's module as an inline script: what it exports is kept under a name, since nobody can import it."""
+    text, count = re.subn(r"^export default ", f'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = ',
+                          module, flags=re.MULTILINE)
+    assert count == 1, "a widget's module has one default export"
+    return text
+
+
+def _page(texts: dict[str, str], still: bytes, data: dict[str, Any], scripts: list[str], styles: list[str]) -> str:
+    scripts = [_unbroken(f"\n{script}\n") for script in scripts]
+    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    policy = ("default-src 'none'", f"script-src {digests}", "style-src 'unsafe-inline'", "img-src data: blob:",
+              "base-uri 'none'", "form-action 'none'")
+    picture = base64.b64encode(still).decode("ascii")
+    # A "<" in JSON stands only in strings, where it may be written as a number: nothing in them can end the script.
+    text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
+    seen = {name: _escaped(text) for name, text in texts.items()}
+    return _SKELETON.format(policy="; ".join(policy), picture=picture, hidden="" if texts["about"] else " hidden",
+                            styles=_unbroken("\n".join(styles)), data=text, scripts=body, **seen)
+
+
+def _escaped(text: str) -> str:
+    """Text as it is seen; half a surrogate pair is a legal name in Python, but not in UTF-8."""
+    return html.escape(text.encode("utf-8", "replace").decode("utf-8"))
+
+
+def _unbroken(text: str) -> str:
+    r"""Text that cannot end the element it is in; ``\/`` and ``\!`` mean the same in strings and comments."""
+    return re.sub(r"<(?=/(script|style)|!--)", r"<\\", text, flags=re.IGNORECASE)
+
+
+_PROMISE = "This file works without a network: nothing is loaded, and nothing is sent."
+
+_SKELETON = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<meta name="generator" content="deformnb">
+<title>{title}</title>
+<style>
+{styles}
+</style>
+</head>
+<body class="dnb-page">
+<header class="dnb-page-header">
+<h1>{title}</h1>
+<p class="dnb-page-about"{hidden}>{about}</p>
+</header>
+<div class="dnb-page-alert" role="alert" hidden></div>
+<div class="dnb-page-controls" role="group" aria-label="Deformation"></div>
+<main class="dnb-page-main">
+<div class="dnb-page-picture"></div>
+<div class="dnb-page-volume">
+<img class="dnb-page-still" alt="{title}" src="data:image/png;base64,{picture}">
+</div>
+</main>
+<noscript><p class="dnb-page-alert">This page needs JavaScript to be moved; a still picture is shown.</p></noscript>
+<footer class="dnb-page-footer">{facts}</footer>
+<script type="application/json" id="dnb-data">{data}</script>
+{scripts}
+</body>
+</html>
+"""
