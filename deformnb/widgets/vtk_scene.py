@@ -1,0 +1,405 @@
+"""A volume, its deformation, a camera and colours as a scene of VTK, without a widget: for views, servers and movies.
+
+All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.render_thread`). The voxels go
+to the card once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
+of VTK cannot, the core warps the voxels and they are written over the old ones in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.extrusion import Extrusion
+from deformnb.fields import AbstractField, Identity
+from deformnb.plane import Plane
+from deformnb.render import _for_vtk as for_vtk
+from deformnb.render import _set_transfer as set_vtk_transfer
+from deformnb.render import gl_status
+from deformnb.transfer import TransferFunction, levels, preset
+from deformnb.volume import Grid, Volume
+from deformnb.warp import Warper
+from deformnb.widgets.card_maps import CardMaps, card_maps
+from deformnb.widgets.shown_volume import ShownVolume
+from deformnb.widgets.stills import _INKS as INKS
+from deformnb.widgets.stills import BACKGROUNDS, seen_height
+from deformnb.widgets.view import SHOWS, Image, checked_camera
+from deformnb.widgets.vtk_probe import is_like, probe, warped
+from deformnb.widgets.vtk_warp import VolumeWarp
+
+PROJECTIONS = ("shaded", "composite", "mip")
+
+# A perspective that bends as in raycast.js: the viewer stands this many heights of what is seen away.
+_STANDOFF = 1 / 0.7
+
+_HALF_VOXEL = np.full(3, 0.5)
+
+
+class VtkScene:
+    """One volume in a window of VTK that nobody sees.
+
+    Parameters
+    ----------
+    volume : what is shown; its voxels are copied once, with a margin.
+    size : (width, height) of the picture in pixels.
+    transfer : a transfer function or the name of a preset.
+    projection : "shaded", "composite" or "mip".
+    background : "dark" or "light".
+    map_size : samples of a map of displacements along its longer side.
+    space_size : samples along the longest side of a displacement that is no extrusion.
+    method : "texture" deforms in the shader, "array" warps the voxels, "auto" tries the first (see
+        :func:`texture_works`).
+
+    Raises
+    ------
+    DeformError
+        If VTK cannot draw here, or a name is unknown.
+    """
+
+    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
+                 transfer: TransferFunction | str = "specimen", projection: str = "shaded", background: str = "dark",
+                 map_size: int = 192, space_size: int = 64, method: str = "auto") -> None:
+        works, found, remedy = gl_status()
+        if not works:
+            raise DeformError(f"{found}; {remedy}.")
+        if method not in ("auto", "texture", "array"):
+            raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
+        self.path = ("texture" if texture_works() else "array") if method == "auto" else method
+        self._map_size, self._space_size = int(map_size), int(space_size)
+        self._plotter = _plotter()
+        self._actor: Any = None
+        self._warp: VolumeWarp | None = None
+        self._maps: CardMaps | None = None
+        self._plain: NDArray[Any] | None = None
+        self._shows_deformed: bool | None = False  # whether VTK's voxels are deformed; None if that is not known
+        self._transfer: TransferFunction | None = None
+        self._camera = checked_camera({})
+        self.set_size(size)
+        self.set_shows("deformed")
+        self.set_background(background)
+        self._projection = _known(projection, PROJECTIONS, "projection")
+        self._wanted_transfer = transfer
+        self.set_volume(volume)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    @property
+    def plotter(self) -> Any:
+        """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
+        return self._plotter
+
+    def set_volume(self, volume: Volume) -> None:
+        """Show another volume, without deformation, from the same side."""
+        self._volume = volume
+        self._warper: Warper | None = None
+        self._field: AbstractField | None = None
+        self._load(None)
+        self.set_transfer(self._wanted_transfer)
+
+    def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown.
+
+        Parameters
+        ----------
+        field : a document, a backward field in space, or None for the volume as it is.
+        output : its box is what can be seen; default is the volume's own.
+        """
+        grid = self._volume.grid
+        wanted = field.field(output or grid) if isinstance(field, Deformation) else field
+        if wanted is not None and wanted.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        if isinstance(wanted, Identity):
+            wanted = None
+        maps: CardMaps | None = None
+        if wanted is not None and self._warp is not None:
+            maps = card_maps(wanted, _frame_of(self._volume), output, self._map_size, self._space_size)
+        if output != self._output:
+            self._load(output)
+        self._field, self._maps = wanted, maps
+        self._shows_deformed = None
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities: a transfer function, or the name of a preset."""
+        self._wanted_transfer = transfer
+        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+        self._apply_looks()
+
+    def set_projection(self, projection: str) -> None:
+        """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
+        self._projection = _known(projection, PROJECTIONS, "projection")
+        self._apply_looks()
+
+    def set_background(self, background: str) -> None:
+        """A "dark" or a "light" one."""
+        self._background = _known(background, tuple(BACKGROUNDS), "background")
+        self._plotter.renderer.SetBackground(*BACKGROUNDS[background])
+        self._apply_looks()
+
+    def set_camera(self, camera: dict[str, Any]) -> None:
+        """Look from another side: direction, up, zoom, pan and perspective as in a view's ``camera``."""
+        self._camera = checked_camera(camera)
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`; a picture of "flicker" is the deformed one."""
+        self._shows = _known(shows, tuple(SHOWS), "kind of picture")
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another (width, height) of the picture in pixels."""
+        if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
+            raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
+        self._size = (int(size[0]), int(size[1]))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture in pixels."""
+        return self._size
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
+               interrupted: Callable[[], bool] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8.
+
+        Parameters
+        ----------
+        scale : share of the size in pixels, for a quick picture.
+        coarseness : samples lie this many times farther apart along a ray.
+        shows : instead of what was set.
+        bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
+        interrupted : asked between two parts; if it says True, the work is dropped and None returned.
+        """
+        width, height = (max(8, round(n * scale)) for n in self._size)
+        kind = self._shows if shows is None else _known(shows, tuple(SHOWS), "kind of picture")
+        if kind != "side_by_side":
+            return self._picture((width, height), kind != "original", coarseness, bands, interrupted)
+        left = self._picture((width // 2, height), False, coarseness, bands, interrupted)
+        right = left if left is None else self._picture((width - width // 2, height), True, coarseness, bands,
+                                                        interrupted)
+        if left is None or right is None:
+            return None
+        return np.concatenate([left, right], axis=1)
+
+    def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
+                 interrupted: Callable[[], bool] | None) -> Image | None:
+        self._deform(deformed)
+        seen = self._look(size)
+        spacing = min(self._volume.grid.spacing)
+        # Half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger.
+        self._actor.mapper.SetSampleDistance(max(spacing / 2, seen / size[1]) * coarseness)
+        rows = np.linspace(0, size[1], (1 if self._has_overlay else max(1, min(bands, size[1] // 8))) + 1).astype(int)
+        parts: list[Image] = []
+        for top, bottom in pairwise(rows.tolist()):
+            if parts and interrupted is not None and interrupted():
+                return None
+            parts.append(self._band(size, top, bottom, seen))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    @property
+    def _has_overlay(self) -> bool:
+        """Whether something lies on the picture instead of in space: it would be drawn once in every part."""
+        window = self._plotter.render_window
+        if window.GetRenderers().GetNumberOfItems() > 1:
+            return True
+        return any(r.GetActors2D().GetNumberOfItems() > 0 for r in self._plotter.renderers)
+
+    def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
+        """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
+        window, camera = self._plotter.render_window, self._plotter.camera
+        share = (bottom - top) / size[1]
+        camera.SetWindowCenter(0.0, (1 - (top + bottom) / size[1]) / share)
+        camera.SetParallelScale(seen / 2 * share)
+        camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / _STANDOFF))))
+        window.SetSize(size[0], bottom - top)
+        window.Render()
+        return _pixels(window)
+
+    def _look(self, size: tuple[int, int]) -> float:
+        """Put the camera in its place; the length in space that the picture is high."""
+        wanted, box, camera = self._camera, self._output or self._volume.grid, self._plotter.camera
+        plane = Plane.through(box.center, wanted["direction"], wanted["up"])
+        seen = seen_height(box, wanted["direction"], wanted["up"], size[0] / size[1], wanted["zoom"])
+        right, above = wanted["pan"]
+        focus, n = plane.from_plane([right, -above]), np.asarray(plane.normal)
+        bent = bool(wanted.get("perspective"))
+        camera.SetFocalPoint(*focus)
+        camera.SetPosition(*(focus - n * (seen * _STANDOFF if bent else 2 * self._lattice.diagonal)))
+        camera.SetViewUp(*(-np.asarray(plane.v)))
+        camera.SetParallelProjection(not bent)
+        self._plotter.renderer.ResetCameraClippingRange()
+        return seen
+
+    # -- VTK -----------------------------------------------------------------------------------------------------------
+
+    def _load(self, output: Grid | None) -> None:
+        """Voxels that reach as far as what can be seen, in a new actor."""
+        around, start = _covering(self._volume, output)
+        ready = for_vtk(around)
+        self._output, self._lattice, self._first = output, ready.grid, start + 1
+        self._values, self._plain, self._maps, self._shows_deformed = ready.values, None, None, False
+        self._close_actor()
+        self._image = ready.to_pyvista()
+        self._actor = self._plotter.add_volume(self._image, mapper="gpu", shade=True, show_scalar_bar=False,
+                                               cmap="gray", opacity="linear", reset_camera=False, render=False,
+                                               opacity_unit_distance=1.0)
+        self._actor.mapper.SetAutoAdjustSampleDistances(False)
+        self._low, self._high = self._box(output)
+        if self.path == "texture":
+            self._plotter.render_window.SetSize(8, 8)
+            self._plotter.render_window.Render()  # makes the context that textures live in
+            self._warp = VolumeWarp(self._actor, self._plotter.render_window)
+            self._warp.set_box(self._low - _HALF_VOXEL, self._high + _HALF_VOXEL, self._lattice)
+        self._apply_looks()
+
+    def _box(self, output: Grid | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Low and high edge of what can be seen, as indices of the lattice."""
+        corners = self._lattice.point_to_index((output or self._volume.grid).corners())
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def _apply_looks(self) -> None:
+        if self._actor is None or self._transfer is None:
+            return
+        prop, mapper = self._actor.prop, self._actor.mapper
+        if self._projection == "mip":
+            low, white = self._volume.background, _white(self._volume)
+            ink = INKS[self._background]
+            set_vtk_transfer(prop, TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0))))
+            mapper.SetBlendModeToMaximumIntensity()
+        else:
+            set_vtk_transfer(prop, self._transfer)
+            mapper.SetBlendModeToComposite()
+        prop.SetShade(self._projection == "shaded")
+
+    def _deform(self, deformed: bool) -> None:
+        wanted = deformed and self._field is not None
+        if self._warp is not None:
+            self._warp.set_maps(self._maps if wanted else None, self._lattice, self._first)
+        elif wanted is not self._shows_deformed:
+            self._overwrite(self._field if wanted else None)
+            self._shows_deformed = wanted
+
+    def _overwrite(self, field: AbstractField | None) -> None:
+        """Other voxels in the memory that VTK has, which it sends to the card with the next picture."""
+        if self._plain is None:
+            self._plain = self._values.copy()  # only this way needs the voxels twice
+        if field is None:
+            self._values[...] = self._plain
+        else:
+            # The voxels whose centres can be seen; around them lies background.
+            low = np.ceil(self._low - 1e-6).astype(int)[::-1]
+            high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
+            part = self._volume.grid if self._output is None else self._lattice.crop(tuple(low), tuple(high - low))
+            if self._warper is None or self._warper.output != part:
+                self._warper = Warper(self._volume, output=part)
+            if isinstance(field, Extrusion) and field.is_replication:
+                axis = field.axis_of(self._volume.grid)
+                if axis is not None:
+                    self._warper.prepare(axis)
+            self._values[...] = self._volume.background
+            self._values[tuple(map(slice, low, high))] = self._warper(field).values
+        self._image.GetPointData().GetScalars().Modified()
+        self._image.Modified()
+
+    def _close_actor(self) -> None:
+        if self._warp is not None:
+            self._warp.close()
+            self._warp = None
+        if self._actor is not None:
+            self._plotter.remove_actor(self._actor, render=False)
+            self._actor = None
+
+    def close(self) -> None:
+        """Give back the window and all that is on the card; a second time does nothing."""
+        if self._plotter is not None:
+            self._close_actor()
+            self._plotter.close()
+            self._plotter = None
+
+
+def _known(name: str, names: tuple[str, ...], what: str) -> str:
+    if name not in names:
+        raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
+    return name
+
+
+def _plotter() -> Any:
+    import pyvista
+
+    # One lamp at the camera, as in the stills.
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
+    plotter.add_light(pyvista.Light(light_type="headlight"))
+    plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
+    return plotter
+
+
+def _pixels(window: Any) -> Image:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    width, height = window.GetSize()
+    data = vtkUnsignedCharArray()
+    window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
+    rgb: Image = vtk_to_numpy(data).reshape(height, width, 3)  # type: ignore[no-untyped-call]
+    return np.ascontiguousarray(rgb[::-1])
+
+
+def _covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
+    """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is."""
+    grid = volume.grid if output is None else volume.grid.covering(output.corners())
+    if grid.shape == volume.grid.shape:
+        return volume, np.zeros(3)
+    start = np.round(grid.point_to_index(volume.grid.origin))
+    values = np.full(grid.shape, volume.dtype.type(volume.background))
+    nz, ny, nx = volume.shape
+    x, y, z = start.astype(int)
+    values[z : z + nz, y : y + ny, x : x + nx] = volume.finite_values
+    return replace(volume, values=values, grid=grid), start
+
+
+def _frame_of(volume: Volume) -> ShownVolume:
+    """The frame that maps of displacements lie in: lengths along the axes from the centre of the first voxel."""
+    return ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
+
+
+def _white(volume: Volume) -> float:
+    """The value that is white in a maximum projection."""
+    discrete = volume.is_labels or volume.dtype == np.bool_
+    return volume.value_range[1] if discrete else levels(volume)[3]
+
+
+@cache
+def texture_works() -> bool:
+    """Whether VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
+
+    To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
+    """
+    from vtkmodules.vtkCommonCore import vtkObject
+
+    volume, field = probe()
+    says = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        got, wanted = _still_of(volume, field, "texture"), _still_of(warped(volume, field), None, "array")
+    except DeformError:
+        return False
+    finally:
+        vtkObject.SetGlobalWarningDisplay(says)
+    return is_like(got, wanted)
+
+
+def _still_of(volume: Volume, field: AbstractField | None, method: str) -> Image:
+    scene = VtkScene(volume, (96, 96), transfer="surface", method=method)
+    try:
+        scene.set_field(field)
+        image = scene.render()
+        assert image is not None
+        return image
+    finally:
+        scene.close()

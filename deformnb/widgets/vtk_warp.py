@@ -1,0 +1,219 @@
+"""The deformation inside VTK's own volume shader: each sample of a ray is looked up where it came from.
+
+The maps of :mod:`~deformnb.widgets.card_maps` become textures, and replacements in the text of VTK's shader let every
+look-up of the volume, those for the slope included, go through them. An edit sends the maps only, some 100 kB.
+
+This depends on the words of VTK's shader, which no version promises to keep: whoever uses it compares a picture first.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.volume import Grid
+from deformnb.widgets.card_maps import CardMaps
+
+Float3 = NDArray[np.float64]
+
+# What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
+_HOOK = "//VTK::ComputeGradient::Dec"
+_SAMPLE = "texture3D(in_volume[0], g_dataPos)"
+_SLOPES = tuple(f"vec3(texPos{sign}vec[{k}])" for sign in "PN" for k in range(3))
+
+_SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D"}
+
+# Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
+# outside the box of what is seen is looked up in the corner, where the scene keeps background.
+_GLSL = """
+vec3 dnb_warp(vec3 q)
+{
+  if (any(lessThan(q, dnb_low)) || any(greaterThan(q, dnb_high))) return vec3(0.0);
+  if (dnb_count == 0 && dnb_solid == 0) return q;
+  vec4 x = vec4(q, 1.0);
+  if (dnb_count > 0)
+  {
+    vec2 at = vec2(dot(dnb_column, x), clamp(dot(dnb_row, x), dnb_edges.x, dnb_edges.y));
+    vec2 d = vec2(0.0);
+    if (dnb_same == 1)
+    {
+      d = texture2D(dnb_maps, at).xy;
+    }
+    else
+    {
+      float depth = clamp(dot(dnb_depth, x), 0.0, 1.0) * dnb_knots.x + dnb_knots.y;
+      float count = float(dnb_count);
+      for (int k = 0; k < dnb_count; k++)
+      {
+        float w = texture2D(dnb_weights, vec2(depth, (float(k) + 0.5) / count)).x;
+        if (w != 0.0) d += w * texture2D(dnb_maps, vec2(at.x, (float(k) + at.y) / count)).xy;
+      }
+    }
+    q += dnb_right * d.x + dnb_down * d.y;
+  }
+  if (dnb_solid == 1) q += texture3D(dnb_space, q * dnb_scale + dnb_shift).xyz;
+  return q;
+}
+"""
+
+
+class VolumeWarp:
+    """Displaces what one actor of VTK samples; used by the thread that renders, and by no other.
+
+    Parameters
+    ----------
+    actor : a volume with a GPU mapper in ``window``, rendered at least once.
+    window : its render window.
+    """
+
+    def __init__(self, actor: Any, window: Any) -> None:
+        self._property = actor.GetShaderProperty()
+        self._uniforms = self._property.GetFragmentCustomUniforms()
+        self._window = window
+        self._textures = {name: _Texture(window) for name in _SAMPLERS}
+        self._set_plain()
+        self._textures["dnb_maps"].load(np.zeros((1, 1, 4)))
+        self._textures["dnb_weights"].load(np.zeros((1, 1, 4)))
+        self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
+        self._bind()
+        self._inject()
+
+    def _set_plain(self) -> None:
+        """Every uniform once: VTK declares in the shader those that have a value when it is made."""
+        u = self._uniforms
+        for name in ("dnb_count", "dnb_solid", "dnb_same"):
+            u.SetUniformi(name, 0)
+        for name in ("dnb_column", "dnb_row", "dnb_depth"):
+            u.SetUniform4f(name, [0.0] * 4)
+        for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low"):
+            u.SetUniform3f(name, [0.0] * 3)
+        u.SetUniform3f("dnb_high", [1.0] * 3)
+        for name in ("dnb_edges", "dnb_knots"):
+            u.SetUniform2f(name, [0.0] * 2)
+
+    def _bind(self) -> None:
+        for name, texture in self._textures.items():
+            self._uniforms.SetUniformi(name, texture.unit())
+
+    def _inject(self) -> None:
+        add = self._property.AddFragmentShaderReplacement
+        for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
+            add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
+        add(_HOOK, True, f"{_GLSL}\n{_HOOK}", False)
+        add(_SAMPLE, False, "texture3D(in_volume[0], dnb_warp(g_dataPos))", True)
+        for place in _SLOPES:
+            add(f"texture3D(volume, {place})", False, f"texture3D(volume, dnb_warp({place}))", True)
+
+    def set_box(self, low: Float3, high: Float3, lattice: Grid) -> None:
+        """What can be seen: a box of indices (i, j, k) of the sampled lattice."""
+        n = np.asarray(lattice.shape[::-1])
+        self._uniforms.SetUniform3f("dnb_low", ((low + 0.5) / n).tolist())
+        self._uniforms.SetUniform3f("dnb_high", ((high + 0.5) / n).tolist())
+
+    def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Float3) -> None:
+        """Displace by these maps; None shows the volume as it is.
+
+        Parameters
+        ----------
+        lattice : of the voxels that VTK has.
+        first : the maps' frame starts there, an index (i, j, k) of ``lattice``.
+        """
+        self._window.MakeCurrent()
+        planar = maps.content["planar"] if maps is not None else None
+        space = maps.content["space"] if maps is not None else None
+        self._uniforms.SetUniformi("dnb_count", 0 if planar is None else planar["shape"][0])
+        self._uniforms.SetUniformi("dnb_solid", 0 if space is None else 1)
+        if maps is None:
+            return
+        # A texture coordinate q is the length scale q + shift of the maps' frame.
+        spacing = np.asarray(lattice.spacing)
+        scale, shift = spacing * lattice.shape[::-1], -(0.5 + first) * spacing
+        if planar is not None:
+            self._set_planar(planar, maps.buffers, scale, shift)
+        if space is not None:
+            self._set_space(space, maps.buffers[-1], scale, shift)
+        self._bind()
+
+    def _set_planar(self, about: dict[str, Any], buffers: list[bytes], scale: Float3, shift: Float3) -> None:
+        count, rows, columns = about["shape"]
+        maps = np.frombuffer(buffers[0], "<f4").reshape(count * rows, columns, 2)
+        weights = np.frombuffer(buffers[1], "<f4").reshape(count, -1)
+        if max(count * rows, weights.shape[1]) > self._textures["dnb_maps"].largest:
+            raise DeformError(f"{count} maps of {rows} rows are more than the graphics card takes; use fewer.")
+        plane, u = about["plane"], self._uniforms
+        origin = np.asarray(plane["origin"])
+
+        def along(axis: str, start: float, length: float, offset: float = 0.0) -> list[float]:
+            w = np.asarray(plane[axis])
+            return [*(w * scale / length).tolist(), float((w @ (shift - origin) - start) / length + offset)]
+
+        (a, b), (da, db) = about["origin"], about["spacing"]
+        u.SetUniform4f("dnb_column", along("u", a, columns * da, 0.5 / columns))
+        u.SetUniform4f("dnb_row", along("v", b, rows * db, 0.5 / rows))
+        c0, c1 = about["depth"]
+        u.SetUniform4f("dnb_depth", along("n", c0, c1 - c0) if c1 > c0 else [0.0] * 4)
+        u.SetUniform2f("dnb_edges", [0.5 / rows, 1 - 0.5 / rows])  # one map does not run into the next
+        n = weights.shape[1]
+        u.SetUniform2f("dnb_knots", [(n - 1) / n, 0.5 / n])
+        u.SetUniform3f("dnb_right", (np.asarray(plane["u"]) / scale).tolist())
+        u.SetUniform3f("dnb_down", (np.asarray(plane["v"]) / scale).tolist())
+        u.SetUniformi("dnb_same", int(about["isReplicated"]))
+        self._textures["dnb_maps"].load(_four(maps))
+        self._textures["dnb_weights"].load(_four(weights[..., None]))
+
+    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:
+        n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
+        values = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
+        self._uniforms.SetUniform3f("dnb_scale", (scale / spacing / n).tolist())
+        self._uniforms.SetUniform3f("dnb_shift", (((shift - about["origin"]) / spacing + 0.5) / n).tolist())
+        self._textures["dnb_space"].load(_four(values))
+
+    def close(self) -> None:
+        """Give back the textures, before the window goes."""
+        self._window.MakeCurrent()
+        for texture in self._textures.values():
+            texture.close()
+
+
+def _four(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Samples with four components, which every card takes."""
+    out = np.zeros((*values.shape[:-1], 4), np.float32)
+    out[..., : values.shape[-1]] = values
+    return out
+
+
+class _Texture:
+    """Samples on the card, interpolated linearly and constant beyond the outermost."""
+
+    def __init__(self, window: Any) -> None:
+        from vtkmodules.vtkRenderingOpenGL2 import vtkTextureObject
+
+        self._texture = vtkTextureObject()
+        self._texture.SetContext(window)
+        self._texture.SetMinificationFilter(vtkTextureObject.Linear)
+        self._texture.SetMagnificationFilter(vtkTextureObject.Linear)
+        for axis in "STR":
+            getattr(self._texture, f"SetWrap{axis}")(vtkTextureObject.ClampToEdge)
+        self.largest = int(vtkTextureObject.GetMaximumTextureSize(window))
+
+    def load(self, samples: NDArray[Any]) -> None:
+        """Samples (rows, columns, 4), or (slices, rows, columns, 4)."""
+        from vtkmodules.util.vtkConstants import VTK_FLOAT
+
+        values = np.ascontiguousarray(samples, np.float32)
+        make: Any = self._texture.Create2DFromRaw if values.ndim == 3 else self._texture.Create3DFromRaw
+        self._texture.Deactivate()
+        if not make(*reversed(values.shape[:-1]), 4, VTK_FLOAT, values):
+            raise DeformError("the graphics card took no texture of displacements.")
+        self._texture.Activate()
+
+    def unit(self) -> int:
+        """Which texture unit holds it."""
+        return int(self._texture.GetTextureUnit())
+
+    def close(self) -> None:
+        self._texture.Deactivate()
+        self._texture.ReleaseGraphicsResources(self._texture.GetContext())
