@@ -8,7 +8,7 @@ It may be called from any thread; observers are called in the thread of the edit
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
@@ -21,17 +21,13 @@ from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.history import History
 from deformnb.io.documents import read_deformation, write_deformation
-from deformnb.kernels import kernel_named
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
 from deformnb.script import as_python
+from deformnb.step_changes import complete_change, points_between
 from deformnb.transfer import TransferFunction, preset
-from deformnb.trend import TRENDS, trend_named
 from deformnb.volume import Volume
 from deformnb.warp import warp
-
-# Keys of the rule "interpolate" that a map is spread to when it is chosen: front, middle, back.
-_FIRST_KNOTS = (0.0, 0.5, 1.0)
 
 _NAMES = {"kernel": "kernel", "support": "support radius", "trend": "trend", "smoothing": "smoothing",
           "extrusion": "extrusion", "curve": "curve", "knots": "keys", "strength": "strength", "enabled": "switch",
@@ -154,34 +150,12 @@ class Session(traitlets.HasTraits):
             If that makes no deformation; everything stays as it was.
         """
         with self._lock:
-            notice = self._complete(fields)
+            notice = complete_change(self.step, self.points, fields)
             label = label or "change " + " and ".join(_NAMES.get(name, name) for name in list(fields)[:1])
             step = replace(self.step, **fields)
             key = min(self.key, len(step.maps) - 1)
             self._become(self.deformation.with_step(self.index, step), label, kind, key=key)
             self.notice = notice
-
-    def _complete(self, fields: dict[str, Any]) -> str:
-        """Adds what a change needs; returns what has to be said about it."""
-        rule, step = fields.get("extrusion", self.step.extrusion), self.step
-        if rule == "interpolate" and step.extrusion != "interpolate":
-            fields.setdefault("knots", _FIRST_KNOTS)
-            fields.setdefault("maps", (self.points,) * len(fields["knots"]))
-        elif rule != "interpolate" and step.extrusion == "interpolate":
-            fields.setdefault("knots", ())
-            fields.setdefault("maps", (self.points,))
-        kernel = kernel_named(fields.get("kernel", step.kernel))
-        trend = trend_named(fields.get("trend", step.trend))
-        if kernel.order <= trend.order:
-            return ""
-        if "kernel" in fields and "trend" not in fields:
-            fields["trend"] = next(t.name for t in sorted(TRENDS.values(), key=lambda t: t.order)
-                                   if t.order >= kernel.order)
-            return f"The kernel {kernel.title} needs the trend {trend_named(fields['trend']).title}: it is chosen now."
-        if "trend" in fields and "kernel" not in fields:
-            fields["kernel"] = "wendland_c2"
-            return f"The kernel {kernel.title} needs a richer trend than {trend.title}; Wendland C2 took its place."
-        return ""
 
     def set_view(self, view: str | Plane) -> None:
         """Look from another side: the plane of the step, or, once something was dragged on it, a new step after it.
@@ -209,6 +183,26 @@ class Session(traitlets.HasTraits):
             raise DeformError(f"step {index} has no set of points {key}.")
         with self._lock, self.hold_trait_notifications():
             self.index, self.key = index, key
+
+    def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,
+                  selected: int = 0) -> None:
+        """Move, add or remove key pictures of the rule "interpolate".
+
+        Parameters
+        ----------
+        knots : their depths afterwards.
+        added : index of a new one, which begins as the blend of its neighbours; removed : old index of one that goes.
+        selected : the key that is edited afterwards.
+        """
+        with self._lock:
+            maps, z = list(self.step.maps), list(knots)
+            if removed is not None:
+                del maps[removed]
+            if added is not None:
+                maps.insert(added, points_between(maps, z, added))
+            step = replace(self.step, maps=tuple(maps), knots=tuple(z))
+            label = "add a key" if added is not None else "remove a key" if removed is not None else "move a key"
+            self._become(self.deformation.with_step(self.index, step), label, key=selected)
 
     def reset(self) -> None:
         """The volume as it was, seen from the same side."""

@@ -206,6 +206,21 @@ def test_interpolation_begins_with_the_same_points_thrice_and_leaves_those_being
     assert session.key == 0
 
 
+def test_a_new_key_begins_between_its_neighbours_and_changes_nothing(session: Session) -> None:
+    session.change(extrusion="interpolate", knots=(0.0, 1.0))
+    session.edit_points(dragged(session, 1.0))
+    session.edit_step(0, 1)
+    front = session.step.maps[0]
+    session.edit_points(front.move(4, front.target[4] + [0.4, -0.6]))
+    session.edit_keys((0.0, 0.25, 1.0), added=1, selected=1)
+    assert_array_equal(session.points.target[4], front.target[4] + 0.25 * np.array([0.4, -0.6]))
+    session.edit_keys((0.0, 0.4, 1.0), selected=1)
+    assert session.step.knots == (0.0, 0.4, 1.0)
+    session.edit_keys((0.4, 1.0), removed=0)
+    assert session.step.maps[0].target[4].tolist() == (front.target[4] + 0.25 * np.array([0.4, -0.6])).tolist()
+    assert session.history["undo"] == "remove a key"
+
+
 # -- views -------------------------------------------------------------------------------------------------------------
 
 
