@@ -1,4 +1,4 @@
-"""The command ``deformnb``: demo, warp, info, datasets, doctor.
+"""The command ``deformnb``: demo, lab, warp, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -89,13 +89,14 @@ def _joined(arguments: list[str]) -> list[str]:
 
 def _parser() -> argparse.ArgumentParser:
     from deformnb import __version__
+    from deformnb.launch import add_lab
 
     parser = _Parser(prog="deformnb", description="Deform volumes by control points on a picture of them.",
                      epilog="Start with: deformnb demo. Each command has its own --help.")
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, _add_warp, _add_info, _add_datasets, _add_doctor):
+    for add in (_add_demo, add_lab, _add_warp, _add_info, _add_datasets, _add_doctor):
         add(commands)
     return parser
 

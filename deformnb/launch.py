@@ -1,0 +1,124 @@
+"""JupyterLab with the notebooks that come with the package, copied to where one may change them.
+
+This is the command ``deformnb lab``, here and not in the command line's own file because it starts another program.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+from deformnb.errors import DeformError, MissingPackageError
+
+FIRST = "01_quickstart.ipynb"
+"""The notebook that is opened."""
+
+
+def add_lab(commands: Any) -> None:
+    """Add ``lab`` to the commands of an argument parser."""
+    what = "open JupyterLab with the notebooks that come with deformnb"
+    p = commands.add_parser("lab", help=what, description=f"""{what[0].upper()}{what[1:]}: they are copied into a
+        folder, where files of the same names are kept as they are, and the first of them is opened.""")
+    p.add_argument("folder", nargs="?", default=".", help="where the notebooks go (default: the working directory)")
+    p.add_argument("--no-browser", action="store_true", help="only print the address, on a machine without a screen")
+    p.add_argument("--allow-root", action="store_true", help="let the administrator run it, which Lab advises against")
+    p.set_defaults(run=_lab)
+
+
+def _lab(options: argparse.Namespace) -> None:
+    check_lab()
+    new, kept = copy_notebooks(Path(options.folder))
+    for what, paths in (("new", new), ("kept as it is", kept)):
+        for path in paths:
+            print(f"{what:14} {path}")
+    sys.stdout.flush()  # Lab prints next, past our buffer
+    chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
+    open_lab(Path(options.folder) / FIRST, *(name for name, given in chosen.items() if given))
+
+
+def shipped_notebooks() -> list[Path]:
+    """The notebooks of the package, in their order.
+
+    Raises
+    ------
+    DeformError
+        If this installation has none.
+
+    Examples
+    --------
+    >>> shipped_notebooks()[0].name
+    '01_quickstart.ipynb'
+    """
+    package = Path(__file__).resolve().parent
+    for folder in (package / "notebooks", package.parent / "notebooks"):  # installed; a checkout
+        if (folder / FIRST).is_file():
+            return sorted(folder.glob("*.ipynb"))
+    raise DeformError(f"{FIRST} is missing from this installation; pip install --force-reinstall --no-deps deformnb.")
+
+
+def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Copy the notebooks into a folder, and overwrite nothing.
+
+    Parameters
+    ----------
+    folder : where they go; it is made if need be.
+
+    Returns
+    -------
+    list of Path
+        The new files.
+    list of Path
+        Those that were there already and are kept as they are.
+
+    Raises
+    ------
+    DeformError
+        If the folder is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise DeformError(f"{folder} is a file; name a folder for the notebooks.")
+    sources = shipped_notebooks()
+    folder.mkdir(parents=True, exist_ok=True)
+    new, kept = [], []
+    for source in sources:
+        target = folder / source.name
+        if target.exists():
+            kept.append(target)
+        else:
+            shutil.copyfile(source, target)  # not its rights: what an administrator installed may be read-only
+            new.append(target)
+    return new, kept
+
+
+def open_lab(notebook: Path, *options: str) -> None:
+    """Start JupyterLab in the folder of a notebook and stay until it ends.
+
+    Parameters
+    ----------
+    notebook : what it shows first.
+    options : further options of ``jupyter lab``.
+
+    Raises
+    ------
+    MissingPackageError
+        If JupyterLab is not installed.
+    """
+    check_lab()
+    from jupyterlab.labapp import LabApp
+
+    # In this process, so that Ctrl-C and the end of a terminal reach Lab itself, which then asks or cleans up.
+    # The address, and not the file as its argument, leads to the notebook also where no browser is opened.
+    LabApp.launch_instance([f"--ServerApp.root_dir={notebook.resolve().parent}",
+                            f"--LabApp.default_url=/lab/tree/{notebook.name}", *options])
+
+
+def check_lab() -> None:
+    """Complain if JupyterLab is missing, before anything is copied."""
+    for name in ("jupyterlab", "ipykernel"):
+        if importlib.util.find_spec(name) is None:
+            raise MissingPackageError(f"{name} is not installed, and the notebooks need it; "
+                                      "pip install 'deformnb[notebook]'.")
