@@ -23,6 +23,8 @@ from .io.formats import describe_file as describe_file
 from .io.formats import read_volume as read_volume
 from .io.formats import write_volume as write_volume
 from .kernels import KERNELS as KERNELS
+from .movie import deformation_frames as deformation_frames
+from .movie import write_movie as write_movie
 from .picture import PROJECTIONS as PROJECTIONS
 from .picture import Picture as Picture
 from .picture import project as project

@@ -25,6 +25,7 @@ OPTIONAL = {
     "tifffile": ("TIFF stacks", "formats"),
     "imagecodecs": ("compressed TIFF and DICOM", "formats"),
     "pydicom": ("DICOM series", "formats"),
+    "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
 }
 """Optional packages: what each is for and the extra that installs it."""

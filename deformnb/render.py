@@ -20,7 +20,7 @@ from deformnb.io.headers import shown
 from deformnb.picture import project
 from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction, preset
-from deformnb.volume import Volume
+from deformnb.volume import Grid, Volume
 
 Progress = Callable[[float], None]
 Image = NDArray[np.uint8]
@@ -78,18 +78,62 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, d
     (height, width, 3) uint8.
     """
     chosen = renderer_named(backend)
-    if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
-        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
+    _check_size(size)
     if height is not None and not (np.isfinite(height) and height > 0):
         raise DeformError(f"the height of what is seen must be a positive length, got {height}.")
     function = preset("specimen", volume) if transfer is None else transfer
     plane = Plane.through(volume.grid.center, direction, up)
-    tall = _height(volume, plane, size) if height is None else float(height)
+    tall = fitting_height(volume.grid, plane, size) if height is None else float(height)
     return RENDERERS[chosen](volume, function, plane, tall, size, background, progress)
 
 
-def _height(volume: Volume, plane: Plane, size: tuple[int, int]) -> float:
-    a, b, _ = np.ptp(plane.to_plane(volume.grid.corners()), axis=0)
+class Scene:
+    """Many pictures of one size in the same colours, as :func:`render_volume` makes them; closed at the end.
+
+    What can be kept from picture to picture is kept: with VTK that is the window, its shaders and the voxels in its
+    memory. All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL asks for.
+
+    Parameters
+    ----------
+    transfer, size, background, backend : as for :func:`render_volume`.
+    """
+
+    def __init__(self, transfer: TransferFunction, size: tuple[int, int], *,
+                 background: tuple[float, float, float] = (0.0, 0.0, 0.0), backend: str = "auto") -> None:
+        _check_size(size)
+        self._arguments = transfer, size, background
+        self._draw = RENDERERS[renderer_named(backend)]
+        self._window: _VtkScene | None = None
+
+    def __call__(self, volume: Volume, plane: Plane, height: float, progress: Progress | None = None) -> Image:
+        """The picture of a volume from a plane whose origin is the middle of the picture, ``height`` high in space."""
+        transfer, size, background = self._arguments
+        if self._draw is _render_vtk:
+            self._window = self._window or _VtkScene(transfer, size, background)
+            return self._window(volume, plane, height, progress)
+        return self._draw(volume, transfer, plane, height, size, background, progress)
+
+    def close(self) -> None:
+        """Give back what VTK holds; a later picture takes it again."""
+        window, self._window = self._window, None
+        if window is not None:
+            window.close()
+
+
+def _check_size(size: tuple[int, int]) -> None:
+    if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
+        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
+
+
+def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
+    """The length in space that a picture of a whole grid is high.
+
+    Parameters
+    ----------
+    plane : the picture's.
+    size : its (width, height) in pixels.
+    """
+    a, b, _ = np.ptp(plane.to_plane(grid.corners()), axis=0)
     return float(max(b, a * size[1] / size[0]) * 1.02)
 
 
@@ -122,30 +166,70 @@ def _ink(color: tuple[float, float, float]) -> tuple[int, int, int]:
 
 def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height: float, size: tuple[int, int],
                 background: tuple[float, float, float], progress: Progress | None) -> Image:
-    import pyvista
-
-    # One lamp at the camera: the three of pyvista's kit dim what faces the viewer and stain it where their lights meet.
-    plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
+    scene = _VtkScene(transfer, size, background)
     try:
-        plotter.add_light(pyvista.Light(light_type="headlight"))
-        plotter.renderer.SetBackground(*background)
-        # The transfer function and its unit replace these choices, but pyvista wants to make them.
-        actor: Any = plotter.add_volume(_for_vtk(volume).to_pyvista(), mapper="gpu", shade=True, show_scalar_bar=False,
-                                        cmap="gray", opacity="linear", opacity_unit_distance=transfer.unit)
-        _set_transfer(actor.prop, transfer)
-        actor.mapper.SetAutoAdjustSampleDistances(False)
-        actor.mapper.SetSampleDistance(_sampling(volume, height, size))
+        return scene(volume, plane, height, progress)
+    finally:
+        scene.close()
+
+
+class _VtkScene:
+    """A window of VTK that is kept from picture to picture: its shaders are compiled once, its voxels overwritten.
+
+    It must be used and closed by one thread, which OpenGL asks for.
+    """
+
+    def __init__(self, transfer: TransferFunction, size: tuple[int, int],
+                 background: tuple[float, float, float]) -> None:
+        import pyvista
+
+        # One lamp at the camera: the three of pyvista's kit dim what faces the viewer, and stain it where they meet.
+        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
+        self._plotter.add_light(pyvista.Light(light_type="headlight"))
+        self._plotter.renderer.SetBackground(*background)
+        self._transfer, self._size = transfer, size
+        self._image: Any = None
+        self._actor: Any = None
+        self._is_of: Any = None
+        self._values: Any = None
+
+    def __call__(self, volume: Volume, plane: Plane, height: float, progress: Progress | None = None) -> Image:
+        if volume.values is not self._values:
+            self._show(_for_vtk(volume))
+            self._values = volume.values
+        plotter = self._plotter
+        self._actor.mapper.SetSampleDistance(_sampling(volume, height, self._size))
         far = 2 * volume.grid.diagonal
         focus, n = np.asarray(plane.origin), np.asarray(plane.normal)
         plotter.camera_position = [tuple(focus - far * n), tuple(focus), tuple(-np.asarray(plane.v))]
         plotter.camera.parallel_projection = True
         plotter.camera.parallel_scale = height / 2
         plotter.renderer.ResetCameraClippingRange()
-        return np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
-    finally:
-        plotter.close()
+        plotter.render()  # a screenshot alone gives the last picture again
+        image = np.asarray(plotter.screenshot(return_img=True))[..., :3].copy()
         if progress is not None:
             progress(1.0)
+        return image
+
+    def _show(self, volume: Volume) -> None:
+        alike = (volume.grid, volume.dtype)
+        if self._actor is not None and alike == self._is_of:
+            self._image.active_scalars[:] = volume.values.reshape(-1)
+            self._image.GetPointData().GetScalars().Modified()
+            self._image.Modified()
+            return
+        if self._actor is not None:
+            self._plotter.remove_actor(self._actor)
+        self._image, self._is_of = volume.to_pyvista(), alike
+        # The transfer function and its unit replace these choices, but pyvista wants to make them.
+        self._actor = self._plotter.add_volume(
+            self._image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray", opacity="linear",
+            opacity_unit_distance=self._transfer.unit, reset_camera=False, render=False)
+        _set_transfer(self._actor.prop, self._transfer)
+        self._actor.mapper.SetAutoAdjustSampleDistances(False)
+
+    def close(self) -> None:
+        self._plotter.close()
 
 
 def _for_vtk(volume: Volume) -> Volume:
@@ -209,7 +293,7 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
     """
     function = preset("specimen", before) if transfer is None else transfer
     planes = [Plane.through(v.grid.center, direction, up) for v in (before, after)]
-    height = max(_height(v, p, size) for v, p in zip((before, after), planes, strict=True))
+    height = max(fitting_height(v.grid, p, size) for v, p in zip((before, after), planes, strict=True))
     halves = []
     for k, volume in enumerate((before, after)):
         part = None if progress is None else (lambda share, k=k: progress((k + share) / 2))

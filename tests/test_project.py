@@ -27,6 +27,7 @@ EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
 DISTRIBUTION = {
+    "imageio_ffmpeg": "imageio-ffmpeg",
     "lazy_loader": "lazy-loader",
     "nrrd": "pynrrd",
     "PIL": "pillow",
@@ -116,7 +117,7 @@ def test_conda_environment_equals_the_requirements() -> None:
 
 
 @pytest.mark.parametrize(
-    ("folder", "extras"), [("deformnb", ["formats"]), ("tests", ["test"]), ("benchmarks", ["benchmark"])]
+    ("folder", "extras"), [("deformnb", ["formats", "movie"]), ("tests", ["test"]), ("benchmarks", ["benchmark"])]
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
