@@ -14,13 +14,14 @@ from PIL import Image
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
+from deformnb.degenerate import LARGEST_SET
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
 from deformnb.picture import Picture, project
 from deformnb.plane import Raster
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import Editor
-from deformnb.widgets.point_messages import LONGEST_MESSAGE, points_from_json, points_to_json
+from deformnb.widgets.point_messages import EditMessage, points_from_json, points_to_json
 
 
 @pytest.fixture
@@ -54,8 +55,16 @@ def receive(editor: Editor, content: Any) -> None:
     editor._handle_custom_msg(content, [])
 
 
-def edit(points: Any, seq: int = 1, phase: str = "end") -> dict[str, Any]:
-    return {"type": "edit", "seq": seq, "phase": phase, "points": points}
+def edit(points: Any, seq: int = 1, phase: str = "end", **more: Any) -> dict[str, Any]:
+    return {"type": "edit", "sender": "w1", "seq": seq, "phase": phase, "kind": "move", "points": points, **more}
+
+
+def step(way: str, seq: int = 1) -> dict[str, Any]:
+    return {"type": "history", "sender": "w1", "seq": seq, "way": way}
+
+
+def done(seq: int) -> dict[str, Any]:
+    return {"type": "done", "sender": "w1", "seq": seq}
 
 
 # ---- points ----------------------------------------------------------------------------------------------------------
@@ -80,11 +89,12 @@ def test_two_editors_have_different_names_in_the_page() -> None:
     assert Editor().uid != Editor().uid
 
 
-def test_what_the_page_saves_becomes_the_points_and_is_observed(picture: Picture, points: ControlPoints) -> None:
+def test_what_the_page_sends_becomes_the_points_and_is_observed(picture: Picture, points: ControlPoints) -> None:
     editor, seen = Editor(picture, points), []
     editor.observe(lambda change: seen.append(change["new"]), "points")
     moved = points.move(2, [33, 30])
-    editor.set_state({"points": points_to_json(moved), "next_id": 4, "selected": [2]})
+    receive(editor, edit(points_to_json(moved)))
+    editor.set_state({"selected": [2]})
     assert editor.points == moved
     assert seen == [moved]
     assert editor.selected == [2]
@@ -92,9 +102,12 @@ def test_what_the_page_saves_becomes_the_points_and_is_observed(picture: Picture
 
 def test_an_id_that_was_given_never_comes_back(picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
-    editor.set_state({"points": points_to_json(points.add([1, 1])), "next_id": 5})
-    editor.set_state({"points": points_to_json(points), "next_id": 5})
+    receive(editor, edit(points_to_json(points.add([1, 1])), 1))
+    receive(editor, edit(points_to_json(points), 2))
     assert editor.points.add([2, 2]).ids[-1] == 5
+    receive(editor, edit(points_to_json(points), 3, next_id=9))  # added and removed before Python heard of either
+    assert editor.points.add([2, 2]).ids[-1] == 9
+    assert editor.next_id == 9
 
 
 def test_points_in_space_and_other_things_are_refused(picture: Picture, points: ControlPoints) -> None:
@@ -129,7 +142,7 @@ def test_the_end_of_an_edit_sets_the_points_and_is_answered(picture: Picture, po
     editor = Editor(picture, points)
     receive(editor, edit(points_to_json(points.move(0, [12, 9])), 7))
     assert editor.points == points.move(0, [12, 9])
-    assert sent == [{"type": "done", "seq": 7}]
+    assert sent == [done(7)]
 
 
 def test_a_movement_reaches_callbacks_and_leaves_the_points(picture: Picture, points: ControlPoints,
@@ -159,8 +172,70 @@ def test_an_exception_of_a_callback_is_told_the_page(picture: Picture, points: C
 
     editor.on_edit(fail)
     receive(editor, edit(points_to_json(points), 3, "move"))
-    assert sent == [{"type": "error", "message": "RuntimeError in a callback: no room"}, {"type": "done", "seq": 3}]
+    assert sent == [{"type": "error", "message": "RuntimeError in a callback: no room"}, done(3)]
     assert "a callback of an editor failed" in caplog.text
+    editor.observe(fail, "points")
+    receive(editor, edit(points_to_json(points.move(0, [1, 1])), 4))
+    assert (editor.points, editor.seen) == (points.move(0, [1, 1]), {"w1": 4})  # a page waits for no answer in vain
+
+
+def test_a_callback_may_ask_for_details(picture: Picture, points: ControlPoints, sent: list[Any]) -> None:
+    editor, seen = Editor(picture, points), []
+
+    def note(edit: EditMessage) -> None:
+        seen.append((edit.phase, edit.kind, edit.joins, edit.points))
+
+    editor.on_edit(note, details=True)
+    editor.on_edit(lambda p, phase: seen.append(phase))
+    nudged = points.move(0, [2, 2])
+    receive(editor, edit(points_to_json(nudged), 1, kind="nudge", joins=True))
+    assert seen == [("end", "nudge", True, nudged), "end"]
+    editor.on_edit(note, remove=True)
+    receive(editor, edit(points_to_json(points), 2, kind="undo"))
+    assert seen[2:] == ["end"]
+
+
+def test_the_page_learns_what_python_has_taken_in_after_it_has_the_points(picture: Picture, points: ControlPoints,
+                                                                       sent: list[Any]) -> None:
+    editor, told = Editor(picture, points), []
+    editor.observe(lambda change: told.append(change["name"]), ["points", "seen"])
+    receive(editor, edit(points_to_json(points.move(0, [2, 2])), 5))
+    assert told == ["points", "seen"]
+    receive(editor, edit(points_to_json(points), 6, "move"))  # leaves the points, so it says nothing of them
+    assert editor.seen == {"w1": 5}
+    receive(editor, edit(points_to_json(points), 5))  # came twice
+    assert editor.points == points.move(0, [2, 2])
+    for k in range(9):
+        receive(editor, edit(points_to_json(points), 1, sender=f"x{k}"))
+        receive(editor, edit(points_to_json(points), 10 + k))
+    assert list(editor.seen.items()) == [*((f"x{k}", 1) for k in range(2, 9)), ("w1", 18)]  # the latest eight windows
+
+
+def test_a_history_in_python_is_asked_by_the_page(picture: Picture, points: ControlPoints, sent: list[Any]) -> None:
+    editor, ways = Editor(picture, points), []
+
+    def go(way: str) -> None:
+        ways.append((way, dict(editor.seen)))
+        editor.points = points.move(0, [3, 3])
+
+    editor.on_history(go)
+    editor.history = {"undo": "move nose", "redo": ""}
+    receive(editor, step("undo", 4))
+    assert ways == [("undo", {})]  # the page takes no points before the step is done
+    assert (editor.seen, sent) == ({"w1": 4}, [done(4)])
+    editor.on_history(go, remove=True)
+    receive(editor, step("redo", 5))
+    assert len(ways) == 1
+    editor.on_history(lambda way: 1 // 0)
+    receive(editor, step("redo", 6))
+    assert "ZeroDivisionError in a callback" in sent[-2]["message"]
+    assert editor.seen == {"w1": 6}
+    receive(editor, step("sideways", 7))
+    assert "undo or redo" in sent[-2]["message"]
+    for wrong in ({"undo": "x"}, {"undo": 1, "redo": ""}, {"undo": "", "redo": "", "more": ""}):
+        with pytest.raises(DeformError, match="history"):
+            editor.history = wrong
+    assert editor.history == {"undo": "move nose", "redo": ""}
 
 
 GOOD = {"id": 0, "name": "", "source": [1.0, 2.0], "target": [1.0, 2.0], "active": True, "weight": 1.0}
@@ -181,51 +256,68 @@ BAD_POINTS = {
 
 
 @pytest.mark.parametrize("name", list(BAD_POINTS))
-def test_points_that_are_wrong_are_dropped_and_logged(name: str, picture: Picture, points: ControlPoints,
+def test_points_that_are_wrong_are_refused_and_logged(name: str, picture: Picture, points: ControlPoints,
                                                       sent: list[Any], caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor(picture, points)
-    receive(editor, edit(BAD_POINTS[name]))
+    receive(editor, edit(BAD_POINTS[name], 3))
     editor.set_state({"points": BAD_POINTS[name]})
     assert editor.points == points
-    assert sent == []
+    assert [m["type"] for m in sent] == ["error", "done"]
+    assert sent[0]["message"].startswith("Python did not take these points: ")
+    assert editor.seen == {"w1": 3}  # else the page would wait for its points and show no others
     assert [r.levelno for r in caplog.records] == [logging.WARNING] * 2
     with pytest.raises(DeformError):
         points_from_json(BAD_POINTS[name])
 
 
 @pytest.mark.parametrize("content", [
-    None, 3, "edit", [], {}, {"type": "edit"}, {"type": "run", "seq": 1, "phase": "end", "points": [GOOD]},
-    edit([GOOD], seq="1"), edit([GOOD], seq=True), edit([GOOD], phase="begin"), edit([GOOD], phase=["end"]),  # type: ignore[arg-type]
+    None, 3, "edit", [], {}, {"type": "edit"}, edit([GOOD], type="run"), edit([GOOD], type=["edit"]),
+    edit([GOOD], seq="1"), edit([GOOD], seq=True), edit([GOOD], seq=-1), edit([GOOD], seq=None),  # type: ignore[arg-type]
+    edit([GOOD], sender=""), edit([GOOD], sender=5), edit([GOOD], sender="x" * 1000), edit([GOOD], sender=["w1"]),
 ])
 def test_messages_that_are_no_edits_are_dropped_and_logged(content: Any, picture: Picture, sent: list[Any],
                                                           caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor(picture)
     receive(editor, content)
     assert len(editor.points) == 0
-    assert sent == []
+    assert (sent, editor.seen) == ([], {})
     assert "dropped" in caplog.text
 
 
-def test_a_message_beyond_the_limit_is_dropped(picture: Picture, sent: list[Any]) -> None:
+@pytest.mark.parametrize("content", [
+    edit([GOOD], phase="begin"), edit([GOOD], phase=["end"]), edit([GOOD], kind="run"), edit([GOOD], kind=None),  # type: ignore[arg-type]
+    edit([GOOD], kind=["move"]), edit([GOOD], joins=1), edit([GOOD], next_id=-1), edit([GOOD], next_id=2.5),
+    edit([GOOD], next_id="9"), step(["undo"]),  # type: ignore[arg-type]
+    edit([{**GOOD, "id": k, "name": "\u00fc" * 200} for k in range(1500)]),
+])
+def test_edits_with_something_wrong_are_refused_and_the_page_hears_it(content: Any, picture: Picture,
+                                                                    sent: list[Any]) -> None:
     editor = Editor(picture)
-    many = [{**GOOD, "id": k, "name": "n" * 100} for k in range(400)]
-    assert len(json.dumps(many)) > LONGEST_MESSAGE
-    receive(editor, edit(many))
+    receive(editor, content)
     assert len(editor.points) == 0
-    assert sent == []
+    assert [m["type"] for m in sent] == ["error", "done"]
+    assert editor.seen == {"w1": 1}
+
+
+def test_as_many_points_as_a_fit_takes_come_in_one_edit(picture: Picture, sent: list[Any]) -> None:
+    editor = Editor(picture)
+    receive(editor, edit([{**GOOD, "id": k, "name": f"landmark {k}"} for k in range(LARGEST_SET)]))
+    assert len(editor.points) == LARGEST_SET
 
 
 def test_the_page_changes_only_what_is_its_own(picture: Picture, points: ControlPoints,
                                                caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor(picture, points)
     editor.set_state({"kernel": "gaussian", "raster": {}, "image": "", "uid": "other", "live": True, "next_id": 2,
-                      "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True})
+                      "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True,
+                      "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}})
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
     assert editor.raster["shape"] == [30, 40]
     assert (editor.selected, editor.show_net, editor.show_radius) == ([], True, True)
     assert "took_over" not in editor._esm
+    assert (editor.points, editor.seen, editor.history) == (points, {}, {})
     editor.set_state("nonsense")
-    assert len(caplog.records) == 10
+    assert len(caplog.records) == 13
 
 
 # ---- fit and picture -------------------------------------------------------------------------------------------------

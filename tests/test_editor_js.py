@@ -71,22 +71,6 @@ def test_points_from_anywhere_are_cleaned() -> None:
     assert run_script(("edits.js",), main, None) == [[], [good]]
 
 
-def test_two_edits_are_in_flight_at_most_and_the_newest_waits() -> None:
-    main = """() => { const log = [], model = { send: (m) => log.push([m.phase, m.points, m.seq]) };
-        let clock = 0;
-        const sender = new Sender(model, () => clock);
-        for (let k = 1; k <= 5; k++) sender.move(k);
-        const first = log.length;
-        sender.done(1); sender.done(1); sender.done(77);
-        const second = log.length;
-        sender.move(6); sender.move(7); sender.end(8);
-        clock = 5000; sender.move(9);
-        return [first, second, log]; }"""
-    first, second, log = run_script(("sender.js",), main, None)
-    assert (first, second) == (2, 3)
-    assert log == [["move", 1, 1], ["move", 2, 2], ["move", 5, 3], ["end", 8, 4], ["move", 9, 5]]
-
-
 MAPS = ("rbf_solve.js", "rbf.js", "maps.js")
 
 

@@ -3,14 +3,23 @@
 The page fits the points and warps the picture itself, by the same mathematics as :func:`deformnb.rbf.fit_rbf`, so a
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
 
-Messages by the page: ``{"type": "edit", "seq": n, "phase": "move" | "end", "points": [...]}``. Messages to the page:
-``{"type": "done", "seq": n}`` and ``{"type": "error", "message": text}``. What is wrong in a message is logged and the
-message dropped.
+Messages by the page:
+
+- ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
+  "points": [...]}``
+- ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
+
+Messages to the page: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
+``{"type": "error", "message": text}``.
+
+Points go to Python by these messages alone and to the page by the trait alone; the trait ``seen`` tells each window
+which of its messages the points include (see sender.js).
 """
 
 from __future__ import annotations
 
 import logging
+import threading
 import uuid
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +39,15 @@ from deformnb.rbf import RBFInterpolant, fit_rbf
 from deformnb.trend import trend_named
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
-from deformnb.widgets.point_messages import checked_state, edit_from_message, points_from_json, points_to_json
+from deformnb.widgets.point_messages import (
+    EditMessage,
+    HistoryMessage,
+    Message,
+    RefusedMessage,
+    checked_state,
+    message_from_page,
+    points_to_json,
+)
 
 _FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "paint.js", "handles.js",
           "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
@@ -40,8 +57,17 @@ _LOG = logging.getLogger(__name__)
 # Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
 _LONE_POINT_SHARE = 0.25
 
+# Windows that have shown an editor and may still have an edit on its way.
+_WINDOWS = 8
+
 EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
+
+DetailCallback = Callable[[EditMessage], None]
+"""Called with all that the page says of an edit."""
+
+HistoryCallback = Callable[[str], None]
+"""Called with "undo" or "redo"."""
 
 
 class _PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
@@ -77,8 +103,10 @@ class Editor(anywidget.AnyWidget):
     Notes
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
-    others. ``selected`` holds the ids of the selected points. ``uid`` names the editor in its page, where other widgets
-    find its live points without the kernel (see link.js).
+    others. ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
+    own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
+    "" for nothing; :meth:`on_history` then tells what the page asks for. ``uid`` names the editor in its page, where
+    other widgets find its live points without the kernel (see link.js).
 
     Raises
     ------
@@ -97,9 +125,10 @@ class Editor(anywidget.AnyWidget):
     _css = style("editor.css")
 
     points = _PointsTrait(ControlPoints.empty()).tag(
-        sync=True, echo_update=False, to_json=lambda value, widget: points_to_json(value),
-        from_json=lambda value, widget: points_from_json(value, widget.next_id))
+        sync=True, to_json=lambda value, widget: points_to_json(value))
     next_id = traitlets.Int(0).tag(sync=True)
+    seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
+    history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
     kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
     support = traitlets.Float(None, allow_none=True).tag(sync=True)
@@ -122,7 +151,10 @@ class Editor(anywidget.AnyWidget):
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
                  raster: Raster | None = None, **settings: Any) -> None:
         given = ControlPoints.empty() if points is None else points
-        self._callbacks: list[EditCallback] = []
+        self._callbacks: list[tuple[Callable[..., None], bool]] = []
+        self._history_callbacks: list[HistoryCallback] = []
+        self.edit_under_way: EditMessage | None = None  # for observers of "points": what the page did, None for code
+        self._sending = threading.RLock()
         self._previous: RBFInterpolant | None = None
         self._picture = picture
         super().__init__(points=given, uid=uuid.uuid4().hex, **{**_of_picture(picture, raster, given), **settings})
@@ -177,36 +209,82 @@ class Editor(anywidget.AnyWidget):
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
-    def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
+    def on_edit(self, callback: EditCallback | DetailCallback, remove: bool = False, *, details: bool = False) -> None:
         """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
 
-        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. Exceptions of
-        the callback are logged and shown in the page.
+        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
+        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the page.
+
+        Parameters
+        ----------
+        callback : what is called, in the order of registration.
+        remove : True takes the callback away again.
+        details : True calls ``callback(edit)`` instead, with an
+            :class:`~deformnb.widgets.point_messages.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
+            whether it goes on with the edit before it (``joins``).
         """
         if remove:
-            self._callbacks.remove(callback)
+            self._callbacks = [held for held in self._callbacks if held[0] != callback]
         else:
-            self._callbacks.append(callback)
+            self._callbacks.append((callback, details))
         self.live = bool(self._callbacks)
 
+    def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
+        """Call ``callback("undo")`` or ``callback("redo")`` when the page asks, if ``history`` is not empty.
+
+        Exceptions of the callback are logged and shown in the page.
+        """
+        if remove:
+            self._history_callbacks.remove(callback)
+        else:
+            self._history_callbacks.append(callback)
+
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        edit = edit_from_message(content, self.next_id)
-        if edit is None:
+        message = message_from_page(content, self.next_id)
+        if message is None:
             return
         try:
-            if edit.phase == "end":
-                self.points = edit.points
-            for callback in tuple(self._callbacks):
-                callback(edit.points, edit.phase)
+            self._take(message)
         except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
             _LOG.exception("a callback of an editor failed")
             self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
         finally:
-            self.send({"type": "done", "seq": edit.seq})
+            self._note(message)  # whatever came of it: a page that waits for it takes no other points
+            self.send({"type": "done", "sender": message.sender, "seq": message.seq})
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, RefusedMessage):
+            self.send({"type": "error", "message": f"Python did not take these points: {message.reason}"})
+        elif isinstance(message, HistoryMessage):
+            for step in tuple(self._history_callbacks):
+                step(message.way)
+        elif isinstance(message, EditMessage) and message.seq > self.seen.get(message.sender, -1):
+            if message.phase == "end":
+                self.edit_under_way = message
+                try:
+                    self.points = message.points
+                finally:
+                    self.edit_under_way = None
+                self._note(message)
+            for callback, details in tuple(self._callbacks):
+                callback(message) if details else callback(message.points, message.phase)
+
+    def _note(self, message: Message) -> None:
+        # After the points and not together with them: until the page reads this it leaves the points alone, and two
+        # updates in order need no pause of all others (hold_sync), which threads would take from one another.
+        if message.seq <= self.seen.get(message.sender, -1) or _is_movement(message):
+            return
+        others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
+        self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
+
+    def send_state(self, key: Any = None) -> None:
+        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
+        with self._sending:
+            super().send_state(key)
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        state = checked_state(sync_data, self.next_id)
+        state = checked_state(sync_data)
         if state:
             super().set_state(state)
 
@@ -228,6 +306,13 @@ class Editor(anywidget.AnyWidget):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise DeformError(f"the support radius must be a positive length, got {value}.")
         return None if value is None else float(value)
+
+    @traitlets.validate("history")
+    def _two_texts(self, proposal: Any) -> dict[str, str]:
+        value = dict(proposal["value"])
+        if value and (set(value) != {"undo", "redo"} or not all(isinstance(v, str) for v in value.values())):
+            raise DeformError(f'the history must be {{}} or texts for "undo" and "redo", got {value}.')
+        return value
 
     @traitlets.validate("smoothing", "strength")
     def _a_number(self, proposal: Any) -> float:
@@ -254,6 +339,10 @@ class Editor(anywidget.AnyWidget):
         except Exception:  # a picture for later readers must not keep the widget from being shown now
             _LOG.exception("the preview of an editor could not be drawn")
         return bundle
+
+
+def _is_movement(message: Message) -> bool:
+    return isinstance(message, EditMessage) and message.phase == "move"
 
 
 def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:

@@ -17,13 +17,20 @@ from deformnb.degenerate import LARGEST_SET
 from deformnb.errors import DeformError
 
 LONGEST_MESSAGE = 65536
-"""Bytes of a message by the page at most: 400 points. A browser never says more at a time."""
+"""Bytes of a trait that the page sets at most."""
+
+LONGEST_EDIT = 2**20
+"""Bytes of an edit at most: all the points that a fit takes."""
+
+KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several")
+"""What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
 
 _LOG = logging.getLogger(__name__)
 
 # JavaScript counts exactly up to here; the page gives ids by adding one.
 _LARGEST_ID = 2**53 - 1
 _LONGEST_NAME = 200
+_LONGEST_SENDER = 40
 
 
 def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
@@ -78,30 +85,84 @@ def _is_number(value: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class EditMessage:
-    """What the page says of an edit."""
+class Message:
+    """Any message by a page: ``seq`` counts those of a sender, which is one window that shows the editor."""
 
+    sender: str
     seq: int
+
+
+@dataclass(frozen=True)
+class EditMessage(Message):
+    """What the page says of an edit.
+
+    Attributes
+    ----------
+    phase : "move" while points are dragged, "end" when the edit is done.
+    kind : what was done, one of :data:`KINDS`.
+    joins : True if it goes on with the edit before it, as arrow keys in quick succession do: one step of an undo.
+    points : all points after the edit.
+    """
+
     phase: str
+    kind: str
+    joins: bool
     points: ControlPoints
 
 
-def edit_from_message(content: Any, next_id: int) -> EditMessage | None:
-    """An edit by the page; None, and a line in the log, if that is not what it is."""
+@dataclass(frozen=True)
+class HistoryMessage(Message):
+    """The page asks for "undo" or "redo"; only where Python owns the history."""
+
+    way: str
+
+
+@dataclass(frozen=True)
+class RefusedMessage(Message):
+    """An edit with something wrong in it: the page must hear that it will not be taken."""
+
+    reason: str
+
+
+def message_from_page(content: Any, next_id: int) -> Message | None:
+    """What a custom message says; None, and a line in the log, where it does not even say who sent it."""
     try:
-        if not isinstance(content, dict) or content.get("type") != "edit":
-            raise DeformError("it is no edit.")
-        _check_size(content)
-        seq, phase = content.get("seq"), content.get("phase")
-        if isinstance(seq, bool) or not isinstance(seq, int) or phase not in ("move", "end"):
-            raise DeformError("an edit needs a number and a phase.")
-        return EditMessage(seq, phase, points_from_json(content.get("points"), next_id))
+        sender, seq = _header(content)
     except DeformError as error:
         _LOG.warning("a message to an editor was dropped: %s", error)
         return None
+    try:
+        if content["type"] == "history":
+            if content.get("way") not in ("undo", "redo"):
+                raise DeformError("a step of the history goes by undo or redo.")
+            return HistoryMessage(sender, seq, content["way"])
+        return _edit(content, sender, seq, next_id)
+    except DeformError as error:
+        _LOG.warning("an edit was refused: %s", error)
+        return RefusedMessage(sender, seq, str(error))
 
 
-def checked_state(state: Any, next_id: int) -> dict[str, Any]:
+def _header(content: Any) -> tuple[str, int]:
+    if not isinstance(content, dict) or content.get("type") not in ("edit", "history"):
+        raise DeformError("it is no edit.")
+    sender, seq = content.get("sender"), content.get("seq")
+    if not isinstance(sender, str) or not 1 <= len(sender) <= _LONGEST_SENDER or seq is None or not _is_id(seq):
+        raise DeformError("an edit needs a sender and a number.")
+    return sender, seq
+
+
+def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int) -> EditMessage:
+    _check_size(content, LONGEST_EDIT)
+    phase, kind, joins = content.get("phase"), content.get("kind"), content.get("joins", False)
+    if phase not in ("move", "end") or kind not in KINDS or not isinstance(joins, bool):
+        raise DeformError("an edit needs a phase and a kind.")
+    least = content.get("next_id", 0)
+    if not _is_id(least):
+        raise DeformError("the next id of an edit must be a whole number from 0.")
+    return EditMessage(sender, seq, phase, kind, joins, points_from_json(content.get("points"), max(least, next_id)))
+
+
+def checked_state(state: Any) -> dict[str, Any]:
     """The part of a state update by the page that is right; the rest is logged and dropped."""
     if not isinstance(state, dict):
         _LOG.warning("a state update of an editor was dropped: it is no object.")
@@ -109,21 +170,16 @@ def checked_state(state: Any, next_id: int) -> dict[str, Any]:
     kept = {}
     for name, value in state.items():
         try:
-            _check_size(value)
-            _check_trait(name, value, next_id)
+            _check_size(value, LONGEST_MESSAGE)
+            _check_trait(name, value)
             kept[name] = value
         except DeformError as error:
             _LOG.warning("the trait %.40r from the page was dropped: %s", name, error)
     return kept
 
 
-def _check_trait(name: Any, value: Any, next_id: int) -> None:
-    if name == "points":
-        points_from_json(value, next_id)
-    elif name == "next_id":
-        if not _is_id(value) or value < next_id:
-            raise DeformError("the next id is a whole number that only grows.")
-    elif name == "selected":
+def _check_trait(name: Any, value: Any) -> None:
+    if name == "selected":
         if not isinstance(value, list) or not all(_is_id(v) for v in value):
             raise DeformError("a selection is a list of ids.")
     elif name in ("show_net", "show_radius"):
@@ -137,10 +193,10 @@ def _is_id(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_ID
 
 
-def _check_size(content: Any) -> None:
+def _check_size(content: Any, most: int) -> None:
     try:
         size = len(json.dumps(content))
     except (TypeError, ValueError, RecursionError):
         raise DeformError("it is no JSON.") from None
-    if size > LONGEST_MESSAGE:
-        raise DeformError(f"it has {size} bytes, more than {LONGEST_MESSAGE}.")
+    if size > most:
+        raise DeformError(f"it has {size} bytes, more than {most}.")

@@ -164,7 +164,8 @@ def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, pi
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
     assert np.array_equal(page.points.source, points.source)
     assert_alike(page, picture)
-    assert len(page.js("models.editor.saved.filter((s) => 'points' in s)")) == 1
+    assert [m["phase"] for m in page.js("models.editor.sent")] == ["end"]
+    assert page.js("models.editor.saved.filter((s) => 'points' in s || 'next_id' in s)") == []  # one way, not two
 
 
 @pytest.mark.parametrize("view", VIEWS)

@@ -1,22 +1,27 @@
 // The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
-// To Python: edit (seq, phase, points). From Python: done (seq), error (message).
+// To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
 const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
 
-const LONGEST_MESSAGE = 65000; // bytes that Python takes of one edit: 400 points
+// What is said of a kernel that does not answer, by the sender's status.
+const SILENCE = {
+  busy: "The kernel is busy; the volume in Python follows later",
+  silent: "No answer from Python yet; these points stay in the page until it answers",
+  lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
+};
 
 class EditorPage extends EditorDrawing {
   constructor(model, el) {
     super();
     this.model = model;
     this.bus = busOf(model);
-    this.bus.history ??= new History();
     this.bus.views = (this.bus.views ?? 0) + 1;
     this.id = Math.random().toString(36).slice(2);
-    Object.assign(this, { points: cleanPoints(model.get("points")), selected: new Set(model.get("selected")), fit: null,
+    this.sender = senderOf(this.bus, model);
+    this.sender.receive();
+    Object.assign(this, { points: this.sender.points, selected: new Set(model.get("selected")), fit: null,
       error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
-    this.sender = new Sender(model);
     this.#build(el);
     this.painter = new Painter(this.canvas);
     this.handles = new Handles(this.svg);
@@ -52,7 +57,6 @@ class EditorPage extends EditorDrawing {
       this.model.on(name, guarded);
       handlers.push([name, guarded]);
     };
-    on("change:points", () => this.receive());
     on("change:selected", () => this.select(this.model.get("selected"), false));
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
@@ -60,12 +64,14 @@ class EditorPage extends EditorDrawing {
     on("change:theme", () => this.applyTheme());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
-    for (const name of ["density", "show_net", "show_radius", "read_only"]) on(`change:${name}`, () => this.invalidate());
+    for (const name of ["density", "show_net", "show_radius", "read_only", "history"]) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
       const { origin, points, phase } = event.detail;
-      if (origin !== this.id && phase === "move" && !this.drag0) { this.points = points; this.changed(true); }
+      if (origin === this.id || this.drag0) return;
+      if (phase === "move") { this.points = points; this.changed(true); } else this.receive();
     });
+    this.unlisten = this.sender.listen((what) => this.guard(() => (what === "points" ? this.receive() : this.showStatus())));
     this.bus.addEventListener("deformnb:points", this.moved);
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.observer.observe(this.root);
@@ -87,6 +93,8 @@ class EditorPage extends EditorDrawing {
 
   close() {
     this.gestures.close();
+    this.sender.flush();
+    this.unlisten();
     this.closed.abort();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.bus.removeEventListener("deformnb:points", this.moved);
@@ -111,30 +119,22 @@ class EditorPage extends EditorDrawing {
 
   // ---- the model ----------------------------------------------------------------------------------------------------
 
+  // The points of this window, wherever they came from; the hand goes first.
   receive() {
-    const points = cleanPoints(this.model.get("points"));
-    if (this.drag0 || samePoints(points, this.points)) return; // the hand goes first; our own echo is no news
-    if (!this.isSaving) this.bus.history.record(this.points);
-    this.points = points;
+    if (this.drag0 || samePoints(this.sender.points, this.points)) return;
+    this.points = this.sender.points;
+    this.select([...this.selected]);
     this.changed();
   }
 
   message(message) {
-    if (message?.type === "done") this.sender.done(message.seq);
     if (message?.type === "error") this.say(String(message.message), true);
   }
 
-  save() {
-    this.isSaving = true; // other views of this model hear of it at once, and must not record it again
-    this.model.set("points", this.points);
-    this.model.set("next_id", nextId(this.points, this.model.get("next_id") ?? 0));
-    this.isSaving = false;
-    if (JSON.stringify(this.points).length > LONGEST_MESSAGE) {
-      this.say("These are too many points to send at once: Python keeps those from before. Remove some, or edit in Python.");
-      return;
-    }
-    this.model.save_changes();
-    this.sender.end(this.points);
+  showStatus() {
+    const text = SILENCE[this.sender.status];
+    if (text) this.hint(text, 8000);
+    else if (Object.values(SILENCE).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 
   set(name, value) {
@@ -165,15 +165,16 @@ class EditorPage extends EditorDrawing {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  // The next list of points, unless it cannot be fitted while the present one can: then it is said why.
-  edit(points, kind = null) {
+  // The next list of points, unless it cannot be fitted while the present one can: then it is said why. `kind` is
+  // what Python hears; edits with the same `join` in quick succession are undone as one.
+  edit(points, kind = "move", join = null) {
     if (this.model.get("read_only") || samePoints(points, this.points)) return false;
     if (!this.error && !this.accepts(points)) return false;
-    this.bus.history.record(this.points, kind);
-    this.points = points;
-    this.select([...this.selected]);
-    this.changed();
-    this.save();
+    if (JSON.stringify(points).length > LONGEST_EDIT) {
+      this.say("These are too many points to send at once. Remove some, or edit in Python.");
+      return false;
+    }
+    this.sender.edit(points, kind, join); // which tells all views, this one too
     return true;
   }
 
@@ -188,17 +189,15 @@ class EditorPage extends EditorDrawing {
   }
 
   stepHistory(way) {
-    if (this.drag0 || this.model.get("read_only")) return;
-    const points = this.bus.history[way](this.points);
-    if (points === null) return;
-    this.points = points;
-    this.select([...this.selected]);
-    this.changed();
-    this.save();
+    if (this.drag0 || this.model.get("read_only") || !this.sender.step(way)) return;
     this.speak(way === "undo" ? "undone" : "redone");
   }
 
-  beginDrag() { if (!this.model.get("read_only")) this.drag0 = this.points; }
+  beginDrag() {
+    if (this.model.get("read_only")) return;
+    this.drag0 = this.points;
+    this.wasTold = false;
+  }
 
   drag(ids, dx, dy, what) {
     if (!this.drag0) return;
@@ -212,7 +211,10 @@ class EditorPage extends EditorDrawing {
     this.drag0 = null;
     if (!before) return;
     this.points = before;
-    if (isCancelled || !this.edit(points)) this.changed();
+    if (!isCancelled && this.edit(points)) return;
+    this.points = this.sender.points; // Python may have moved them meanwhile
+    this.changed();
+    if (this.wasTold) this.sender.move(this.points); // Python has seen the drag, and now that it is no more
   }
 
   nudge(focused, [dx, dy], pixels, what) {
@@ -220,7 +222,7 @@ class EditorPage extends EditorDrawing {
     if (ids.length === 0) { this.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
     if (focused !== null && !this.selected.has(focused)) this.select([focused]);
     const [du, dv] = this.model.get("raster").spacing;
-    this.edit(movedPoints(this.points, ids, dx * pixels * du, dy * pixels * dv, what), `nudge ${ids}`);
+    this.edit(movedPoints(this.points, ids, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
     if (ids.length === 1) this.speak(pointLabel(this.points.find((p) => p.id === ids[0])));
   }
 
@@ -231,11 +233,11 @@ class EditorPage extends EditorDrawing {
     if (near && near[0] < NEAR) { this.select([near[1]]); this.handles.focus(near[1]); return near[1]; }
     const target = [(x - this.view.x) / k, (y - this.view.y) / k];
     const [da, db] = this.fit && !this.isComparing ? rbfAt(this.fit, ...target) : [0, 0];
-    const strength = this.model.get("strength") || 1, id = nextId(this.points, this.model.get("next_id") ?? 0);
+    const strength = this.model.get("strength") || 1, id = nextId(this.points, this.sender.nextId);
     // Dragged `strength` times, a feature must come from target + D to be seen at the target.
     const points = addedPoint(this.points, id, target, target);
     points[points.length - 1].source = [target[0] + da / strength, target[1] + db / strength];
-    if (!this.edit(points)) return id;
+    if (!this.edit(points, "add")) return id;
     this.select([id]);
     this.drawNow();
     this.handles.focus(id);
@@ -247,7 +249,7 @@ class EditorPage extends EditorDrawing {
 
   remove(ids) {
     const at = this.points.findIndex((p) => p.id === ids[0]), hadFocus = this.svg.contains(document.activeElement);
-    if (!ids.length || !this.edit(removedPoints(this.points, ids))) return;
+    if (!ids.length || !this.edit(removedPoints(this.points, ids), "remove")) return;
     this.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     const next = this.points[Math.min(at, this.points.length - 1)];
     this.drawNow();
@@ -273,7 +275,7 @@ class EditorPage extends EditorDrawing {
     if (this.input.hidden) return;
     const id = this.renamed;
     this.input.hidden = true;
-    if (isKept) this.guard(() => this.edit(renamedPoint(this.points, id, this.input.value)));
+    if (isKept) this.guard(() => this.edit(renamedPoint(this.points, id, this.input.value), "rename"));
     this.handles.focus(id);
   }
 
@@ -308,7 +310,8 @@ class EditorPage extends EditorDrawing {
     const commands = {
       add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0]),
-      switch: () => this.edit(switchedPoints(this.points, ids)), reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all)),
+      switch: () => this.edit(switchedPoints(this.points, ids), "switch"),
+      reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all), "reset"),
       net: () => this.set("show_net", !this.model.get("show_net")),
       radius: () => this.set("show_radius", !this.model.get("show_radius")),
       compare: () => { this.isComparing = !this.isComparing; this.invalidate(); },
@@ -356,11 +359,11 @@ class EditorPage extends EditorDrawing {
     if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
   }
 
-  hint(text) {
+  hint(text, duration = 2500) {
     clearTimeout(this.tipTimer);
     this.tip.hidden = false;
     this.tip.textContent = text;
-    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, 2500);
+    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
   }
 
   speak(text) { setText(this.spoken, text); }
@@ -389,7 +392,15 @@ function render({ model, el }) {
 function initialize({ model }) {
   const bus = busOf(model), uid = model.get("uid");
   holdBus(bus);
-  model.on("destroy", () => releaseBus(bus, uid));
+  const sender = senderOf(bus, model), leave = () => sender.flush(); // a page that goes says its last word
+  sender.attach(model); // two consoles of one kernel have two models of one editor
+  window.addEventListener("pagehide", leave);
+  model.on("destroy", () => {
+    window.removeEventListener("pagehide", leave);
+    sender.detach(model);
+    if (sender.models.length === 0) bus.sender = null;
+    releaseBus(bus, uid);
+  });
 }
 
 export default { initialize, render };

@@ -116,7 +116,10 @@ class EditorDrawing {
     this.net = this.folds = null;
     const phase = this.drag0 ? "move" : "end";
     publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: this.error ? null : this.fit, phase });
-    if (phase === "move" && this.isLive && this.model.get("live")) this.sender.move(this.points);
+    if (phase === "move" && this.isLive && this.model.get("live")) {
+      this.sender.move(this.points);
+      this.wasTold = true;
+    }
     this.isLive = false;
   }
 
@@ -154,11 +157,11 @@ class EditorDrawing {
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
     this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
-    const { history } = this.bus, pressed = Object.entries({ add: this.isAdding, compare: this.isComparing,
+    const pressed = Object.entries({ add: this.isAdding, compare: this.isComparing,
       net: this.model.get("show_net"), radius: this.model.get("show_radius"), help: !this.help.hidden });
-    this.toolbar.update({ count: points.length, selected: selected.size, past: history.past.length > 0,
-      future: history.future.length > 0, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
-      readOnly: this.model.get("read_only") });
+    this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
+      future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
+      pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.model.get("read_only") });
   }
 
   #describeFolds({ least, share }) {

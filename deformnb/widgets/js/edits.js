@@ -62,7 +62,7 @@ class History {
     Object.assign(this, { past: [], future: [], most, kind: null, at: -Infinity });
   }
 
-  // `before` is the state that the edit leaves; kind null never joins the edit before it.
+  // `before` is the state that the edit leaves; kind null never joins the edit before it. Returns whether it joins.
   record(before, kind = null, now = Date.now()) {
     const joins = kind !== null && kind === this.kind && now - this.at < 800 && this.past.length > 0;
     if (!joins) this.past.push(before);
@@ -70,6 +70,7 @@ class History {
     this.future = [];
     this.kind = kind;
     this.at = now;
+    return joins;
   }
 
   undo(current) { return this.#step(this.past, this.future, current); }

@@ -19,6 +19,12 @@ function busOf(model) {
   return bus;
 }
 
+// The points that a window holds for an editor: an edit is there before Python has heard of it.
+function pointsOf(bus, model) {
+  bus.sender?.receive();
+  return bus.sender?.points ?? model.get("points");
+}
+
 function publishPoints(bus, detail) {
   bus.latest = detail;
   bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));

@@ -1,36 +1,193 @@
-// Edits on their way to Python: at most two in flight, the newest kept, the last of a drag always sent. No DOM.
+// The points of an editor in this window, and the one way in which they go to Python. No DOM.
+//
+// The page sends points as numbered messages only, never as a trait: a front end holds trait updates back while the
+// kernel works, and they would overtake each other. Python tells its points by the trait `points`, and by the trait
+// `seen` which message of each sender it has taken in. While one of ours is still on its way, Python's points are an
+// echo of what we had before, and it will have ours in the end: they are left alone. Otherwise they are news.
+// So Python's order decides, and all windows and views end with what Python has.
+//
+// There is one sender for each editor and window: it lives on the bus (link.js), and all views of the editor share it.
 
-const EDITS_IN_FLIGHT = 2;
+const EDITS_IN_FLIGHT = 2; // movements, and as many ends: beyond that the newest waits
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
+const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours goes before what Python says meanwhile
+const LONGEST_EDIT = 500000; // characters that Python takes of one edit
+
+const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms), cancel: (id) => clearTimeout(id) };
 
 class Sender {
-  constructor(model, now = () => performance.now()) {
-    Object.assign(this, { model, now, seq: 0, waiting: new Set(), pending: null, sentAt: 0, bytes: 0 });
+  constructor(clock = CLOCK) {
+    Object.assign(this, { clock, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, lastAt: -Infinity,
+      points: null, nextId: 0, models: [], listeners: new Set(), history: new History(), timer: null, sentAt: 0,
+      waiting: { move: new Set(), end: new Set() }, pending: { move: null, end: null }, status: "", isHeard: false,
+      isCut: false });
+  }
+
+  // ---- models and listeners: whoever shows the points ---------------------------------------------------------------
+
+  attach(model) {
+    if (this.models.some((held) => held.model === model)) return;
+    const handlers = { "change:points": () => this.receive(true, model), "change:seen": () => this.receive(false, model),
+      "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
+      comm_live_update: () => { this.isCut = true; } };
+    for (const [name, handler] of Object.entries(handlers)) model.on(name, handler);
+    this.models.push({ model, handlers });
+    this.receive();
+  }
+
+  detach(model) {
+    const at = this.models.findIndex((held) => held.model === model);
+    if (at < 0) return;
+    this.flush();
+    for (const [name, handler] of Object.entries(this.models[at].handlers)) model.off(name, handler);
+    this.models.splice(at, 1);
+    if (this.models.length === 0) this.clock.cancel(this.timer);
+  }
+
+  // listener("points") after other points are there, listener("status") after `status` has changed.
+  listen(listener) {
+    this.listeners.add(listener);
+    return () => this.listeners.delete(listener);
+  }
+
+  get model() { return this.models.at(-1)?.model; }
+
+  // ---- from Python --------------------------------------------------------------------------------------------------
+
+  isBehind(model = this.model) { return this.pending.end !== null || (model?.get("seen")?.[this.id] ?? 0) < this.last; }
+
+  receive(isNews = false, model = this.model) {
+    if (!model) return;
+    this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
+    const isLate = isNews && this.clock.now() - this.lastAt > TRUSTED_FOR; // an answer that is lost blocks nothing
+    if (this.points !== null && this.isBehind(model) && !isLate) return;
+    const points = cleanPoints(model.get("points"));
+    if (this.points !== null && samePoints(points, this.points)) return;
+    if (this.points !== null) this.history.record(this.points);
+    this.#take(points);
+  }
+
+  done(seq, sender = this.id) {
+    if (sender !== this.id) return; // another window's
+    for (const kind of ["move", "end"]) this.waiting[kind].delete(seq);
+    this.isHeard = true;
+    this.isCut = false;
+    this.#tell("");
+    this.#next();
+  }
+
+  // ---- to Python ----------------------------------------------------------------------------------------------------
+
+  // `kind` says what was done; edits that share `join` in quick succession are undone as one.
+  edit(points, kind, join = null) {
+    const joins = this.history.record(this.points, join);
+    this.#leave(points, kind, joins);
   }
 
   move(points) {
-    if (this.waiting.size && this.now() - this.sentAt > LOST_AFTER) this.waiting.clear();
-    if (this.waiting.size >= EDITS_IN_FLIGHT) { this.pending = points; return; }
-    this.#send("move", points);
+    this.pending.move = points;
+    this.#next();
   }
 
-  end(points) {
-    this.pending = null;
-    this.#send("end", points);
+  get isPythons() { return typeof this.model?.get("history")?.undo === "string"; }
+
+  canStep(way) {
+    if (!this.isPythons) return (way === "undo" ? this.history.past : this.history.future).length > 0;
+    return this.model.get("history")[way] !== "" || this.isBehind(); // what Python has not seen yet can be undone too
   }
 
-  done(seq) {
-    this.waiting.delete(seq);
-    if (this.pending === null || this.waiting.size >= EDITS_IN_FLIGHT) return;
-    const points = this.pending;
-    this.pending = null;
-    this.#send("move", points);
+  // One step of the history, this page's or Python's. False where there is none.
+  step(way) {
+    if (!this.canStep(way)) return false;
+    if (!this.isPythons) this.#leave(this.history[way](this.points), way, false);
+    else {
+      this.pending.move = null;
+      this.flush();
+      this.last = this.seq + 1;
+      this.lastAt = this.clock.now();
+      this.#send("end", { type: "history", way });
+    }
+    return true;
   }
 
-  #send(phase, points) {
+  // What waits is sent now, for whatever comes next must not overtake it.
+  flush() {
+    const { end } = this.pending;
+    this.pending.end = null;
+    if (!end) return;
+    this.last = this.seq + 1;
+    this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end });
+  }
+
+  #leave(points, kind, joins) {
+    const waits = this.pending.end;
+    this.pending.move = null;
+    this.pending.end = waits ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points }
+      : { kind, joins, points };
+    this.lastAt = this.clock.now();
+    this.#take(points);
+    this.#next();
+  }
+
+  #take(points) {
+    this.points = points;
+    this.nextId = nextId(points, this.nextId);
+    for (const listener of this.listeners) listener("points");
+  }
+
+  #next() {
+    const { pending, waiting } = this, isBusy = this.status !== "";
+    if (pending.end && waiting.end.size < (isBusy ? 1 : EDITS_IN_FLIGHT)) this.flush();
+    if (pending.move && !isBusy && waiting.move.size < EDITS_IN_FLIGHT) {
+      const points = pending.move;
+      pending.move = null;
+      this.#send("move", { type: "edit", phase: "move", kind: "move", joins: false, points });
+    }
+  }
+
+  #send(group, content) {
     this.seq += 1;
-    this.waiting.add(this.seq);
-    this.sentAt = this.now();
-    this.model.send({ type: "edit", seq: this.seq, phase, points });
+    this.waiting[group].add(this.seq);
+    this.sentAt = this.clock.now();
+    this.#watch();
+    try {
+      this.model?.send({ ...content, sender: this.id, seq: this.seq });
+    } catch (error) { // the connection that it went by is closed
+      console.warn("an edit could not be sent:", error);
+      this.isCut = true;
+      this.#tell("lost");
+    }
   }
+
+  // ---- a kernel that does not answer --------------------------------------------------------------------------------
+
+  #watch() {
+    this.clock.cancel(this.timer);
+    this.timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
+  }
+
+  // What was sent is not sent again: it will be answered late, or never. What waits goes its way.
+  #unanswered() {
+    const { move, end } = this.waiting;
+    if (move.size + end.size === 0) return;
+    move.clear();
+    end.clear();
+    this.#tell(this.isCut ? "lost" : this.isHeard ? "busy" : "silent");
+    this.#next();
+  }
+
+  #tell(status) {
+    if (status === this.status && status !== "lost") return; // what is lost is said of each edit
+    this.status = status;
+    for (const listener of this.listeners) listener("status");
+  }
+}
+
+// The sender of an editor's bus, made when first asked for; anywidget's `initialize` asks before any view does.
+function senderOf(bus, model) {
+  if (!bus.sender) {
+    bus.sender = new Sender();
+    bus.sender.attach(model);
+  }
+  return bus.sender;
 }

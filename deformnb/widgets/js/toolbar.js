@@ -59,19 +59,28 @@ class Toolbar {
         button.dataset.command = command;
         button.tabIndex = this.buttons.size ? -1 : 0; // one stop for Tab, arrows between the buttons
         button.addEventListener("click", () => page.guard(() => page.run(command, null)));
-        this.buttons.set(command, { button, needs });
+        this.buttons.set(command, { button, tip, needs });
       }
     }
   }
 
-  update({ count, selected, past, future, pressed, readOnly }) {
+  update({ count, selected, past, future, steps, pressed, readOnly }) {
     const met = { points: count > 0, selection: selected > 0, one: selected === 1, past, future };
     const edits = ["add", "remove", "rename", "switch", "reset", "undo", "redo"];
-    for (const [command, { button, needs }] of this.buttons) {
+    for (const [command, { button, tip, needs }] of this.buttons) {
       const isOff = (needs !== undefined && !met[needs]) || (readOnly && edits.includes(command));
       if (button.ariaDisabled !== String(isOff)) button.setAttribute("aria-disabled", String(isOff));
+      if (needs === "past" || needs === "future") this.#say(button, tip, steps[command]);
       if (button.hasAttribute("aria-pressed")) button.setAttribute("aria-pressed", String(pressed.includes(command)));
     }
+  }
+
+  // Where Python owns the history, the tip says what would be undone.
+  #say(button, tip, step) {
+    const text = step ? tip.replace(" (", ` ${step} (`) : tip;
+    if (button.title === text) return;
+    button.title = text;
+    button.setAttribute("aria-label", text);
   }
 
   isOff(command) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
