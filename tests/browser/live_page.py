@@ -43,6 +43,9 @@ function makeModel(name, state) {
 }
 async function draw(name, source) {
   const module = await import(URL.createObjectURL(new Blob([source], { type: "text/javascript" })));
+  const isNew = !models[name].isInitialized;
+  models[name].isInitialized = true;
+  if (isNew && module.default.initialize) await module.default.initialize({ model: models[name] });
   const el = document.createElement("div");
   document.getElementById("root").append(el);
   const cleanup = await module.default.render({ model: models[name], el });
