@@ -23,6 +23,7 @@ from deformnb.volume import Grid, Volume
 from deformnb.widgets.card_maps import card_maps
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
+from deformnb.widgets.stills import as_png
 from deformnb.widgets.view import AbstractView
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
@@ -323,15 +324,13 @@ def test_a_screenshot_without_a_page_is_the_still() -> None:
 
 
 def test_a_screenshot_of_a_page_arrives() -> None:
-    from deformnb.widgets.live_view import _encoded
-
     view, picture = Recorded(ball()), np.arange(4 * 5 * 3, dtype=np.uint8).reshape(4, 5, 3)
 
     async def take() -> np.ndarray:
         waiting = asyncio.create_task(view.screenshot())
         await asyncio.sleep(0)
         content, _ = view.__dict__["out"][-1]
-        view.say({"type": "screenshot", "view": "a", "id": content["id"]}, [memoryview(_encoded(picture))])
+        view.say({"type": "screenshot", "view": "a", "id": content["id"]}, [memoryview(as_png(picture))])
         return await waiting
 
     np.testing.assert_array_equal(asyncio.run(take()), picture)

@@ -61,6 +61,12 @@ def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | No
     return CardMaps(content, buffers)
 
 
+def count_maps(field: AbstractField | None) -> int | None:
+    """How many maps the extrusion that was done last has; None if it was no extrusion."""
+    planar, _ = _parts(field)
+    return None if planar is None else len(planar.maps)
+
+
 def _parts(field: AbstractField | None) -> tuple[Extrusion | None, AbstractField | None]:
     """The extrusion that was done last, and all that was done before it."""
     if field is None or isinstance(field, Identity):

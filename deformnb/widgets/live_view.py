@@ -3,16 +3,17 @@
 The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
 of a ray, as the paper does on its graphics card.
 
-Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, renderer), ``chunk`` (id,
-index: asks for a piece), ``still`` (width, height: asks for a picture), ``screenshot`` (id, with a PNG), ``stats``.
-Messages to the page: ``chunk`` (id, index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`),
-``still`` (with a PNG), ``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
+Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, renderer, background: the
+page's), ``chunk`` (id, index: asks for a piece), ``still`` (width, height, background: asks for a picture), ``seen``
+(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``. Messages to the page: ``chunk`` (id,
+index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow: the
+index of the map that an editor moves and the points that the maps are of, or null), ``still`` (with a PNG),
+``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
 """
 
 from __future__ import annotations
 
 import asyncio
-import io
 import itertools
 import logging
 import threading
@@ -23,7 +24,7 @@ import anywidget
 import ipywidgets
 import numpy as np
 import traitlets
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
@@ -33,21 +34,21 @@ from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
-from deformnb.widgets.card_maps import CardMaps, card_maps
+from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps
+from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
-from deformnb.widgets.stills import render_still
-from deformnb.widgets.view import AbstractView, Image, ViewMeta
+from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
+from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta
+from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
 
 _FILES = ("rbf_solve.js", "rbf.js", "link.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js", "camera.js",
-          "frame_loop.js", "field_link.js", "hands.js", "live_view.js")
+          "frame_loop.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js", "hands.js",
+          "live_view.js")
 
 _LOG = logging.getLogger(__name__)
 
-# A message of the page says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
-_LONGEST_TEXT = 200
-_LARGEST_PICTURE = 2**26
-
-_HOME = (0.4, 1.0, -0.3)
+# Traits that a page may change: the camera by hand, the others by links of one widget with another in the page.
+_OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
 
 
 class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
@@ -58,7 +59,10 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     volume : shown at once if given.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
-    background : "dark" or "light".
+    background : "auto" follows the page, "dark" and "light" do not.
+    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.view.SHOWS`.
+    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.view.CameraTrait`. The page
+        writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
     limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     map_size : samples of a displacement map along its longer side.
@@ -87,8 +91,9 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     table = traitlets.Bytes().tag(sync=True)
     unit = traitlets.Float(1.0).tag(sync=True)
     projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
-    background = traitlets.Enum(["dark", "light"], "dark").tag(sync=True)
-    camera = traitlets.Dict().tag(sync=True)
+    background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
+    shows = ShowsTrait().tag(sync=True)
+    camera = CameraTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=8192).tag(sync=True)
     height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
@@ -99,7 +104,6 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
                  limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
-        traits.setdefault("camera", {"direction": list(_HOME), "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]})
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
         self._largest = 2048  # along an axis of a texture, until a page says less
@@ -109,7 +113,12 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         self._chunks: dict[int, tuple[int, bytes]] = {}
         self._field: AbstractField | None = None
         self._output: Grid | None = None
-        self._maps: CardMaps | None = None
+        self._followed: dict[str, Any] | None = None
+        self._maps: CardMaps | None = None  # of the field, made when a page wants them
+        self._pacer = Pacer(self._send_field)
+        self._has_page = False
+        self._page_theme = "dark"
+        self._preview: tuple[Scene, bytes] | None = None
         self._transfer: TransferFunction | None = None
         self._wanted_transfer = transfer
         self._waiting: dict[int, Callable[[bytes], None]] = {}
@@ -131,16 +140,19 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         window : values that are told apart; default is the whole range for bytes, and up to the densest matter (all
             but the brightest 1 in 10 000) for other types.
         """
+        self._put(volume, window, None, None, None)
+        self._offer()
+
+    def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
+             output: Grid | None, followed: dict[str, Any] | None) -> None:
         shown = shown_volume(volume, self._limit, self._largest, window)
         with self._lock:
             self._volume, self._window, self._shown = volume, window, shown
             self._chunks = {}
-            self._field = self._output = None
-            self._maps = card_maps(None, shown, None, self._map_size, self._space_size)
+            self._field, self._output, self._followed, self._maps = field, output, followed, None
         self.set_transfer(self._wanted_transfer)
         self.label = f"Volume {volume.name}".strip()
         self.volume_info = shown.info()
-        self._send_field(None)
 
     def _ready(self) -> ShownVolume:
         if self._shown is None:
@@ -148,15 +160,18 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         return self._shown
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
+        self._take(deformation, output, None)
+
+    def _take(self, deformation: Deformation | AbstractField | None, output: Grid | None,
+              followed: dict[str, Any] | None) -> None:
         shown = self._ready()
         grid = shown.original if output is None else output
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
         if field is not None and field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-        maps = card_maps(field, shown, output, self._map_size, self._space_size)
         with self._lock:
-            self._field, self._output, self._maps = field, output, maps
-        self._send_field(None)
+            self._field, self._output, self._followed, self._maps = field, output, followed, None
+        self._offer()
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
@@ -165,16 +180,22 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         Parameters
         ----------
         editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the first drag: an extrusion over the editor's plane, or a composition that ends
-            with one. Its plane, depths and weights stay, also while points move.
+        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
+            one. Its plane, depths and weights stay, also while points move.
         index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: the page keeps its connection, and what the editor has gone on to show stays. To
+        let the editor move another map, follow with the other index first and then give it that map's points.
         """
-        self.show_deformation(field, output=output)
-        planar = self._maps.content["planar"] if self._maps else None
-        if editor is not None and planar is None:
+        count = count_maps(field)
+        if editor is not None and count is None:
             raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
-        if planar is not None and not 0 <= index < planar["shape"][0]:
-            raise DeformError(f"there is no map {index}; the extrusion has {planar['shape'][0]}.")
+        if count is not None and not 0 <= index < count:
+            raise DeformError(f"there is no map {index}; the extrusion has {count}.")
+        points = editor.get_state("points").get("points") if editor is not None else None
+        self._take(field, output, None if points is None else {"index": index, "points": points})
         self.editor_map = index
         self.editor = editor
 
@@ -207,14 +228,33 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
-    def still(self, size: tuple[int, int] | None = None) -> Image:
+    def _scene(self) -> Scene:
         shown = self._ready()
         assert self._transfer is not None
-        low, high = shown.window
-        # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value.
-        volume = Volume(shown.volume.values, shown.volume.grid, shown.volume.name, shown.volume.is_labels)
-        return render_still(volume, self._field, self._output, self.camera, _in_bytes(self._transfer, low, high),
-                            self.projection, self.background, 255 * shown.white, size or (self.width, self.height))
+        with self._lock:
+            field, output = self._field, self._output
+        background = self._page_theme if self.background == "auto" else self.background
+        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows)
+
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        return render_scene(self._scene(), size or (self.width, self.height))
+
+    def preview_png(self) -> bytes:
+        """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
+        scene = self._scene()
+        if self._preview is None or self._preview[0] != scene:
+            self._preview = (scene, preview_png(scene))
+        return self._preview[1]
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        try:
+            if data is not None and self._shown is not None:
+                data["image/png"] = self.preview_png()
+        except Exception:  # a picture for later readers must not keep the widget from being shown now
+            _LOG.exception("the preview of a live view could not be drawn")
+        return bundle
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
@@ -233,7 +273,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         self._waiting[number] = deliver
         try:
             self._post({"type": "screenshot", "id": number}, [])
-            return _decoded(await asyncio.wait_for(answer, timeout))
+            return from_png(await asyncio.wait_for(answer, timeout))
         except TimeoutError:
             return self.still()
         finally:
@@ -256,13 +296,30 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         self._sent["messages"] += 1
         self.send(content, buffers)
 
-    def _send_field(self, view: str | None) -> None:
+    def _offer(self) -> None:
+        if self._has_page:  # a page that comes later asks
+            self._pacer.offer()
+
+    def _send_field(self, number: int, view: str | None = None) -> None:
         with self._lock:
+            shown, followed = self._shown, self._followed
+            if shown is None:
+                return
+            if self._maps is None:
+                self._maps = card_maps(self._field, shown, self._output, self._map_size, self._space_size)
             maps = self._maps
-        if maps is None:
-            return
         self._sent["field_bytes"] += maps.size
-        self._post({"type": "field", "view": view, **maps.content}, maps.buffers)
+        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        for name, value in dict(sync_data).items():
+            try:
+                if name not in _OF_PAGE:
+                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
+                super().set_state({name: value})
+            except (traitlets.TraitError, ValueError, TypeError) as error:
+                _LOG.warning("a trait of the page was dropped: %s", error)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
         """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
@@ -271,26 +328,33 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
             answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
             if answer is None:
                 raise ValueError("unknown kind")
-            answer(self, _text(content.get("view")), content, buffers or [])
+            answer(self, text(content.get("view")), content, buffers or [])
         except (ValueError, TypeError, KeyError, DeformError) as error:
             _LOG.warning("a message of the page was dropped: %s", error)
 
-    def _hello(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        largest = _whole(content.get("largest"), 0, 2**16)
+    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
+        largest = whole(content.get("largest"), 0, 2**16)
+        self._has_page = True
+        self._take_theme(content)
         if 0 < largest < self._largest:
             self._largest = largest
             if self._volume is not None and self._shown is not None and max(self._shown.volume.shape) > largest:
-                field, output = self._field, self._output
-                self.show(self._volume, window=self._window)
-                self.show_deformation(field, output=output)
-                return
-        self._send_field(view)
+                self._put(self._volume, self._window, self._field, self._output, self._followed)
+                view = None  # for all pages: what they have is of a finer volume
+        self._send_field(0, view)
+
+    def _take_theme(self, content: dict[str, Any]) -> None:
+        if content.get("background") in ("dark", "light"):
+            self._page_theme = content["background"]
+
+    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
 
     def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         shown = self._ready()
         if content.get("id") != shown.id:
             return  # of a volume that was shown before: the page will notice
-        index = _whole(content.get("index"), 0, shown.chunks - 1)
+        index = whole(content.get("index"), 0, shown.chunks - 1)
         with self._lock:
             if index not in self._chunks:
                 self._chunks[index] = shown.chunk(index)
@@ -299,29 +363,24 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         self._post({"type": "chunk", "view": view, "id": shown.id, "index": index, "start": start}, [packed])
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        size = (_whole(content.get("width"), 16, 2048), _whole(content.get("height"), 16, 2048))
+        size = (whole(content.get("width"), 16, 2048), whole(content.get("height"), 16, 2048))
+        self._take_theme(content)
         if self._shown is not None:
-            self._post({"type": "still", "view": view}, [_encoded(self.still(size))])
+            self._post({"type": "still", "view": view}, [as_png(self.still(size))])
 
     def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        deliver = self._waiting.get(_whole(content.get("id"), 1, 2**53))
-        if deliver is None or len(buffers) != 1:
+        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
+        if deliver is None:
             raise ValueError("a picture that nobody waits for")
-        png = bytes(buffers[0])
-        if len(png) > _LARGEST_PICTURE or not png.startswith(b"\x89PNG\r\n\x1a\n"):
-            raise ValueError("a picture that is no PNG or too large")
-        deliver(png)
+        deliver(picture(buffers))
 
     def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        numbers = {name: float(content[name]) for name in _MEASURED if isinstance(content.get(name), int | float)}
-        self._page_stats = {name: value for name, value in numbers.items() if np.isfinite(value)}
+        self._page_stats = measured(content)
 
-
-_MEASURED = ("drag_ms", "full_ms", "passes", "frames", "scale", "width", "height", "received", "edits", "edit_ms")
 
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
     "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
-    "screenshot": LiveView._screenshot, "stats": LiveView._stats,
+    "seen": LiveView._seen, "screenshot": LiveView._screenshot, "stats": LiveView._stats,
 }
 """What is done about each kind of message."""
 
@@ -329,37 +388,3 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
     if not answer.done():
         answer.set_result(png)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or len(value) > _LONGEST_TEXT:
-        raise ValueError("a view without a name")
-    return value
-
-
-def _whole(value: Any, low: int, high: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise ValueError(f"a number that is not whole and between {low} and {high}")
-    return value
-
-
-def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
-    """The transfer function of the bytes that a window makes of values."""
-    scale = 255 / (high - low)
-    colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
-    opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
-    return TransferFunction(colors, opacities, transfer.unit)
-
-
-def _encoded(image: NDArray[np.uint8]) -> bytes:
-    from PIL import Image as Pillow
-
-    stream = io.BytesIO()
-    Pillow.fromarray(image).save(stream, format="PNG", compress_level=3)
-    return stream.getvalue()
-
-
-def _decoded(png: bytes) -> Image:
-    from PIL import Image as Pillow
-
-    return np.asarray(Pillow.open(io.BytesIO(png)).convert("RGB")).copy()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import io
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from deformnb.render import render_volume
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
+from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 
 Image = NDArray[np.uint8]
 
@@ -22,6 +24,10 @@ BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.945, 0.948, 0.955)}
 """The middle tone of the view's two backgrounds."""
 
 _INKS = {"dark": (0.97, 0.96, 0.93), "light": (0.09, 0.1, 0.13)}
+PREVIEW_SIZE = (560, 420)
+"""Width and height of a preview in pixels."""
+
+_PREVIEW_VOXELS = 128**3  # rendered in well under a second, and finer than the preview's pixels
 _AIR = 1.02  # as in camera.js
 _SMALLEST_SHARE = 0.62  # as in camera.js
 
@@ -39,6 +45,100 @@ def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float 
     far = grid.diagonal / 2
     tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, _SMALLEST_SHARE * far * min(1.0, 1 / aspect))
     return float(2 * _AIR * tall / zoom)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that a picture of a view follows from; equal where the picture is.
+
+    Parameters
+    ----------
+    shown : what is shown, before the deformation.
+    output : grid whose box is seen.
+    camera : as in :class:`~deformnb.widgets.view.CameraTrait`.
+    background : a name of :data:`BACKGROUNDS`.
+    shows : a name of :data:`~deformnb.widgets.view.SHOWS`.
+    """
+
+    shown: ShownVolume
+    field: AbstractField | None
+    output: Grid | None
+    camera: dict[str, Any]
+    transfer: TransferFunction
+    projection: str
+    background: str
+    shows: str
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return NotImplemented
+        mine, others = vars(self), vars(other)
+        # Fields are compared by identity: they never change, and comparing what they say costs as much as a picture.
+        return all(mine[name] is others[name] or (name in _PLAIN and mine[name] == others[name]) for name in mine)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows")
+
+
+def render_scene(scene: Scene, size: tuple[int, int]) -> Image:
+    """A picture of a scene, (height, width, 3); original and deformed share it where they are side by side."""
+    if scene.shows != "side_by_side":
+        return _render(scene, size, scene.shows == "original")
+    left, height = size[0] // 2, size[1]
+    halves = _render(scene, (left, height), True), _render(scene, (size[0] - left, height), False)
+    return np.concatenate(halves, axis=1)
+
+
+def _render(scene: Scene, size: tuple[int, int], is_original: bool) -> Image:
+    shown = scene.shown
+    transfer = _in_bytes(scene.transfer, *shown.window)
+    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value.
+    return render_still(shown.volume, None if is_original else scene.field, scene.output, scene.camera,
+                        transfer, scene.projection, scene.background, 255 * shown.white, size)
+
+
+def preview_png(scene: Scene) -> bytes:
+    """A small picture with captions as a PNG, from fewer voxels."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    shown = scene.shown
+    if shown.volume.grid.size > _PREVIEW_VOXELS:
+        fewer = shown_volume(shown.volume, _PREVIEW_VOXELS, 2048, (0.0, 255.0))
+        box = scene.output or shown.original  # of the voxels as they were given, not of their blocks
+        scene = replace(scene, shown=replace(shown, volume=fewer.volume), output=box)
+    canvas = Pillow.fromarray(render_scene(scene, PREVIEW_SIZE))
+    captions = {"original": ["original"], "side_by_side": ["original", "deformed"]}.get(scene.shows, [])
+    draw, ink = ImageDraw.Draw(canvas), tuple(round(255 * c) for c in _INKS[scene.background])
+    for k, caption in enumerate(captions):
+        draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
+    return as_png(np.asarray(canvas))
+
+
+def as_png(image: Image) -> bytes:
+    """A picture (height, width, 3) as PNG."""
+    from PIL import Image as Pillow
+
+    stream = io.BytesIO()
+    Pillow.fromarray(image).save(stream, format="PNG", compress_level=3)
+    return stream.getvalue()
+
+
+def from_png(png: bytes) -> Image:
+    """The picture (height, width, 3) of a PNG."""
+    from PIL import Image as Pillow
+
+    return np.asarray(Pillow.open(io.BytesIO(png)).convert("RGB")).copy()
+
+
+def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
+    """The transfer function of the bytes that a window makes of values."""
+    scale = 255 / (high - low)
+    colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
+    opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
+    return TransferFunction(colors, opacities, transfer.unit)
 
 
 def render_still(volume: Volume, field: AbstractField | None, output: Grid | None, camera: dict[str, Any],

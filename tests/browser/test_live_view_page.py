@@ -74,7 +74,8 @@ def dice(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> LiveView:
-    options = {"transfer": "surface", "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, **options}
+    options = {"transfer": "surface", "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, "background": "dark",
+               **options}
     view = LiveView(volume or shape_without_symmetry(), **options)
     page.add(view)
     page.loaded()
@@ -163,7 +164,8 @@ def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
     mouse.wheel(0, -200)
     page.wait("models.view.saved.length > 3")
     assert view.camera["zoom"] > 1.2 * zoomed
-    page.page.click(".dnb-button >> text=S")
+    page.page.focus(".dnb-button >> text=S")
+    keyboard.press("Enter")
     page.wait("models.view.saved.length > 4")
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
     assert view.camera["zoom"] == pytest.approx(1.0)
@@ -208,7 +210,8 @@ def test_without_webgl_the_page_says_so_and_shows_a_still(browser: Any) -> None:
     assert "no WebGL2" in page.page.text_content(".dnb-notice")
     assert page.page.evaluate("document.querySelector('.dnb-still').naturalWidth") == SIZE[0]
     sent = len(page.page.evaluate("models.view.sent"))
-    page.page.click(".dnb-button >> text=S")  # the buttons still work
+    page.page.focus(".dnb-button >> text=S")  # the buttons still work
+    page.page.keyboard.press("Enter")
     page.wait(f"models.view.sent.length > {sent}")
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
     page.close()

@@ -1,14 +1,21 @@
 // Follows an Editor in the same page: what it has fitted is sampled here, by rbf.js, and nothing goes to Python.
+//
+// Python's maps and the editor's points reach the page by different ways. Python's maps are shown as they are where
+// they are of the points that the editor has now, where another map begins to be followed, or where Python shows
+// something else; they give way where the editor has gone on since, so that no old picture flashes up.
 
 class FieldLink {
   /** apply(planar) is called with what RayCaster.setPlanar takes. */
   constructor(model, apply) {
-    Object.assign(this, { model, apply, base: null, editor: null, bus: null, count: 0, ms: 0, isMoving: false });
+    Object.assign(this, { model, apply, base: null, reference: null, editor: null, bus: null, count: 0, ms: 0,
+      isMoving: false, index: null, expected: null, settled: "" });
     this.undo = [];
   }
 
   async follow(reference) {
+    if (reference === this.reference) return; // following again tears nothing down
     this.close();
+    this.reference = reference;
     if (!reference) return;
     const ticket = (this.ticket = {});
     const editor = typeof reference === "string"
@@ -17,28 +24,62 @@ class FieldLink {
     this.editor = editor;
     const bus = (this.bus = busOf(editor)), uid = editor.get("uid");
     holdBus(bus); // the editor's own view may go and come back
-    const moved = (event) => this.refit(event.detail);
+    const moved = (event) => this.moved(event.detail);
     bus.addEventListener("deformnb:points", moved);
     this.undo.push(() => bus.removeEventListener("deformnb:points", moved), () => releaseBus(bus, uid));
     // An editor that is not drawn on this page publishes nothing; its traits still change.
-    const changed = () => { if (!bus.latest) this.refit({ points: editor.get("points"), settings: settingsOf(editor) }); };
+    const changed = () => { if (!bus.latest) this.moved(this.#traits()); };
     for (const name of ["points", "kernel", "support", "trend", "smoothing", "strength"]) {
       editor.on(`change:${name}`, changed);
       this.undo.push(() => editor.off(`change:${name}`, changed));
     }
-    this.again();
+    if (this.#isNewer()) this.refit(this.#newest());
   }
 
-  /** What the editor shows now; Python's maps may be older. */
-  again() {
-    if (!this.editor || !this.base) return;
-    this.refit(this.bus.latest || { points: this.editor.get("points"), settings: settingsOf(this.editor) });
+  /**
+   * Python's maps, with what the editor has shown since in place of one of them. follow: {index, points} if Python
+   * follows the editor, with the points that the maps are of; null if it shows something else.
+   */
+  merged(planar, follow) {
+    const isSwitch = Boolean(follow) && this.index !== null && this.index !== follow.index;
+    this.base = planar;
+    this.expected = follow ? pointsKey(follow.points) : null;
+    if (follow) this.index = follow.index;
+    if (!planar || !this.editor) return planar;
+    const isMoving = Boolean(this.bus.latest && this.bus.latest.phase === "move");
+    if (isMoving || (follow && !isSwitch && this.#isNewer())) {
+      const newer = this.#sampled(this.#newest());
+      if (newer) return newer;
+    }
+    this.settled = detailKey(this.#newest());
+    return planar;
   }
 
-  /** Samples a fit on the raster of the maps that Python has sent, in place of one of them. */
-  refit({ points, settings, fit, phase }) {
-    if (!this.base) return;
-    const start = performance.now(), { shape, origin, spacing } = this.base, [, rows, columns] = shape;
+  /** Whether the editor has other points than Python's maps. */
+  #isNewer() { return this.expected === null || this.expected !== pointsKey(pointsOf(this.bus, this.editor) || []); }
+
+  #traits() { return { points: pointsOf(this.bus, this.editor), settings: settingsOf(this.editor) }; }
+
+  /** What is on the way under the pointer, else what the editor's model holds. */
+  #newest() {
+    const { latest } = this.bus, traits = this.#traits();
+    return latest && (latest.phase === "move" || pointsKey(latest.points) === pointsKey(traits.points || [])) ? latest : traits;
+  }
+
+  moved(detail) {
+    if (detail.phase !== "move" && detailKey(detail) === this.settled) return; // Python's maps show it already
+    this.refit(detail);
+  }
+
+  /** Samples a fit on the raster of the maps that Python has sent, and shows it. */
+  refit(detail) {
+    const planar = this.#sampled(detail);
+    if (planar) this.apply(planar);
+  }
+
+  #sampled({ points, settings, fit, phase }) {
+    if (!this.base) return null;
+    const start = performance.now(), { shape, origin, spacing } = this.base, [maps, rows, columns] = shape;
     let found = fit;
     try {
       found = found === undefined ? rbfFit(points, settings) : found;
@@ -46,14 +87,16 @@ class FieldLink {
       if (!(error instanceof RbfError)) throw error;
       found = null; // the editor says what is wrong
     }
-    if (!found) return; // the last good picture stays
-    const maps = this.base.maps.slice(), index = this.model.get("editor_map") || 0;
-    maps.set(rbfOnRaster(found, { shape: [rows, columns], origin, spacing }), index * rows * columns * 2);
-    this.base = { ...this.base, maps };
+    const index = this.index ?? this.model.get("editor_map") ?? 0;
+    if (!found || index >= maps) return null; // the last good picture stays
+    const values = this.base.maps.slice();
+    values.set(rbfOnRaster(found, { shape: [rows, columns], origin, spacing }), index * rows * columns * 2);
+    this.base = { ...this.base, maps: values };
     this.isMoving = phase === "move";
+    this.settled = "";
     this.count += 1;
     this.ms = performance.now() - start;
-    this.apply(this.base);
+    return this.base;
   }
 
   close() {
@@ -62,5 +105,14 @@ class FieldLink {
     this.ticket = null;
     this.editor = null;
     this.bus = null;
+    this.reference = null;
+    this.settled = "";
   }
 }
+
+/** Equal for points that give the same fit. */
+function pointsKey(points) {
+  return JSON.stringify(points.map((p) => [p.id, p.source, p.target, p.active !== false, p.weight ?? 1]));
+}
+
+function detailKey({ points, settings }) { return pointsKey(points || []) + JSON.stringify(settings); }

@@ -1,19 +1,27 @@
 // When to draw what: quick pictures while something moves, then the full one piece by piece, then finer ones.
 // Never more than one piece of work is on its way, so the next movement waits for that piece only.
+// What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
 
 class FrameLoop {
-  /** caster: a RayCaster; camera: () -> what it wants; options: () -> {target, settle} in milliseconds. */
-  constructor(caster, camera, options, report) {
-    Object.assign(this, { caster, camera, options, report });
+  /**
+   * caster: a RayCaster; pictures: (width, height) -> [{layer, x, width, original, camera}], what is seen in a canvas of
+   * that size; options: () -> {target, settle} in milliseconds; report is called when all is drawn.
+   */
+  constructor(caster, pictures, options, report) {
+    Object.assign(this, { caster, pictures, options, report });
     this.scale = caster.isSoftware ? 0.3 : 0.7;
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
     this.moved = 0;
     this.wanted = false;
     this.work = null;
     this.held = false;
+    this.layer = 0; // the one on the screen
+    this.drawn = {}; // by layer: "coarse" or "full", whichever is up to date
+    this.parts = 1; // pictures side by side
+    this.after = [];
     this.times = { drag: [], full: 0, passes: 0, frames: 0 };
     this.waiting = 0;
     this.closed = false;
@@ -25,11 +33,19 @@ class FrameLoop {
     this.moved = performance.now();
     this.wanted = true;
     this.work = null;
+    this.drawn = {};
     this.#plan(0);
   }
 
   /** The finger is lifted: nothing has changed, but the full picture may begin. */
   release() { this.held = false; this.#plan(0); }
+
+  /** Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on. */
+  flip(layer) {
+    this.layer = layer;
+    if (this.drawn[layer]) this.#present();
+    else { this.wanted = true; this.#plan(0); }
+  }
 
   close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame || 0); }
 
@@ -51,52 +67,82 @@ class FrameLoop {
 
   get size() { return [this.caster.canvas.width, this.caster.canvas.height]; }
 
+  #cast(kind, width, height, picture, options) { this.caster.cast(`${kind}${picture.layer}`, width, height, picture, options); }
+
+  #present() {
+    const kind = this.drawn[this.layer];
+    if (!kind) return;
+    this.showing = `${kind}${this.layer}`;
+    this.caster.present(this.showing, this.parts);
+  }
+
+  #seen(width, height) {
+    const pictures = this.pictures(width, height);
+    if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
+    this.parts = pictures.filter((p) => p.layer === this.layer).length;
+    return pictures;
+  }
+
   #quick() {
     this.wanted = false;
-    const [w, h] = this.size, { target } = this.options(), caster = this.caster;
+    const [w, h] = this.size, { target } = this.options();
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
     const start = performance.now();
-    // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
-    caster.cast("coarse", width, height, this.camera(width / height), { coarseness: this.scale < 0.5 ? 1.6 : 1.15 });
-    caster.present("coarse");
-    this.showing = "coarse";
+    for (const picture of this.#seen(width, height)) {
+      if (picture.layer !== this.layer) continue;
+      // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
+      this.#cast("coarse", width, height, picture, { coarseness: this.scale < 0.5 ? 1.6 : 1.15 });
+    }
+    this.drawn[this.layer] = "coarse";
+    this.#present();
     this.#when(() => {
       const ms = performance.now() - start;
       this.times.drag = [...this.times.drag.slice(-49), ms];
       this.times.frames += 1;
       const change = Math.sqrt((0.75 * target) / Math.max(ms, 1));
       this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+      for (const tell of this.after.splice(0)) tell();
     });
   }
 
   #begin(pass) {
     const [w, h] = this.size;
     const side = Math.max(16, Math.min(Math.max(w, h), Math.round(Math.sqrt(TILE_MS / this.pixelCost))));
-    const tiles = [];
-    for (let y = 0; y < h; y += side) {
-      for (let x = 0; x < w; x += side) tiles.push([x, y, Math.min(side, w - x), Math.min(side, h - y)]);
+    const tiles = [], pictures = pass ? this.work.pictures : this.#seen(w, h);
+    for (const picture of pictures) {
+      const end = picture.x + picture.width;
+      for (let y = 0; y < h; y += side) {
+        for (let x = picture.x; x < end; x += side) {
+          tiles.push({ picture, at: [x, y, Math.min(side, end - x), Math.min(side, h - y)] });
+        }
+      }
     }
-    const far = ([x, y, tw, th]) => Math.hypot(x + tw / 2 - w / 2, y + th / 2 - h / 2);
-    tiles.sort((a, b) => far(b) - far(a)); // taken from the end: the middle first
-    this.work = { pass, tiles, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1 };
-    if (pass === 0) this.caster.enlarge(w, h);
+    const far = ({ picture, at: [x, y, tw, th] }) => Math.hypot(x + tw / 2 - picture.x - picture.width / 2, y + th / 2 - h / 2);
+    const hidden = ({ picture }) => (picture.layer === this.layer ? 0 : 1);
+    tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // taken from the end: what is seen, and its middle first
+    this.work = { pass, tiles, pictures, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1 };
+    if (pass > 0) return;
+    for (const layer of new Set(pictures.map((p) => p.layer))) {
+      if (this.drawn[layer] !== "coarse") continue;
+      this.caster.enlarge(`coarse${layer}`, `full${layer}`, w, h);
+      this.drawn[layer] = "full";
+    }
   }
 
   /** Draws pieces of the full picture for about TILE_MS; false when nothing is left to do. */
   #refine() {
     if (!this.work) this.#begin(0);
-    const { work, caster } = this, [w, h] = work.size;
+    const { work } = this, [w, h] = work.size;
     if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return true; }
     if (work.tiles.length === 0) return false;
-    const camera = this.camera(w / h), start = performance.now();
+    const start = performance.now();
     let pixels = 0;
     do {
-      const tile = work.tiles.pop();
-      caster.cast("full", w, h, camera, { tile, pass: work.pass });
-      pixels += tile[2] * tile[3];
+      const { picture, at } = work.tiles.pop();
+      this.#cast("full", w, h, picture, { tile: at, pass: work.pass });
+      pixels += at[2] * at[3];
     } while (work.tiles.length && pixels * this.pixelCost < TILE_MS);
-    caster.present("full");
-    this.showing = "full";
+    this.#present();
     this.#when(() => {
       const ms = performance.now() - start;
       // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
@@ -109,6 +155,7 @@ class FrameLoop {
   #finished(work, ms) {
     work.spent += ms;
     if (work.tiles.length) return;
+    for (const { layer } of work.pictures) this.drawn[layer] = "full";
     if (work.pass === 0) {
       this.times.full = work.spent;
       work.passes = (PASSES.find(([limit]) => work.spent < limit) || [0, 1])[1];
@@ -137,12 +184,14 @@ class FrameLoop {
 
   /** The full picture at once, for a screenshot: the page waits. */
   drawNow(passes = 2) {
-    const [w, h] = this.size;
-    for (let pass = 0; pass < passes; pass++) this.caster.cast("full", w, h, this.camera(w / h), { pass });
-    this.caster.present("full");
-    this.showing = "full";
+    const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => p.layer === this.layer);
+    for (const picture of pictures) {
+      for (let pass = 0; pass < passes; pass++) this.#cast("full", w, h, picture, { pass });
+    }
+    this.drawn[this.layer] = "full";
+    this.#present();
   }
 
   /** Shows again what was drawn last, after the canvas was cleared or the background changed. */
-  again() { if (this.showing) this.caster.present(this.showing); }
+  again() { if (this.showing) this.caster.present(this.showing, this.parts); }
 }

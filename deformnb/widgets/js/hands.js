@@ -26,6 +26,16 @@ class Hands {
     this.listeners.push([canvas, "webglcontextlost", lost], [canvas, "webglcontextrestored", back]);
   }
 
+  get isBusy() { return this.points.size > 0; }
+
+  /** The box of the picture, of two side by side the one at x, in CSS pixels. */
+  box(x = 0) {
+    const whole = this.page.canvas.getBoundingClientRect();
+    const parts = this.page.shown === "side_by_side" ? 2 : 1, width = whole.width / parts;
+    const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
+    return { left: whole.left + part * width, top: whole.top, width, height: whole.height };
+  }
+
   close() { for (const [target, name, handler] of this.listeners) target.removeEventListener(name, handler); }
 
   down(event) {
@@ -40,7 +50,7 @@ class Hands {
     const before = this.points.get(event.pointerId);
     if (!before) return;
     const now = [event.clientX, event.clientY], dx = now[0] - before[0], dy = now[1] - before[1];
-    const { camera, canvas } = this.page, box = canvas.getBoundingClientRect(), small = Math.min(box.width, box.height);
+    const { camera } = this.page, box = this.box(), small = Math.min(box.width, box.height);
     if (this.points.size === 2) this.pinch(event.pointerId, before, now, box);
     else if (event.shiftKey || event.buttons === 4) this.pan(dx, dy, box);
     else if (event.altKey) camera.roll((-dx / small) * TURN);
@@ -66,11 +76,12 @@ class Hands {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
     if (this.page.loop) this.page.loop.release();
     if (this.moving) this.page.writeCamera();
+    else if (event.type === "pointerup") this.page.flicker.press(false);
   }
 
   /** Zooms by a factor, keeping the place under (x, y) of the page where it is. */
   zoom(factor, x = null, y = null) {
-    const { camera, canvas } = this.page, box = canvas.getBoundingClientRect();
+    const { camera } = this.page, box = this.box(x ?? 0);
     const full = camera.fit(this.page.corners(), this.page.aspect);
     const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)), change = camera.height - height;
     if (x !== null) {
@@ -98,13 +109,15 @@ class Hands {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { camera } = this.page, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
     const turns = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    if (event.key === " " && !this.page.flicker.press(true)) return;
     if (turns[event.key]) camera.turn(...turns[event.key]);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);
     else if (event.key === "-") this.zoom(1 / 1.2);
     else if (event.key === "0") this.page.reset();
-    else return;
+    else if (event.key !== " ") return;
     event.preventDefault(); // and not to the notebook, whose cells listen to the same keys
     event.stopPropagation();
+    if (event.key === " ") return;
     this.page.touch();
     if (event.key !== "0") this.later();
   }

@@ -1,28 +1,8 @@
 // The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/live_view.py
 // names.
-// To Python: hello, chunk, still, screenshot, stats. From Python: chunk, field, still, screenshot.
+// To Python: hello, chunk, still, screenshot, seen, stats. From Python: chunk, field, still, screenshot.
 
-const IN_FLIGHT = 2; // pieces of the volume on their way at once: the second hides the round trip of the first
-const VIEW_NAMES = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
-const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right", S: "from above",
-  I: "from below" };
-
-const bytesOf = (b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b));
-// A copy: the buffer of a message may start at an odd place, which a Float32Array refuses.
-const floatsOf = (b) => new Float32Array(bytesOf(b).slice().buffer);
-
-async function unpacked(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
-function element(tag, className, parent, attributes = {}) {
-  const made = document.createElement(tag);
-  made.className = className;
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  parent.append(made);
-  return made;
-}
+const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
 
 class LiveViewPage {
   constructor(model, el) {
@@ -42,23 +22,17 @@ class LiveViewPage {
   // -- the page ------------------------------------------------------------------------------------------------------
 
   #build(el) {
+    this.host = el;
     this.root = element("div", "dnb-view", el);
-    this.canvas = element("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img" });
-    this.letters = ["left", "right", "top", "bottom"].map((s) => element("span", `dnb-letter dnb-${s}`, this.root));
-    this.bar = element("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
-    for (const [view, letter] of Object.entries(VIEW_NAMES)) {
-      const button = element("button", "dnb-button", this.bar, { type: "button", title: `${VIEW_TITLES[letter]} (${view})`,
-        "aria-label": `view ${VIEW_TITLES[letter]}` });
-      button.textContent = letter;
-      button.addEventListener("click", () => this.showView(view));
-    }
-    const home = element("button", "dnb-button", this.bar, { type: "button", title: "reset (0 or double click)",
-      "aria-label": "reset the view" });
-    home.textContent = "\u27f2";
-    home.addEventListener("click", () => this.reset());
+    this.canvas = element("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...KEEPS_KEYS });
+    this.frames = new Frames(this.root);
+    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.badge = element("div", "dnb-badge", this.root);
     this.progress = element("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
     this.notice = element("div", "dnb-notice", this.root, { role: "status", hidden: "" });
+    this.theme = new PageTheme(this.root, () => this.setBackground());
+    this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
+    this.setBackground();
     this.size();
     this.observer = new ResizeObserver(() => this.size());
     this.observer.observe(this.root);
@@ -67,18 +41,69 @@ class LiveViewPage {
   size() {
     const width = this.model.get("width"), height = this.model.get("height");
     this.root.style.width = `${width}px`;
-    this.root.style.aspectRatio = `${width} / ${height}`;
-    this.root.dataset.background = this.model.get("background");
-    this.canvas.setAttribute("aria-label", this.model.get("label") || "Volume");
+    this.root.style.setProperty("--dnb-shape", `${width} / ${height}`);
+    this.root.style.maxHeight = `${height}px`;
+    this.host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
     const ratio = Math.min(2, window.devicePixelRatio || 1), box = this.root.getBoundingClientRect();
     const w = Math.max(1, Math.round((box.width || width) * ratio)), h = Math.max(1, Math.round((box.height || height) * ratio));
     if (this.canvas.width === w && this.canvas.height === h) return;
-    this.canvas.width = w;
-    this.canvas.height = h;
+    this.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
     if (this.loop) { this.loop.again(); this.touch(); }
   }
 
-  get aspect() { return this.canvas.width / this.canvas.height; }
+  get background() {
+    const wanted = this.model.get("background");
+    return wanted === "auto" ? this.theme.name : wanted;
+  }
+
+  setBackground() {
+    this.root.dataset.background = this.background;
+    if (!this.caster || this.caster.background === this.background) return;
+    this.caster.background = this.background;
+    this.touch();
+  }
+
+  get shows() { return this.model.get("shows") || "deformed"; }
+
+  setShows() {
+    this.reframed(() => { this.shown = this.shows; });
+    this.flicker.set(this.shows === "flicker" && Boolean(this.loop));
+    this.caption();
+    if (this.loop) this.loop.flip(0);
+    this.touch();
+    if (this.still) this.askStill();
+  }
+
+  caption() {
+    const captions = this.shows === "flicker" ? [["deformed", "original"][this.flicker.layer]] : CAPTIONS[this.shows];
+    this.frames.show(this.still && this.shows === "flicker" ? ["deformed"] : captions);
+    const about = { deformed: "", flicker: ", original and deformed in turn" }[this.shows] ?? `, ${captions.join(" and ")}`;
+    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${about}`);
+  }
+
+  flip(layer) {
+    this.caption();
+    if (this.loop) this.loop.flip(layer);
+  }
+
+  /** What is seen in a canvas of this size: see FrameLoop. */
+  pictures(width, height) {
+    const one = (layer, original, x, w) => ({ layer, original, x, width: w, camera: this.seen(w / height) });
+    const half = Math.floor(width / 2);
+    if (this.shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
+    if (this.shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
+    return [one(0, this.shows === "original", 0, width)];
+  }
+
+  /** Width by height of one picture. */
+  get aspect() { return this.canvas.width / (this.shown === "side_by_side" ? 2 : 1) / this.canvas.height; }
+
+  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
+  reframed(change) {
+    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
+    change();
+    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
+  }
 
   say(text) {
     this.notice.textContent = text || "";
@@ -95,26 +120,35 @@ class LiveViewPage {
       this.fall(`No live view: ${error.message}. A still picture made by Python is shown.`);
     }
     if (this.caster) {
-      this.loop = new FrameLoop(this.caster, (aspect) => this.seen(aspect),
-        () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell());
-      this.caster.projection = this.model.get("projection");
-      this.caster.background = this.model.get("background");
+      this.#prepare();
       this.caster.present(null);
     }
     this.send({ type: "hello", largest: this.caster ? this.caster.largest : 0, renderer: this.caster ? this.caster.name : "",
-      software: this.caster ? this.caster.isSoftware : true });
+      software: this.caster ? this.caster.isSoftware : true, background: this.theme.name });
+    this.setShows();
     this.setTable();
     this.setInfo();
+  }
+
+  #prepare() {
+    this.loop = new FrameLoop(this.caster, (width, height) => this.pictures(width, height),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell());
+    this.caster.projection = this.model.get("projection");
+    this.caster.background = this.background;
   }
 
   /** No WebGL: a message and a picture that Python renders, anew for every button pressed. */
   fall(text) {
     this.say(text);
     if (!this.still) this.still = element("img", "dnb-still", this.root, { alt: this.model.get("label") || "Volume" });
+    this.flicker.set(false); // a still of it is the deformed volume
+    this.caption();
     this.askStill();
   }
 
-  askStill() { this.send({ type: "still", width: this.model.get("width"), height: this.model.get("height") }); }
+  askStill() {
+    this.send({ type: "still", width: this.model.get("width"), height: this.model.get("height"), background: this.theme.name });
+  }
 
   lost(event) {
     event.preventDefault(); // else it never comes back
@@ -130,10 +164,8 @@ class LiveViewPage {
     this.say("");
     this.caster = null;
     try { this.caster = new RayCaster(this.canvas); } catch (error) { this.fall(`No live view: ${error.message}.`); return; }
-    this.loop = new FrameLoop(this.caster, (aspect) => this.seen(aspect),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell());
-    this.caster.projection = this.model.get("projection");
-    this.caster.background = this.model.get("background");
+    this.#prepare();
+    this.setShows();
     this.setTable();
     if (this.values) this.upload();
   }
@@ -161,8 +193,10 @@ class LiveViewPage {
     this.on("change:table", () => this.setTable());
     this.on("change:camera", () => this.readCamera());
     this.on("change:projection", () => { if (this.caster) this.caster.projection = this.model.get("projection"); this.touch(); });
-    this.on("change:background", () => { this.size(); if (this.caster) this.caster.background = this.model.get("background"); this.touch(); });
-    for (const name of ["width", "height", "label"]) this.on(`change:${name}`, () => this.size());
+    this.on("change:background", () => this.setBackground());
+    this.on("change:shows", () => this.setShows());
+    this.on("change:label", () => this.caption());
+    for (const name of ["width", "height"]) this.on(`change:${name}`, () => this.size());
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));
     this.link = new FieldLink(this.model, (planar) => { this.planarFromLink(planar); });
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
@@ -187,14 +221,10 @@ class LiveViewPage {
     this.badge.textContent = info.note || "";
     this.readCamera(true);
     if (!this.caster) { this.askStill(); return; }
-    this.arrived = 0;
-    this.asked = 0;
-    this.incoming = new Uint8Array(info.shape[0] * info.shape[1] * info.shape[2]);
-    this.setProgress(0);
-    while (this.asked < Math.min(IN_FLIGHT, info.chunks)) this.askChunk();
+    if (this.loader) this.loader.close();
+    this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
+      (share) => this.setProgress(0.8 * share));
   }
-
-  askChunk() { this.send({ type: "chunk", id: this.info.id, index: this.asked++ }); }
 
   setProgress(share) {
     this.progress.style.setProperty("--share", share);
@@ -202,17 +232,14 @@ class LiveViewPage {
     this.progress.hidden = share >= 1;
   }
 
-  async receiveChunk({ id, index, start }, packed) {
-    const info = this.info;
-    if (!info || info.id !== id || index !== Math.floor(index)) return; // of a volume that is shown no longer
+  async receiveChunk(content, packed) {
+    const { loader } = this;
+    if (!loader || loader.id !== content.id) return;
     this.sent.received += packed.byteLength;
-    const voxels = await unpacked(bytesOf(packed));
-    if (this.info !== info) return;
-    this.incoming.set(voxels, start);
-    this.arrived += 1;
-    this.setProgress(0.8 * this.arrived / info.chunks);
-    if (this.asked < info.chunks) this.askChunk();
-    if (this.arrived === info.chunks) { this.values = this.incoming; this.incoming = null; await this.upload(); }
+    const values = await loader.receive(content, packed);
+    if (!values) return;
+    this.values = values;
+    await this.upload();
   }
 
   async upload() {
@@ -220,7 +247,7 @@ class LiveViewPage {
     const frame = () => new Promise((resolve) => { setTimeout(resolve, 0); });
     const { low, high } = info.box;
     const done = await caster.setVolume(this.values, { shape: info.shape, spacing: info.spacing, outside: info.outside,
-      isLabels: info.is_labels, grey: info.grey, box: { low, high } },
+      isLabels: info.is_labels, grey: info.grey, box: { low, high }, ownBox: info.box },
     (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); });
     if (!done || caster !== this.caster) return;
     this.applyField();
@@ -238,18 +265,23 @@ class LiveViewPage {
   receiveField(content, buffers) {
     const [maps, weights, space] = content.planar ? [buffers[0], buffers[1], buffers[2]] : [null, null, buffers[0]];
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
-    // A larger field of view is seen whole: the zoom stays, not the scale.
-    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
-    this.field = {
-      box: content.box,
-      planar: content.planar ? { ...content.planar, maps: floatsOf(maps), weights: floatsOf(weights) } : null,
-      space: content.space ? { ...content.space, values: floatsOf(space) } : null,
-    };
-    this.link.base = this.field.planar;
+    const planar = content.planar ? { ...content.planar, maps: floatsOf(maps), weights: floatsOf(weights) } : null;
+    this.reframed(() => { // a larger field of view is seen whole
+      this.field = { box: content.box, planar: this.link.merged(planar, content.follow || null),
+        space: content.space ? { ...content.space, values: floatsOf(space) } : null };
+    });
     this.applyField();
-    this.link.again();
-    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
     this.touch();
+    this.confirm(content.seq);
+  }
+
+  /** Python sends the next field when this one is on the screen. */
+  confirm(seq) {
+    if (!seq) return;
+    const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    if (this.still) { this.askStill(); this.afterStill = tell; }
+    else if (this.loop && this.caster.isReady) this.loop.after.push(tell);
+    else tell();
   }
 
   applyField() {
@@ -270,6 +302,7 @@ class LiveViewPage {
     if (!this.still) return;
     URL.revokeObjectURL(this.still.src);
     this.still.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
+    if (this.afterStill) { this.afterStill(); this.afterStill = null; }
   }
 
   async screenshot({ id }) {
@@ -304,7 +337,8 @@ class LiveViewPage {
   }
 
   readCamera(force = false) {
-    if (!this.info || (!force && this.writing)) return;
+    // While a hand turns the picture it goes first; what it has done is said when it lets go.
+    if (!this.info || (!force && (this.writing || this.hands?.isBusy))) return;
     const wanted = this.model.get("camera") || {};
     this.camera.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
     this.camera.pan = [...(wanted.pan || [0, 0])];
@@ -326,16 +360,16 @@ class LiveViewPage {
   showView(view) {
     const { direction, up } = this.info.views[view];
     this.camera.look(direction, up);
-    this.reframe();
+    this.seeAll();
   }
 
   reset() {
     const { direction, up } = this.info.views.home;
     this.camera.look(direction, up);
-    this.reframe();
+    this.seeAll();
   }
 
-  reframe() {
+  seeAll() {
     this.camera.pan = [0, 0];
     this.camera.height = this.camera.fit(this.corners(), this.aspect);
     this.touch();
@@ -343,14 +377,8 @@ class LiveViewPage {
   }
 
   touch(held = false) {
-    if (this.info) this.drawLetters();
+    if (this.info) { this.frames.write(this.camera); this.cube.draw(this.info.views, this.camera); }
     if (this.loop) this.loop.touch(held);
-  }
-
-  drawLetters() {
-    const right = this.camera.right, { up } = this.camera;
-    const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
-    this.letters.forEach((letter, i) => { letter.textContent = texts[i]; });
   }
 
   close() {
@@ -359,6 +387,9 @@ class LiveViewPage {
     this.link.close();
     this.hands.close();
     this.observer.disconnect();
+    this.theme.close();
+    this.flicker.close();
+    if (this.loader) this.loader.close();
     if (this.loop) this.loop.close();
     if (this.caster) this.caster.dispose();
     if (this.still) URL.revokeObjectURL(this.still.src);

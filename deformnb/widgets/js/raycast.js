@@ -188,10 +188,9 @@ class RayCaster {
     space.slope = spaceSlope(space.values, shape, spacing);
   }
 
-  #program() {
-    const weighted = this.planar && !this.planar.isReplicated, mip = this.projection === "mip";
-    const defines = [this.planar && "PLANAR", weighted && "WEIGHTED", this.space && "SPACE",
-      (this.planar || this.space) && "WARPED", mip && "MIP", this.projection === "shaded" && "SHADED"].filter(Boolean);
+  #program({ planar, space }) {
+    const weighted = planar && !planar.isReplicated, mip = this.projection === "mip";
+    const defines = [planar && "PLANAR", weighted && "WEIGHTED", space && "SPACE", (planar || space) && "WARPED", mip && "MIP", this.projection === "shaded" && "SHADED"].filter(Boolean);
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");
@@ -218,22 +217,25 @@ class RayCaster {
   }
 
   /**
-   * Casts rays into one of the pictures "coarse" or "full".
-   * camera: eye, right, up (half the picture's extent each), ahead, bend, all in the volume's frame. tile: [x, y, width,
-   * height] in pixels from the lower left. pass: 0 replaces, n > 0 averages with the n passes before it.
+   * Casts rays into a picture of that name. picture: {x, width, original, camera}, columns of it and what is seen there;
+   * original leaves the displacement out. camera: eye, right, up (half the picture's extent each), ahead, bend, all in
+   * the volume's frame. tile: [x, y, width, height] in pixels from the lower left. pass: 0 replaces, n > 0 averages with
+   * the n passes before it.
    */
-  cast(name, width, height, camera, { tile = null, pass = 0, coarseness = 1 } = {}) {
-    const gl = this.gl, target = this.#target(name, width, height), { program, at } = this.#program();
+  cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1 } = {}) {
+    const { camera, original } = picture, field = original ? { planar: null, space: null } : this;
+    const gl = this.gl, target = this.#target(name, width, height), { program, at } = this.#program(field);
     const finest = Math.min(...this.volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
     this.#fitTable(step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
-    gl.viewport(0, 0, width, height);
+    gl.viewport(picture.x, 0, picture.width, height); // which cuts off what lies beside it
     gl.useProgram(program);
     for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
-    this.#setCamera(at, camera, width, height, pass);
-    this.#setVolumeNumbers(at, step);
-    this.#setFieldNumbers(at);
+    this.#setCamera(at, camera, picture.width, height, pass);
+    gl.uniform2f(at.place, picture.x, 0);
+    this.#setVolumeNumbers(at, step, original ? this.volume.ownBox : this.volume.box);
+    this.#setFieldNumbers(at, field);
     if (pass > 0) {
       gl.enable(gl.BLEND);
       gl.blendColor(0, 0, 0, 1 / (pass + 1));
@@ -264,10 +266,10 @@ class RayCaster {
     gl.uniform3fv(at.fillLamp, mixed(0.7, -0.25, -0.5));
   }
 
-  #setVolumeNumbers(at, step) {
+  #setVolumeNumbers(at, step, box) {
     const gl = this.gl, volume = this.volume, { shape, spacing, extremes } = volume;
-    gl.uniform3fv(at.boxLow, volume.box.low);
-    gl.uniform3fv(at.boxHigh, volume.box.high);
+    gl.uniform3fv(at.boxLow, box.low);
+    gl.uniform3fv(at.boxHigh, box.high);
     gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));
     gl.uniform3fv(at.toTexture0, shape.map((n) => 0.5 / n));
     gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
@@ -281,8 +283,8 @@ class RayCaster {
     gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
   }
 
-  #setFieldNumbers(at) {
-    const gl = this.gl, { planar, space } = this;
+  #setFieldNumbers(at, { planar, space }) {
+    const gl = this.gl;
     const plane = planar ? planar.slope : 0, rest = space ? space.slope * (1 + plane) : 0;
     // Of a composition: (1 + a)(1 + b) - 1, and nothing of a along the normal; a little more, because graphics cards
     // interpolate with few digits.
@@ -303,16 +305,16 @@ class RayCaster {
       planar ? Math.min(...planar.spacing) : 0));
   }
 
-  /** Copies the coarse picture into the full one, enlarged: what is not refined yet shows it. */
-  enlarge(width, height) {
-    const gl = this.gl, from = this.targets.coarse, to = this.#target("full", width, height);
+  /** Copies a picture into a larger one: what is not refined yet shows it. */
+  enlarge(small, large, width, height) {
+    const gl = this.gl, from = this.targets[small], to = this.#target(large, width, height);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, from.buffer);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, to.buffer);
     gl.blitFramebuffer(0, 0, from.width, from.height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
   }
 
-  /** Shows one of the pictures on the canvas, over the background. */
-  present(name) {
+  /** Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. */
+  present(name, parts = 1) {
     const gl = this.gl, { width, height } = this.canvas, ground = BACKGROUNDS[this.background];
     if (!this.programs.present) this.programs.present = linked(gl, PRESENT);
     const { program, at } = this.programs.present;
@@ -323,6 +325,7 @@ class RayCaster {
     gl.bindTexture(gl.TEXTURE_2D, name ? this.targets[name].texture : this.textures.picture);
     gl.uniform1i(at.picture, UNITS.picture);
     gl.uniform2f(at.resolution, width, height);
+    gl.uniform1f(at.parts, parts);
     gl.uniform3fv(at.centre, ground.centre);
     gl.uniform3fv(at.corner, ground.corner);
     gl.drawArrays(gl.TRIANGLES, 0, 3);

@@ -67,7 +67,7 @@ uniform sampler3D blocks;      // rings of transparent blocks around each, large
 uniform sampler3D ambience;    // how much light reaches a place
 uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
-uniform vec2 resolution, shift; uniform float phase;
+uniform vec2 place, resolution, shift; uniform float phase;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
 uniform float stepLength, outside, outsideOpacity, certain;
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
@@ -87,7 +87,8 @@ vec3 lit(vec3 rgb, vec3 g, float light) {
 }
 
 void main() {
-  vec2 at = (gl_FragCoord.xy + shift) / resolution * 2. - 1.;
+  vec2 pixel = gl_FragCoord.xy - place;      // of this picture, which may be one of two side by side
+  vec2 at = (pixel + shift) / resolution * 2. - 1.;
   vec3 start = eye + at.x * right + at.y * up, ray = ahead;
   float nearest = -1e30;
   if (bend > 0.) { ray = normalize(at.x * right + at.y * up + ahead / bend); start = eye - ahead / bend; nearest = 0.; }
@@ -98,7 +99,7 @@ void main() {
   if (t0 >= t1) return;
   vec3 face = vec3(lessThanEqual(vec3(t0), lo)) * sign(ray);
   // Neighbouring rays start at different depths: what would be rings becomes a fine grain, and later frames average it.
-  float noise = fract(52.9829189 * fract(dot(floor(gl_FragCoord.xy), vec2(.06711056, .00583715))) + phase);
+  float noise = fract(52.9829189 * fract(dot(floor(pixel), vec2(.06711056, .00583715))) + phase);
   // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
   vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
   vec4 sum = vec4(0.); float most = 0.;
@@ -154,12 +155,12 @@ void main() {
 // Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
 const PRESENT = `#version 300 es
 precision highp float;
-uniform sampler2D picture; uniform vec2 resolution; uniform vec3 centre, corner;
+uniform sampler2D picture; uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
 out vec4 color;
 void main() {
   vec2 at = gl_FragCoord.xy / resolution;
   vec4 c = textureLod(picture, at, 0.);
-  vec2 d = (at - vec2(.5, .56)) * vec2(1.1, 1.25);
+  vec2 d = (vec2(fract(at.x * parts), at.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
   vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
   behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
   color = vec4(c.rgb + (1. - c.a) * behind, 1.);
