@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,20 +87,87 @@ class TransferFunction:
         """The same with all alphas times ``factor``."""
         return replace(self, opacities=tuple((v, a * factor) for v, a in self.opacities))
 
+    def with_opacities(self, nodes: Iterable[Sequence[float]]) -> TransferFunction:
+        """The same colours with other nodes (value, alpha).
+
+        >>> flat = TransferFunction(((0, 1, 1, 1),), ((0, 0), (9, 1)), unit=2.0)
+        >>> flat.with_opacities([(3, 0.5)]).opacities
+        ((3.0, 0.5),)
+        """
+        rows = tuple(tuple(row) for row in nodes)
+        return replace(self, opacities=rows)  # type: ignore[arg-type]  # the rows are checked where they arrive
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """How often the values of a volume occur, counted in slices spread through it.
+
+    Parameters
+    ----------
+    counts : voxels in each of the equally wide bins from ``low`` to ``high``.
+    low, high : outer edges of the first and last bin; values beyond are not counted.
+    slices : how many slices were looked at.
+    total : how many there are.
+    """
+
+    counts: NDArray[np.int64]
+    low: float
+    high: float
+    slices: int
+    total: int
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether some slices were left out."""
+        return self.slices < self.total
+
+
+def histogram(volume: Volume, low: float, high: float, bins: int = _BINS, slices: int = _HISTOGRAM_SLICES) -> Histogram:
+    """Count the values of a volume from ``low`` to ``high``.
+
+    Parameters
+    ----------
+    volume : whose values are counted; what is not finite counts as background.
+    low, high : outer edges of the first and last bin.
+    bins : equally wide, each without its upper edge but for the last.
+    slices : if the volume has twice as many or more, that many up to twice as many are looked at, equally spaced.
+
+    Examples
+    --------
+    >>> three = Volume.from_array(np.array([[[0, 1, 1, 7]]]))
+    >>> histogram(three, -0.5, 2.5, 3).counts.tolist()
+    [1, 2, 0]
+    """
+    if not high > low:
+        raise DeformError(f"a histogram needs a range of values that rises, got {low:g} to {high:g}.")
+    step = max(1, volume.shape[0] // slices)
+    counts = np.zeros(bins, np.int64)
+    smallest, largest = volume.value_range
+    for values in volume.finite_values[::step]:  # np.histogram refuses bool, and a range of a few steps of a float32
+        inside = values if low <= smallest and largest <= high else values[(values >= low) & (values <= high)]
+        at = (inside.astype(np.float64) - low) / (high - low) * bins
+        counts += np.bincount(np.minimum(at, bins - 1).astype(np.intp).ravel(), minlength=bins)
+    return Histogram(counts, low, high, len(range(0, volume.shape[0], step)), volume.shape[0])
+
 
 def levels(volume: Volume) -> tuple[float, float, float, float]:
     """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
     """
+    if volume not in _LEVELS:
+        _LEVELS[volume] = _levels(volume)
+    return _LEVELS[volume]
+
+
+_LEVELS: WeakKeyDictionary[Volume, tuple[float, float, float, float]] = WeakKeyDictionary()
+
+
+def _levels(volume: Volume) -> tuple[float, float, float, float]:
     low, high = volume.value_range
     if high <= low:
         return low, low, low, low
-    step = max(1, volume.shape[0] // _HISTOGRAM_SLICES)
-    counts = np.zeros(_BINS, np.int64)
-    for values in volume.finite_values[::step]:  # np.histogram refuses bool, and a range of a few steps of a float32
-        bins = (values.astype(np.float64) - low) / (high - low) * _BINS
-        counts += np.bincount(np.minimum(bins, _BINS - 1).astype(np.intp).ravel(), minlength=_BINS)
+    counts = histogram(volume, low, high).counts
     middle = low + (np.arange(_BINS) + 0.5) * ((high - low) / _BINS)
     first = _otsu(counts)
     second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first

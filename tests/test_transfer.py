@@ -13,7 +13,7 @@ from skimage.filters import threshold_otsu
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
-from deformnb.transfer import PRESETS, TransferFunction, levels, preset
+from deformnb.transfer import PRESETS, TransferFunction, histogram, levels, preset
 from deformnb.volume import Volume
 
 RAMP = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((0, 0), (20, 0.5)), unit=2.0)
@@ -230,3 +230,39 @@ def test_hounsfield_units_are_known_for_what_they_are(kind: str) -> None:
         assert 0 < fat < lean / 2
     else:
         assert lean == 0
+
+
+# ---- histogram and other opacities -----------------------------------------------------------------------------------
+
+
+def test_a_histogram_counts_every_value_once() -> None:
+    values = np.random.default_rng(3).integers(-50, 50, (20, 9, 8)).astype(np.int16)
+    found = histogram(volume_of(values), -50.5, 49.5, 100)
+    np.testing.assert_array_equal(found.counts, np.histogram(values, 100, (-50.5, 49.5))[0])
+    assert (found.slices, found.total, found.is_sampled) == (20, 20, False)
+
+
+def test_values_beyond_the_range_of_a_histogram_are_left_out() -> None:
+    found = histogram(volume_of([[[0.0, 1.0, 2.0, 3.0, 9.0, np.nan]]]), 1.0, 3.0, 2)
+    assert found.counts.tolist() == [1, 2]
+
+
+def test_a_histogram_of_many_slices_looks_at_some() -> None:
+    values = np.broadcast_to(np.arange(300, dtype=np.int16)[:, None, None], (300, 2, 2))
+    found = histogram(volume_of(values), -0.5, 299.5, 300, slices=30)
+    np.testing.assert_array_equal(np.flatnonzero(found.counts), np.arange(0, 300, 10))
+    assert (found.slices, found.total, found.is_sampled) == (30, 300, True)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (2.0, 1.0), (np.nan, 1.0)])
+def test_a_histogram_needs_a_range(low: float, high: float) -> None:
+    with pytest.raises(DeformError, match="range"):
+        histogram(volume_of([[[1, 2]]]), low, high)
+
+
+def test_other_opacities_keep_colours_and_unit() -> None:
+    other = RAMP.with_opacities([[3, 0.1], (4, 1.5)])
+    assert (other.colors, other.unit, other.opacities) == (RAMP.colors, 2.0, ((3, 0.1), (4, 1.0)))
+    assert len(other.notes) == 1
+    with pytest.raises(DeformError, match="opacities"):
+        RAMP.with_opacities([(4, 0), (3, 1)])
