@@ -21,18 +21,27 @@ Float3 = NDArray[np.float64]
 
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
 _HOOK = "//VTK::ComputeGradient::Dec"
-_SAMPLE = "texture3D(in_volume[0], g_dataPos)"
-_SLOPES = tuple(f"vec3(texPos{sign}vec[{k}])" for sign in "PN" for k in range(3))
+_REPLACED = {
+    "texture3D(in_volume[0], g_dataPos)": "texture3D(in_volume[0], dnb_at = dnb_warp(g_dataPos))",
+    **{f"texPosPvec[{k}] = texPos + {axis}vec;":
+       f"vec3 dnb_{axis} = dnb_step(texPos + {axis}vec); texPosPvec[{k}] = dnb_beside(texPos + {axis}vec, dnb_{axis});"
+       for k, axis in enumerate("xyz")},
+    **{f"texPosNvec[{k}] = texPos - {axis}vec;": f"texPosNvec[{k}] = dnb_beside(texPos - {axis}vec, -dnb_{axis});"
+       for k, axis in enumerate("xyz")},
+}
 
 _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D"}
 
 # Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
-# outside the box of what is seen is looked up in the corner, where the scene keeps background.
+# outside the box of what is seen is looked up in the corner, where the scene keeps background. The slope needs six
+# look-ups around a sample: three displacements beside its own tell where those are, since a displacement is smooth.
 _GLSL = """
-vec3 dnb_warp(vec3 q)
+vec3 dnb_at = vec3(0.0);
+
+bool dnb_outside(vec3 q) { return any(lessThan(q, dnb_low)) || any(greaterThan(q, dnb_high)); }
+
+vec3 dnb_move(vec3 q)
 {
-  if (any(lessThan(q, dnb_low)) || any(greaterThan(q, dnb_high))) return vec3(0.0);
-  if (dnb_count == 0 && dnb_solid == 0) return q;
   vec4 x = vec4(q, 1.0);
   if (dnb_count > 0)
   {
@@ -57,6 +66,18 @@ vec3 dnb_warp(vec3 q)
   if (dnb_solid == 1) q += texture3D(dnb_space, q * dnb_scale + dnb_shift).xyz;
   return q;
 }
+
+bool dnb_moves() { return dnb_count > 0 || dnb_solid == 1; }
+
+vec3 dnb_warp(vec3 q)
+{
+  if (dnb_outside(q)) return vec3(0.0);
+  return dnb_moves() ? dnb_move(q) : q;
+}
+
+vec3 dnb_step(vec3 q) { return (dnb_moves() ? dnb_move(q) : q) - dnb_at; }
+
+vec3 dnb_beside(vec3 q, vec3 offset) { return dnb_outside(q) ? vec3(0.0) : dnb_at + offset; }
 """
 
 
@@ -75,8 +96,8 @@ class VolumeWarp:
         self._window = window
         self._textures = {name: _Texture(window) for name in _SAMPLERS}
         self._set_plain()
-        self._textures["dnb_maps"].load(np.zeros((1, 1, 4)))
-        self._textures["dnb_weights"].load(np.zeros((1, 1, 4)))
+        self._textures["dnb_maps"].load(np.zeros((1, 1, 2)))
+        self._textures["dnb_weights"].load(np.zeros((1, 1, 1)))
         self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
         self._bind()
         self._inject()
@@ -103,9 +124,8 @@ class VolumeWarp:
         for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
         add(_HOOK, True, f"{_GLSL}\n{_HOOK}", False)
-        add(_SAMPLE, False, "texture3D(in_volume[0], dnb_warp(g_dataPos))", True)
-        for place in _SLOPES:
-            add(f"texture3D(volume, {place})", False, f"texture3D(volume, dnb_warp({place}))", True)
+        for theirs, ours in _REPLACED.items():
+            add(theirs, False, ours, True)
 
     def set_box(self, low: Float3, high: Float3, lattice: Grid) -> None:
         """What can be seen: a box of indices (i, j, k) of the sampled lattice."""
@@ -161,28 +181,22 @@ class VolumeWarp:
         u.SetUniform3f("dnb_right", (np.asarray(plane["u"]) / scale).tolist())
         u.SetUniform3f("dnb_down", (np.asarray(plane["v"]) / scale).tolist())
         u.SetUniformi("dnb_same", int(about["isReplicated"]))
-        self._textures["dnb_maps"].load(_four(maps))
-        self._textures["dnb_weights"].load(_four(weights[..., None]))
+        self._textures["dnb_maps"].load(maps)
+        self._textures["dnb_weights"].load(weights[..., None])
 
     def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
-        values = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
+        values = np.zeros((*n[::-1], 4), np.float32)  # four: cards are slow with three
+        values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
         self._uniforms.SetUniform3f("dnb_scale", (scale / spacing / n).tolist())
         self._uniforms.SetUniform3f("dnb_shift", (((shift - about["origin"]) / spacing + 0.5) / n).tolist())
-        self._textures["dnb_space"].load(_four(values))
+        self._textures["dnb_space"].load(values)
 
     def close(self) -> None:
         """Give back the textures, before the window goes."""
         self._window.MakeCurrent()
         for texture in self._textures.values():
             texture.close()
-
-
-def _four(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Samples with four components, which every card takes."""
-    out = np.zeros((*values.shape[:-1], 4), np.float32)
-    out[..., : values.shape[-1]] = values
-    return out
 
 
 class _Texture:
@@ -200,13 +214,13 @@ class _Texture:
         self.largest = int(vtkTextureObject.GetMaximumTextureSize(window))
 
     def load(self, samples: NDArray[Any]) -> None:
-        """Samples (rows, columns, 4), or (slices, rows, columns, 4)."""
+        """Samples (rows, columns, components), or (slices, rows, columns, components)."""
         from vtkmodules.util.vtkConstants import VTK_FLOAT
 
         values = np.ascontiguousarray(samples, np.float32)
         make: Any = self._texture.Create2DFromRaw if values.ndim == 3 else self._texture.Create3DFromRaw
         self._texture.Deactivate()
-        if not make(*reversed(values.shape[:-1]), 4, VTK_FLOAT, values):
+        if not make(*reversed(values.shape[:-1]), values.shape[-1], VTK_FLOAT, values):
             raise DeformError("the graphics card took no texture of displacements.")
         self._texture.Activate()
 
