@@ -1,4 +1,4 @@
-"""The command ``deformnb``: demo, lab, warp, info, datasets, doctor.
+"""The command ``deformnb``: demo, app, lab, warp, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -12,6 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
@@ -80,7 +81,7 @@ def _joined(arguments: list[str]) -> list[str]:
     """``--view -x`` as ``--view=-x``: argparse would take -x, or -1e3, for an option."""
     out: list[str] = []
     for argument in arguments:
-        if out and out[-1] in ("--view", "--fill", "--strength") and argument.startswith("-"):
+        if out and out[-1] in ("--view", "--side", "--fill", "--strength") and argument.startswith("-"):
             out[-1] += f"={argument}"
         else:
             out.append(argument)
@@ -89,6 +90,7 @@ def _joined(arguments: list[str]) -> list[str]:
 
 def _parser() -> argparse.ArgumentParser:
     from deformnb import __version__
+    from deformnb.app import add_app
     from deformnb.launch import add_lab
 
     parser = _Parser(prog="deformnb", description="Deform volumes by control points on a picture of them.",
@@ -96,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, add_lab, _add_warp, _add_info, _add_datasets, _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, _add_warp, _add_info, _add_datasets, _add_doctor):
         add(commands)
     return parser
 
@@ -185,6 +187,16 @@ def _demo(options: argparse.Namespace) -> None:
     if options.volume and options.spacing:
         again += ["--spacing", *(f"{s:g}" for s in options.spacing)]
     print(f"half way there: {shlex.join(map(str, again))}")
+
+
+def _app(options: argparse.Namespace) -> None:
+    from deformnb.app.launch import check_app, made_up_carp, open_app
+
+    check_app(options.host, options.port, options.side)
+    with _stages() as stage:
+        volume = _read(options.file, options.spacing, stage) if options.file else made_up_carp(stage("make the carp"))
+    open_app(volume, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
+             browser=not options.no_browser)
 
 
 @contextlib.contextmanager

@@ -30,8 +30,8 @@ OPTIONAL = {
 }
 """Optional packages: what each is for and the extra that installs it."""
 
-REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "ipywidgets", "anywidget",
-            "pooch", "pillow")
+REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca", "trame-vuetify",
+            "ipywidgets", "anywidget", "pooch", "pillow")
 
 
 def doctor() -> list[Check]:

@@ -3,7 +3,7 @@
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
 const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
-const SMALLEST = 420; // CSS pixels of width that the buttons need in one or two rows
+const UNKNOWN_WIDTH = 420; // CSS pixels, until the page has laid the editor out
 
 class EditorDrawing {
   // ---- the view -----------------------------------------------------------------------------------------------------
@@ -11,11 +11,11 @@ class EditorDrawing {
   layout() {
     this.applyTheme(); // a style sheet that comes late changes sizes as well
     const [a0, a1, b0, b1] = this.box, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
-    const ideal = (most - 2 * MARGIN) / aspect + 2 * MARGIN;
-    this.root.style.maxWidth = `${Math.round(Math.max(SMALLEST, ideal))}px`;
-    const width = Math.max(120, this.stage.clientWidth || SMALLEST);
-    const height = Math.round(Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
+    const isFilling = Boolean(this.model.get("fill")); // the application gives the editor a place to fill, Jupyter none
+    const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH);
+    const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
     this.stage.style.height = `${height}px`;
+    this.root.setAttribute("aria-label", `Editor of ${this.model.get("label") || "Picture"}`);
     this.stage.setAttribute("aria-label", `${this.model.get("label") || "Picture"} with control points. Tab goes through ` +
       "them, arrows move, Enter adds, question mark lists the keys.");
     const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;

@@ -1,0 +1,39 @@
+"""The tool as a web page of its own, without Jupyter: ``deformnb app FILE``.
+
+A picture with points to drag, the volume beside it, and what a session has to choose from, served by trame to the
+browsers of this machine. What is edited and remembered is a :class:`~deformnb.session.Session`, as in a notebook.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+IDLE_SECONDS = 15 * 60.0
+"""The server ends when no page was connected for so long."""
+
+VIEWERS = ("live", "vtk")
+"""Where the volume is rendered: in the page, or by VTK here, which sends pictures."""
+
+
+def add_app(commands: Any, run: Callable[[Any], None]) -> None:
+    """Add ``app`` to the commands of an argument parser.
+
+    Parameters
+    ----------
+    run : called with the options.
+    """
+    what = "open the tool in a web page, without Jupyter"
+    p = commands.add_parser("app", help=what, description=f"""{what[0].upper()}{what[1:]}: drag points on a picture of
+        the volume and watch the volume follow. Only this machine reaches the page, by the address that is printed.""")
+    p.add_argument("file", nargs="?", metavar="FILE", help="a volume (default: a carp that is made up)")
+    p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                   help="true voxel size of the input, where its file is wrong")
+    p.add_argument("--side", help="side of the first picture: +x -x +y -y +z -z (default: the one that shows most)")
+    p.add_argument("--view", choices=VIEWERS, default="live", dest="viewer",
+                   help="render the volume in the page (live) or by VTK here (vtk; needs OpenGL) (default %(default)s)")
+    p.add_argument("--port", type=int, default=0, help="port to listen at (default: a free one)")
+    p.add_argument("--host", default="127.0.0.1", help="address to listen at; another than the default lets others in "
+                   "who know the password (default %(default)s)")
+    p.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
+    p.set_defaults(run=run)

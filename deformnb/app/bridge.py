@@ -1,0 +1,231 @@
+"""Carries the widgets' conversations with their pages over trame's socket, and the page's controls to the desk.
+
+A widget speaks to its page through its comm. Here the comm is one of ours: what the widget sends is published to all
+connected pages, and what a page sends is handed to the comm in the desk's thread. To the widget nothing is different.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from comm.base_comm import BaseComm
+
+from deformnb.app.controls import ACTIONS
+from deformnb.app.desk import Desk
+from deformnb.app.guard import Answer
+from deformnb.app.remote import AREA, RemoteView
+from deformnb.errors import DeformError
+
+TOPIC = "deformnb.widget"
+"""Under which pages hear of messages for their widgets."""
+
+_MOST_WAITING = 256  # messages of pages that wait for the desk; a hand on a slider never gets there
+_LONGEST_NAME = 64
+
+# Of the widgets' traits what belongs to Jupyter.
+_OTHERS = ("layout", "tabbable", "tooltip", "comm")
+
+_LOG = logging.getLogger(__name__)
+
+
+class PageComm(BaseComm):
+    """A comm without a kernel: what is sent is given to a function.
+
+    Parameters
+    ----------
+    post : called with the message's data and its buffers.
+    """
+
+    def __init__(self, post: Callable[[dict[str, Any], list[bytes]], None]) -> None:
+        self._post = post
+        super().__init__(target_name="deformnb.app")
+
+    def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
+                    **keys: Any) -> None:
+        """What ipywidgets sends: of its own life, its traits, and messages."""
+        if msg_type == "comm_msg" and data:
+            self._post(data, [bytes(buffer) for buffer in buffers or []])
+
+
+class Bridge:
+    """Between one desk and the pages of one server.
+
+    Parameters
+    ----------
+    desk : whose widgets are shown.
+    trame : trame's server, for its state and its triggers.
+    """
+
+    def __init__(self, desk: Desk, trame: Any) -> None:
+        self.desk, self._trame = desk, trame
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._root: Any = None
+        self._waiting = 0
+        self._newer: dict[str, int] = {}
+        for name, widget in desk.widgets.items():
+            widget.comm = PageComm(partial(self._to_pages, name))
+        desk.changed = self._tell
+        desk.remote = self._remote = RemoteView(desk.make_scene, desk.fail, self._picture, desk.session.volume.grid)
+        with trame.state as state:
+            state.update(desk.state())
+
+    def attach(self, root: Any) -> None:
+        """Called by trame with the protocol of its server, in the thread of its event loop."""
+        self._root = root
+        self._loop = asyncio.get_running_loop()
+
+    def close(self) -> None:
+        """Say no more to the pages."""
+        self._root = None
+
+    def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
+        """Call a function in the server's thread, from any thread."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, *args)
+
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    def _to_pages(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
+        kind = data.get("method")
+        if kind == "custom":
+            message = {"widget": name, "content": data["content"], "buffers": buffers}
+        elif kind == "update":  # echoes are for front ends that share a kernel; pages are told in _relay
+            message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
+        else:
+            return
+        self.in_loop(self._publish, message)
+
+    def _publish(self, message: dict[str, Any]) -> None:
+        if self._root is not None:
+            self._root.publish(TOPIC, message)
+
+    def _tell(self) -> None:
+        """The desk's values to the pages, but for those that a page has set anew meanwhile."""
+        self.in_loop(self._push, self.desk.state())
+
+    def _push(self, values: dict[str, Any]) -> None:
+        with self._trame.state as state:
+            state.update({name: value for name, value in values.items() if not self._newer.get(name)})
+
+    def _picture(self, data: bytes, about: dict[str, Any]) -> None:
+        self.in_loop(lambda: self._root and self._trame.protocol_call("trame.rca.push", AREA, about, data))
+
+    # -- from a page ---------------------------------------------------------------------------------------------------
+
+    def answers(self) -> dict[str, Answer]:
+        """What a page may call, by name; each checks what it is given."""
+        return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
+                "trame.state.update": self._set, "trame.trigger": self._trigger,
+                "trame.rca.size": self._size, "trame.rca.event": self._event}
+
+    def _size(self, area: str, origin: str, size: dict[str, Any]) -> None:
+        if area != AREA:
+            raise DeformError("there is no such area.")
+        self._remote.update_size(size)
+
+    def _event(self, area: str, origin: str, event: dict[str, Any]) -> None:
+        if area != AREA:
+            raise DeformError("there is no such area.")
+        self._remote.on_event(event)
+
+    async def _open(self, name: str) -> dict[str, Any]:
+        """All that a page must know of a widget to show it."""
+        widget = self._widget(name)
+
+        def look() -> dict[str, Any]:
+            return {k: v for k, v in widget.get_state().items() if not k.startswith("_") and k not in _OTHERS}
+
+        state = await asyncio.wrap_future(self.desk.thread.call(look))
+        return {"state": state, "models": {w.model_id: n for n, w in self.desk.widgets.items()}}
+
+    def _message(self, name: str, content: dict[str, Any]) -> None:
+        self._widget(name)
+        if not isinstance(content, dict):
+            raise DeformError("a message is an object.")
+        self._later(lambda: self.desk.receive(name, {"method": "custom", "content": content}))
+
+    def _state(self, name: str, page: str, state: dict[str, Any]) -> None:
+        self._widget(name)
+        if not isinstance(state, dict) or not isinstance(page, str) or len(page) > _LONGEST_NAME:
+            raise DeformError("a change of state names its page.")
+
+        def take() -> None:
+            self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
+            now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
+            self.in_loop(self._publish, {"widget": name, "state": now, "origin": page})
+
+        self._later(take)
+
+    def _set(self, changes: list[dict[str, Any]]) -> None:
+        """trame's message of variables that a page has changed: our controls, and nothing else."""
+        if not isinstance(changes, list) or len(changes) > len(self.desk.controls):
+            raise DeformError("a list of changes.")
+        for change in changes:
+            name = change["key"]
+            if not isinstance(name, str) or name not in self.desk.controls:
+                raise DeformError("it is no control.")
+            value = self.desk.controls[name].checked(change.get("value"))
+            self._later(partial(self._set_one, name, value))
+            self._newer[name] = self._newer.get(name, 0) + 1
+            # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused.
+            self._root.push_state_change({name: value}, skip_last_active_client=True)
+            with self._trame.state as state:
+                state[name] = value
+
+    def _set_one(self, name: str, value: Any) -> None:
+        is_newest = self._newer.get(name, 0) <= 1  # else one waits that takes its place
+        self.in_loop(self._settle, name)
+        if is_newest:
+            self.desk.set(name, value)
+
+    def _settle(self, name: str) -> None:
+        self._newer[name] = max(0, self._newer.get(name, 0) - 1)
+
+    async def _trigger(self, name: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
+        if name not in ACTIONS or args or kwargs:
+            raise DeformError("no action of the page.")
+        if name != "save":
+            self._later(lambda: self.desk.act(name))
+            return None
+        return await asyncio.wrap_future(self.desk.thread.call(self.desk.document))
+
+    def _widget(self, name: Any) -> Any:
+        if not isinstance(name, str) or name not in self.desk.widgets:
+            raise DeformError("there is no such widget.")
+        return self.desk.widgets[name]
+
+    def _later(self, work: Callable[[], None]) -> None:
+        """Do it in the desk's thread."""
+        if self._waiting >= _MOST_WAITING:
+            raise DeformError("too much waits to be done.")
+        self._waiting += 1
+
+        def done() -> None:
+            try:
+                work()
+            except DeformError as error:
+                _LOG.warning("a message of the page was dropped: %s", error)
+            except Exception:
+                _LOG.exception("a message of the page could not be answered")
+            finally:
+                self.in_loop(self._one_less)
+
+        self.desk.thread.call(done)
+
+    def _one_less(self) -> None:
+        self._waiting -= 1
+
+
+def _whole(state: dict[str, Any], paths: list[list[Any]], buffers: list[bytes]) -> dict[str, Any]:
+    """A state update with its bytes in their places; here they travel inside of messages."""
+    whole = dict(state)
+    for path, buffer in zip(paths, buffers, strict=True):
+        if len(path) != 1:
+            raise ValueError(f"bytes within a trait, at {json.dumps(path)}")
+        whole[path[0]] = buffer
+    return whole

@@ -1,0 +1,147 @@
+"""What a page may set, as a table: of each control its kind, what it may be set to, and how it is called.
+
+The page's layout is made from this table and messages of the page are checked against it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from deformnb.errors import DeformError
+from deformnb.expression import LONGEST
+from deformnb.extrusion import EXTRUSIONS
+from deformnb.kernels import KERNELS
+from deformnb.picture import PROJECTIONS
+from deformnb.plane import VIEWS
+from deformnb.transfer import PRESETS
+from deformnb.trend import TRENDS
+from deformnb.widgets.view import SHOWS
+
+
+@dataclass(frozen=True)
+class AbstractControl(ABC):
+    """One thing to set.
+
+    Parameters
+    ----------
+    title : shown beside it.
+    hint : one sentence for who does not know it.
+    """
+
+    title: str
+    hint: str = ""
+
+    @abstractmethod
+    def checked(self, value: Any) -> Any:
+        """The value as Python wants it.
+
+        Raises
+        ------
+        DeformError
+            If the page may not set it to that.
+        """
+
+
+@dataclass(frozen=True)
+class Choice(AbstractControl):
+    """One of several names; ``titles`` are shown for them."""
+
+    titles: tuple[tuple[str, str], ...] = ()
+
+    def checked(self, value: Any) -> str:
+        for name, _ in self.titles:
+            if isinstance(value, str) and value == name:
+                return name
+        raise DeformError(f"{self.title} cannot be that.")
+
+
+@dataclass(frozen=True)
+class Number(AbstractControl):
+    """A number between two others; ``unset``, if given, stands for "choose for me" at the low end."""
+
+    low: float = 0.0
+    high: float = 1.0
+    step: float = 0.01
+    unset: str = ""
+
+    def checked(self, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise DeformError(f"{self.title} is a number.")
+        if not self.low <= value <= self.high:
+            raise DeformError(f"{self.title} lies between {self.low:g} and {self.high:g}.")
+        return float(value)
+
+
+@dataclass(frozen=True)
+class Switch(AbstractControl):
+    """On or off."""
+
+    def checked(self, value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise DeformError(f"{self.title} is on or off.")
+        return value
+
+
+@dataclass(frozen=True)
+class Formula(AbstractControl):
+    """A formula in z; what it means is for :func:`deformnb.expression.evaluate` to judge."""
+
+    def checked(self, value: Any) -> str:
+        if not isinstance(value, str) or len(value) > LONGEST:
+            raise DeformError(f"a formula has at most {LONGEST} characters.")
+        return value
+
+
+def _titled(names: Any, titles: dict[str, str] | None = None) -> tuple[tuple[str, str], ...]:
+    return tuple((name, (titles or {}).get(name) or name.replace("_", " ").capitalize()) for name in names)
+
+
+_RULES = {"replicate": "The same at every depth", "modulate": "Times a formula f(z)",
+          "interpolate": "Front, middle and back"}
+_DEPTHS = ("Front", "Middle", "Back")
+
+
+def control_table(reach: float) -> dict[str, AbstractControl]:
+    """All controls by name.
+
+    Parameters
+    ----------
+    reach : the largest support radius that makes sense: the volume's diagonal.
+
+    Examples
+    --------
+    >>> control_table(100.0)["kernel"].checked("gaussian")
+    'gaussian'
+    """
+    kernels = {name: kernel.title for name, kernel in KERNELS.items()}
+    trends = {name: trend.title[:1].upper() + trend.title[1:] for name, trend in TRENDS.items()}
+    pictures = {name: projection.title for name, projection in PROJECTIONS.items()}
+    step = 10 ** math.floor(math.log10(reach / 200)) if reach > 0 else 0.01
+    return {
+        "view": Choice("Side", "From where the picture is taken", tuple((v, v.replace("-", "−")) for v in VIEWS)),
+        "method": Choice("Projection", "How depth becomes a picture", _titled(PROJECTIONS, pictures)),
+        "depth": Number("Slice at", "0 in front, 1 at the back", 0.0, 1.0, 0.005),
+        "kernel": Choice("Kernel", "How the pull of a point fades with distance", _titled(KERNELS, kernels)),
+        "trend": Choice("Trend", "What points far apart agree on", _titled(TRENDS, trends)),
+        "support": Number("Reach", "How far a point pulls", 0.0, math.ceil(reach / step) * step, step, unset="auto"),
+        "smoothing": Number("Smoothing", "0 meets every point; more lets them miss", 0.0, 1.0, 0.01),
+        "extrusion": Choice("Rule", "What the picture's displacement becomes in space",
+                            _titled(EXTRUSIONS, _RULES)),
+        "curve": Formula("f(z)", "z runs from 0 in front to 1 at the back"),
+        "key": Choice("Points of", "Which of the three sets of points is edited",
+                      tuple((str(k), title) for k, title in enumerate(_DEPTHS))),
+        "strength": Number("Strength", "0 undeformed, 1 as dragged, −1 the opposite way", -1.0, 3.0, 0.05),
+        "transfer": Choice("Colours", "Colours and opacities of the volume", _titled(PRESETS)),
+        "projection": Choice("Volume as", "How the volume is drawn",
+                             (("shaded", "Shaded"), ("composite", "Translucent"), ("mip", "Maximum"))),
+        "show_net": Switch("Net", "A grid that bends with the picture"),
+        "show_radius": Switch("Reach of points", "A circle around each point"),
+        "shows": Choice("Show", "The volume before and after", _titled(SHOWS)),
+    }
+
+
+ACTIONS = ("undo", "redo", "reset", "save", "front", "beside")
+"""What a page may ask for by name."""

@@ -1,0 +1,258 @@
+"""The model side of the application: a session with the widgets that show it, and no server.
+
+Everything here is called in one thread, the desk's own (:attr:`Desk.thread`), so that an edit that takes a second
+never keeps the server from answering.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from deformnb.app.controls import ACTIONS, control_table
+from deformnb.app.remote import RemoteView, dragged
+from deformnb.document import to_json
+from deformnb.errors import DeformError
+from deformnb.plane import Plane
+from deformnb.session import Session
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.view import checked_camera
+
+_LOG = logging.getLogger(__name__)
+
+_OF_THE_FIT = ("kernel", "support", "trend", "smoothing", "strength")
+_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
+_GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
+_OF_THE_EDITOR = ("show_net", "show_radius")
+
+
+class Desk:
+    """A session, its picture and its volume.
+
+    Parameters
+    ----------
+    session : what is edited.
+    viewer : "live" or "vtk": who draws the volume.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> desk = Desk(Session(PHANTOMS["bar"](24), view="+y"))
+    >>> desk.set("kernel", "gaussian")
+    >>> desk.state()["kernel"], desk.state()["undo"]
+    ('gaussian', 'change kernel')
+    >>> desk.close()
+    """
+
+    def __init__(self, session: Session, viewer: str = "live") -> None:
+        self.session, self.viewer = session, viewer
+        self.controls = control_table(session.volume.grid.diagonal)
+        self.thread = RenderThread("deformnb-desk")
+        self.error = ""
+        self.milliseconds = 0.0
+        self.changed: Callable[[], None] = lambda: None
+        self._listening = True
+        self._shown: tuple[Any, ...] = ()
+        self.remote: RemoteView | None = None
+        picture = session.picture()
+        self.editor = Editor(picture, session.points, label=f"Picture of {session.volume.name or 'the volume'}",
+                             height=1200, show_radius=False)
+        self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
+        self._look(*_beside(session.plane))
+        self.editor.observe(self._dragged, "points")
+        self._show()
+
+    @property
+    def widgets(self) -> dict[str, Any]:
+        """The widgets of the page by name."""
+        return {"editor": self.editor, "live": self.live}
+
+    # -- what the page asks for ----------------------------------------------------------------------------------------
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a control; what is wrong is said in :attr:`error` and nothing changes."""
+        control = self.controls.get(name)
+        if control is None:
+            raise DeformError("there is no such control.")
+        self._try(lambda: self._apply(name, control.checked(value)))
+
+    def _apply(self, name: str, value: Any) -> None:
+        session = self.session
+        if name in _OF_THE_STEP:
+            session.change(kind=name, **{name: value})
+        elif name == "support":
+            session.change(kind=name, support=value or None)
+        elif name == "view":
+            session.set_view(value)
+            self._look(*_beside(session.plane))
+        elif name == "depth":
+            low, high = session.depth_range
+            session.depth = low + value * (high - low)
+        elif name == "key":
+            session.edit_step(session.index, int(value))
+        elif name in ("method", "transfer"):
+            setattr(session, name, value)
+            if name == "transfer":
+                self.live.set_transfer(value)
+                self._draw(lambda scene: scene.set_transfer(value))
+        elif name == "projection":
+            self.live.projection = value
+            self._draw(lambda scene: scene.set_projection(value))
+        elif name == "shows":
+            self.live.shows = value
+            self._draw(lambda scene: scene.set_shows(value))
+        elif name in _OF_THE_EDITOR:
+            setattr(self.editor, name, value)
+
+    def act(self, name: str) -> None:
+        """Do one of the :data:`~deformnb.app.controls.ACTIONS` that give nothing back."""
+        if name not in ACTIONS or name == "save":
+            raise DeformError("there is no such action.")
+        actions: dict[str, Callable[[], Any]] = {
+            "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
+            "front": lambda: self._look(*_camera(self.session.plane)),
+            "beside": lambda: self._look(*_beside(self.session.plane)),
+        }
+        self._try(actions[name])
+
+    def document(self) -> str:
+        """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
+        return to_json(self.session.document())
+
+    def receive(self, name: str, message: dict[str, Any]) -> None:
+        """A message of the page for one of the widgets, as its comm would bring it."""
+        widget = self.widgets.get(name)
+        if widget is None:
+            raise DeformError("there is no such widget.")
+        widget.comm.handle_msg({"content": {"data": message}, "buffers": []})
+
+    # -- what the page shows -------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Values of all controls and the texts of the page."""
+        session, step = self.session, self.session.step
+        labels = session.history
+        count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
+        values = {name: getattr(step, name) for name in _OF_THE_STEP}
+        return {
+            **values, "curve": step.curve if isinstance(step.curve, str) else "", "support": step.support or 0.0,
+            "view": session.view or "", "method": session.method, "key": str(session.key),
+            "transfer": session.transfer if isinstance(session.transfer, str) else "",
+            "depth": self._depth(), "projection": self.live.projection,
+            "show_net": self.editor.show_net, "shows": self.live.shows,
+            "show_radius": self.editor.show_radius,
+            "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
+            "error": self.error, "notice": session.notice or " ".join(session.notes()),
+            "facts": f"{count} points, {moved} moved" + _step_text(session),
+            "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
+        }
+
+    def _depth(self) -> float:
+        """Where the slice lies, 0 in front and 1 at the back."""
+        low, high = self.session.depth_range
+        return (self.session.depth - low) / (high - low) if high > low else 0.5
+
+    def _try(self, action: Callable[[], Any]) -> None:
+        started = time.perf_counter()
+        self.error = ""
+        try:
+            action()
+            self._show()
+        except DeformError as error:
+            self.error = str(error)
+            self._show()
+        except Exception as error:
+            _LOG.exception("an action of the page failed")
+            self.error = f"{type(error).__name__}: {error}"
+        self.milliseconds = 1000 * (time.perf_counter() - started)
+        self.changed()
+
+    def _dragged(self, change: Any) -> None:
+        if not self._listening:
+            return
+        points = change["new"]
+        self._try(lambda: self.session.edit_points(points, kind=None))
+
+    def _show(self) -> None:
+        """Bring the widgets to what the session says."""
+        session, editor = self.session, self.editor
+        self._listening = False  # what the session says is no edit
+        try:
+            picture = session.picture()
+            if editor.picture is not picture:
+                editor.picture = picture
+            with editor.hold_sync():
+                for name in _OF_THE_FIT:
+                    setattr(editor, name, getattr(session.step, name))
+                editor.points = session.points
+        finally:
+            self._listening = True
+        shown = (session.deformation, session.index, session.key)
+        if shown != self._shown:
+            self._shown = shown
+            self._show_volume()
+
+    def _show_volume(self) -> None:
+        session, live = self.session, self.live
+        field = session.field()
+        is_last = session.index == len(session.deformation.steps) - 1
+        if is_last and session.step.plane is not None and session.step.enabled:
+            live.follow(self.editor, field, session.key)
+        else:
+            live.editor = None
+            live.show_deformation(field)
+        self._draw(lambda scene: scene.set_field(field))
+
+    def _look(self, direction: Any, up: Any) -> None:
+        self.live.set_camera(direction, up)
+        if self.remote is not None:
+            self.remote.set_camera(direction, up)
+
+    def _draw(self, change: Callable[[Any], None]) -> None:
+        """Change the scene that VTK draws, if there is one."""
+        if self.remote is not None:
+            self.remote.change(change)
+
+    def make_scene(self, size: tuple[int, int]) -> Any:
+        """What is shown now as a scene of VTK; called in the scene's thread."""
+        from deformnb.widgets.vtk_scene import VtkScene
+
+        scene = VtkScene(self.session.volume, size, transfer=self.session.transfer, projection=self.live.projection,
+                         background=self.live.background)
+        scene.set_field(self.session.field())
+        scene.set_shows(self.live.shows)
+        return scene
+
+    def fail(self, message: str) -> None:
+        """Say in the page what is wrong; may be called from any thread."""
+        def tell() -> None:
+            self.error = message
+            self.changed()
+
+        self.thread.call(tell)
+
+    def close(self) -> None:
+        """End the thread."""
+        if self.remote is not None:
+            self.remote.close()
+        self.thread.close()
+
+
+def _camera(plane: Plane) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(plane.normal), tuple(-c for c in plane.v)
+
+
+def _beside(plane: Plane) -> tuple[list[float], list[float]]:
+    """Nearly as the picture is seen, but turned a little, so that the depth shows."""
+    direction, up = _camera(plane)
+    camera = dragged(checked_camera({"direction": direction, "up": up}), "turn", *_GLANCE, 1.0)
+    return camera["direction"], camera["up"]
+
+
+def _step_text(session: Session) -> str:
+    count = len(session.deformation.steps)
+    return f" · picture {session.index + 1} of {count}" if count > 1 else ""

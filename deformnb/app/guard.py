@@ -1,0 +1,255 @@
+"""Who may talk to the application's server, and what may be said to it.
+
+trame's server alone answers every page of the browser and everyone on the machine: its password is public, it asks
+neither where a page came from nor by which name it was called, and a message may have 4 GB. So each start makes a
+password of its own, requests that carry another name or origin get 403, and of the remote procedures only those in a
+table remain, each with a check of its arguments. What is wrong is logged, without its content, and dropped.
+"""
+
+from __future__ import annotations
+
+import inspect
+import ipaddress
+import logging
+import secrets
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import msgpack
+from aiohttp import web
+from wslink.websocket import LinkProtocol
+
+from deformnb.errors import DeformError
+
+LONGEST_MESSAGE = 65536
+"""Bytes of a message by the page at most."""
+
+MOST_PAGES = 16
+"""Connections at a time: a classroom looks at one projector."""
+
+LOGIN_SECONDS = 10.0
+"""After which a connection without the password is closed."""
+
+_HEADER = 12  # bytes that wslink puts before a message
+_PER_SECOND = 240.0  # messages of one page that are read; a hand that drags makes 60, a camera another 60
+_AT_ONCE = 480.0
+
+_LOG = logging.getLogger(__name__)
+
+Answer = Callable[..., Any]
+"""A procedure that the page may call; the arguments are the page's, so it must check them."""
+
+
+def checked_host(host: str) -> str:
+    """The address to listen at: this machine only, or one address that is named in full.
+
+    Raises
+    ------
+    DeformError
+        If it means all addresses, or is no address: the names under which pages may be asked for follow from it.
+
+    Examples
+    --------
+    >>> checked_host("localhost")
+    '127.0.0.1'
+    """
+    if host == "localhost":
+        return "127.0.0.1"
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        raise DeformError(f"{host!r} is no address; name one of this machine, such as 127.0.0.1.") from None
+    if address.is_unspecified or address.is_multicast:
+        raise DeformError(f"{host} means every address of this machine; name the one that others are to use.")
+    return str(address)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address."""
+    return ipaddress.ip_address(host).is_loopback
+
+
+def own_names(host: str, port: int) -> frozenset[str]:
+    """What the header Host may say: a page of another site that has turned its name into our address says its own."""
+    names = {f"[{host}]" if ":" in host else host}
+    if is_loopback(host):
+        names.add("localhost")
+    return frozenset(f"{name}:{port}" for name in names)
+
+
+def headers_for(name: str) -> dict[str, str]:
+    """Headers of every answer: the page loads from and speaks to this server only, and nobody may frame it."""
+    # The client that trame brings compiles its templates in the page: that is what unsafe-eval is for.
+    policy = {
+        "default-src": "'self'", "script-src": "'self' 'unsafe-eval' blob:", "style-src": "'self' 'unsafe-inline'",
+        "img-src": "'self' blob: data:", "font-src": "'self' data:", "connect-src": f"'self' ws://{name}",
+        "object-src": "'none'", "base-uri": "'self'", "form-action": "'none'", "frame-ancestors": "'none'",
+    }
+    return {
+        "Content-Security-Policy": "; ".join(f"{what} {where}" for what, where in policy.items()),
+        "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
+        "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
+    }
+
+
+def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int]) -> Any:
+    """A middleware that answers 403 to foreign names and origins.
+
+    Parameters
+    ----------
+    names : the server's own, see :func:`own_names`; asked at each request, for the port is chosen late.
+    connections : how many pages are connected.
+    """
+
+    @web.middleware
+    async def check(request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]) -> Any:
+        name, origins = request.headers.get("Host", ""), request.headers.getall("Origin", [])
+        is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
+        if name not in names() or len(request.headers.getall("Host")) != 1:
+            return _refused(403, "another name")
+        # A browser says of every socket where its page came from; one that does not say is no page of ours.
+        if (origins or is_socket) and origins != [f"http://{name}"]:
+            return _refused(403, "another origin")
+        if request.method not in ("GET", "HEAD"):
+            return _refused(405, "another method")
+        if is_socket and connections() >= MOST_PAGES:
+            return _refused(503, "too many pages")
+        response = await handler(request)
+        if not response.prepared:
+            response.headers.update(headers_for(name))
+        return response
+
+    return check
+
+
+def _refused(status: int, reason: str) -> web.Response:
+    _LOG.warning("a request was refused (%d): %s", status, reason)
+    return web.Response(status=status, text=f"refused: {reason}\n")
+
+
+class Doorkeeper(LinkProtocol):  # type: ignore[misc]  # wslink has no types
+    """Asks pages for the password of this start, and knows since when each is there."""
+
+    def __init__(self, token: str) -> None:
+        super().__init__()
+        self._token = token.encode()
+        self._since: dict[str, float] = {}
+
+    async def validateToken(self, token: Any, client_id: str) -> bool:  # noqa: N802  (wslink's name)
+        """Called by wslink with what a page gave as password."""
+        return isinstance(token, str) and secrets.compare_digest(token.encode(), self._token)
+
+    def onConnect(self, request: Any, client_id: str) -> None:  # noqa: N802
+        """Called by wslink for a new page."""
+        self._since[client_id] = time.monotonic()
+
+    def onClose(self, client_id: str) -> None:  # noqa: N802
+        """Called by wslink when a page is gone."""
+        self._since.pop(client_id, None)
+
+    def strangers(self, known: set[str]) -> list[str]:
+        """Pages that had time to give the password and did not."""
+        limit = time.monotonic() - LOGIN_SECONDS
+        return [client for client, since in self._since.items() if client not in known and since < limit]
+
+
+class MessageGuard:
+    """Stands before wslink's handler of one socket route and lets through what the table knows.
+
+    Parameters
+    ----------
+    handler : wslink's handler; its table of procedures is replaced.
+    answers : what the page may call, by name.
+    """
+
+    def __init__(self, handler: Any, answers: Mapping[str, Answer]) -> None:
+        self._handler = handler
+        self._answers = dict(answers)
+        self._buckets: dict[str, tuple[float, float]] = {}
+        self.dropped = 0
+        handler.functionMap.clear()
+        handler.functionMap.update({name: (self, _without_self(self._guarded(name))) for name in answers})
+        handler.onMessage = self.receive  # asked for at each message
+
+    def _guarded(self, name: str) -> Answer:
+        answer = self._answers[name]
+
+        async def call(*args: Any, **kwargs: Any) -> Any:
+            try:
+                if kwargs:
+                    raise DeformError("it has named arguments.")
+                result = answer(*args)
+                return await result if inspect.isawaitable(result) else result
+            except (DeformError, TypeError, ValueError, KeyError) as error:
+                self._drop("%s: %s", name, _short(error))
+                return None
+
+        return call
+
+    def _drop(self, why: str, *details: Any) -> None:
+        self.dropped += 1
+        # A flood of bad messages must not become a flood of lines: the 1st, 2nd, 4th, 8th ... is told.
+        if self.dropped & (self.dropped - 1) == 0:
+            _LOG.warning(f"a message was dropped (the %d. so far): {why}", self.dropped, *details)
+
+    async def receive(self, is_binary: bool, message: Any, client_id: str) -> None:
+        """Called by wslink with each message of a page."""
+        if not self._may_speak(client_id):
+            self._drop("too many at once")
+            return
+        try:
+            call = _decoded(message.data if is_binary else None)
+        except ValueError as error:
+            self._drop("%s", _short(error))
+            return
+        try:
+            with self._handler.network_monitor:
+                await self._handler.onCompleteMessage(call, client_id)
+        except (ConnectionError, RuntimeError, KeyError) as error:  # the page has gone meanwhile
+            self._drop("no way to answer: %s", type(error).__name__)
+
+    def _may_speak(self, client_id: str) -> bool:
+        now = time.monotonic()
+        if client_id not in self._buckets:
+            here = self._handler.connections
+            self._buckets = {client: bucket for client, bucket in self._buckets.items() if client in here}
+        left, last = self._buckets.get(client_id, (_AT_ONCE, now))
+        left = min(_AT_ONCE, left + (now - last) * _PER_SECOND)
+        self._buckets[client_id] = (max(0.0, left - 1), now)
+        return left >= 1
+
+
+def _without_self(function: Answer) -> Answer:
+    """wslink gives the object before the arguments."""
+
+    def call(_: Any, *args: Any, **kwargs: Any) -> Any:
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _decoded(data: Any) -> dict[str, Any]:
+    """A call of a procedure; ValueError if it is none."""
+    if not isinstance(data, bytes):
+        raise ValueError("a message that is text")
+    if not _HEADER < len(data) <= LONGEST_MESSAGE + _HEADER:
+        raise ValueError("a message that is too long or empty")
+    offset, size = (int.from_bytes(data[k : k + 4], "little") for k in (4, 8))
+    if offset or size != len(data) - _HEADER:  # no page of ours sends 4 MB, above which wslink sends pieces
+        raise ValueError("a message in pieces")
+    try:
+        call = msgpack.unpackb(data[_HEADER:])
+    except Exception as error:  # msgpack has many ways to say so
+        raise ValueError(f"no message: {type(error).__name__}") from None
+    if not isinstance(call, dict) or not set(call) <= {"wslink", "id", "method", "args", "kwargs"}:
+        raise ValueError("another form")
+    named = isinstance(call.get("id"), str) and len(call["id"]) <= 200 and isinstance(call.get("method"), str)
+    if not (named and isinstance(call.get("args", []), list) and isinstance(call.get("kwargs", {}), dict)):
+        raise ValueError("another form")
+    return call
+
+
+def _short(error: Exception) -> str:
+    """The first words of an error, without what the page wrote into it across several lines."""
+    return " ".join(str(error).split())[:160]

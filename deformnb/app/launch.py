@@ -1,0 +1,102 @@
+"""From the command line to a running server: read the volume, print the address, open the browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import html
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from deformnb.app.desk import Desk
+from deformnb.app.guard import checked_host, is_loopback
+from deformnb.app.server import AppServer
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.opening import best_view
+from deformnb.plane import VIEWS
+from deformnb.session import Session
+from deformnb.volume import Volume
+
+
+def check_app(host: str, port: int, side: str | None) -> str:
+    """The address to listen at, or what is wrong with the options, before a volume is read.
+
+    Raises
+    ------
+    DeformError
+        For an address, a port or a side that cannot be.
+    """
+    if not 0 <= port < 2**16:
+        raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
+    if side is not None and side not in VIEWS:
+        raise DeformError(f"unknown side {side!r}; choose one of {', '.join(VIEWS)}.")
+    return checked_host(host)
+
+
+def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
+    """The volume for who brings none."""
+    return PHANTOMS["fish"].make(progress=progress)
+
+
+def open_app(volume: Volume, *, side: str | None = None, viewer: str = "live", host: str = "127.0.0.1", port: int = 0,
+             browser: bool = True) -> None:
+    """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
+
+    Parameters
+    ----------
+    volume : what is deformed.
+    side : side of the first picture; default is the one that shows most.
+    viewer : "live" or "vtk", see :data:`deformnb.app.VIEWERS`.
+    host, port : where to listen; port 0 takes a free one.
+    browser : whether to open a browser.
+
+    Raises
+    ------
+    DeformError
+        If the address or the port cannot be had.
+    """
+    host = check_app(host, port, side)
+    if not is_loopback(host):
+        _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
+    desk = Desk(Session(volume, view=side or best_view(volume)), viewer=viewer)
+    try:
+        server = AppServer(desk, host=host, port=port)
+        with contextlib.ExitStack() as stack:
+            asyncio.run(server.run(lambda url: _announce(url, stack if browser else None)))
+    except OSError as error:
+        raise DeformError(f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; "
+                          "choose another --port.") from None
+    finally:
+        desk.close()
+    _say(f"stopped: {server.reason}.")
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"deformnb: {text}\n")
+    sys.stderr.flush()
+
+
+def _announce(url: str, stack: contextlib.ExitStack | None) -> None:
+    sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
+    sys.stdout.flush()
+    _say("open this address in a browser of this machine; Ctrl-C ends it.")
+    if stack is not None:
+        webbrowser.open(stack.enter_context(_doorway(url)).as_uri())
+
+
+@contextlib.contextmanager
+def _doorway(url: str) -> Iterator[Path]:
+    """A file that leads to the address: arguments of a program, such as a browser, can be read by other users."""
+    handle, name = tempfile.mkstemp(prefix="deformnb-", suffix=".html")  # only its owner may read it
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" '
+                       f'content="0; url={html.escape(url)}"><title>deformnb</title>')
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)

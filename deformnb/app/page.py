@@ -1,0 +1,139 @@
+"""The page's layout: a bar, the picture, the volume, the controls of the table, and a line of facts below."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from deformnb.app.controls import AbstractControl, Choice, Formula, Number, Switch
+from deformnb.app.desk import Desk
+from deformnb.app.remote import AREA
+
+_GROUPS = (
+    ("Picture", ("view", "method", "depth", "show_net", "show_radius")),
+    ("Deformation", ("kernel", "trend", "support", "smoothing")),
+    ("Through the depth", ("extrusion", "curve", "key", "strength")),
+    ("Volume", ("shows", "transfer", "projection")),
+)
+_SHOWN_IF = {"depth": "method === 'slice'", "curve": "extrusion === 'modulate'", "key": "extrusion === 'interpolate'"}
+_BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
+            ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
+_THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"
+_SAVE = "utils.download(dnb_document, trigger('save'), 'application/json')"
+
+
+def build_page(server: Any, desk: Desk) -> None:
+    """Give trame's server the page of a desk.
+
+    Parameters
+    ----------
+    server : trame's, before it starts.
+    desk : whose controls and names are shown.
+    """
+    from trame.ui.vuetify3 import VAppLayout
+    from trame.widgets import html
+    from trame_vuetify.widgets import vuetify3 as v
+
+    name = desk.session.volume.name or "volume"
+    server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css", "deformnb/widgets.css"],
+                          "vue_use": ["deformnb_app"]})
+    state = server.state
+    state.trame__title = f"{name} - deformnb"
+    state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer,
+                  "dnb_document": f"{_plain(name)}-session.json"})
+    state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "trame_error_report_msg"]
+    shapes = " × ".join(str(n) for n in desk.session.volume.shape[::-1])
+    with VAppLayout(server) as layout:
+        layout.root.theme = ("dnb_theme",)
+        with v.VAppBar(density="compact", flat=True, classes="dnb-app-bar"):
+            html.Div("deformnb", classes="dnb-app-brand")
+            html.Div("{{ dnb_name }}", classes="dnb-app-name")
+            html.Div(f"{shapes} voxels", classes="dnb-app-soft")
+            v.VSpacer()
+            _buttons(v)
+        with v.VMain(classes="dnb-app-back"), html.Div(classes="dnb-app-main"):
+            with html.Section(classes="dnb-app-half", aria_label="Picture", __properties=["aria_label"]):
+                _widget("editor", "deformnb/editor.js")
+            with html.Section(classes="dnb-app-half", aria_label="Volume", __properties=["aria_label"]):
+                _volume(html)
+            with html.Aside(classes="dnb-app-panel", aria_label="Settings", __properties=["aria_label"]):
+                _panel(v, html, desk)
+        with v.VFooter(app=True, classes="dnb-app-foot", role="status", __properties=["role"]):
+            html.Span("{{ facts }}")
+            html.Span("{{ latency }}", classes="dnb-app-soft")
+            html.Span("{{ notice }}", classes="dnb-app-notice")
+        with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
+            html.Span("{{ error }}")
+
+
+def _widget(name: str, source: str) -> None:
+    from trame_client.widgets.core import AbstractElement
+
+    part = AbstractElement("deformnb-widget", name=name, source=source, theme=("dnb_theme",))
+    part._attr_names += ["name", "source", "theme"]
+
+
+def _volume(html: Any) -> None:
+    from trame_rca.widgets import rca
+
+    with html.Div(v_if=("dnb_viewer === 'live'",), classes="dnb-app-fill"):
+        _widget("live", "deformnb/live.js")
+    with html.Div(v_else=True, classes="dnb-app-fill dnb-app-remote"):
+        rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
+
+
+def _buttons(v: Any) -> None:
+    for name, icon, title, disabled in _BUTTONS:
+        v.VBtn(icon=icon, size="small", variant="text", click=f"trigger('{name}')", disabled=(disabled,),
+               title=(title,), aria_label=(title,), __properties=["title", "aria_label"])
+    v.VDivider(vertical=True, inset=True, classes="mx-2")
+    v.VBtn("From the picture's side", prepend_icon="mdi-eye-outline", size="small", variant="text",
+           click="trigger('front')", title="Look at the volume from where the picture was taken",
+           __properties=["title"])
+    v.VBtn("Save", prepend_icon="mdi-download", size="small", variant="tonal", color="primary", click=_SAVE,
+           title="Save the session as a file", __properties=["title"])
+    v.VBtn(icon=("dnb_theme === 'dark' ? 'mdi-weather-sunny' : 'mdi-weather-night'",), size="small", variant="text",
+           click=_THEME, title="Light or dark", aria_label="Light or dark", classes="ml-1",
+           __properties=["title", "aria_label"])
+
+
+def _panel(v: Any, html: Any, desk: Desk) -> None:
+    for title, names in _GROUPS:
+        html.H2(title, classes="dnb-app-group")
+        switches = [name for name in names if isinstance(desk.controls[name], Switch)]
+        for name in names:
+            if name not in switches:
+                _control(v, html, name, desk.controls[name])
+        if switches:
+            with html.Div(classes="dnb-app-switches"):
+                for name in switches:
+                    _control(v, html, name, desk.controls[name])
+
+
+def _control(v: Any, html: Any, name: str, control: AbstractControl) -> None:
+    shown = {"v_if": (_SHOWN_IF[name],)} if name in _SHOWN_IF else {}
+    common = {"density": "compact", "hide_details": True, "color": "primary"}
+    if isinstance(control, Choice):
+        items = [{"value": value, "title": title} for value, title in control.titles]
+        v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
+                  title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
+    elif isinstance(control, Formula):
+        v.VTextField(v_model_lazy=(name,), label=control.title, variant="outlined", title=control.hint,
+                     placeholder="sin(pi*z)", maxlength=200, classes="dnb-app-select", spellcheck="false",
+                     __properties=["title", "maxlength", "spellcheck", "v_model_lazy"], **common, **shown)
+    elif isinstance(control, Number):
+        value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
+        if control.unset:
+            value = f"{name} ? {value} : '{control.unset}'"
+        with html.Div(classes="dnb-app-number", title=control.hint, **shown):
+            html.Span(control.title, classes="dnb-app-label")
+            v.VSlider(v_model_number=(name,), min=control.low, max=control.high, step=control.step,
+                      aria_label=control.title, track_size=3, thumb_size=14, __properties=["aria_label"], **common)
+            html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
+    elif isinstance(control, Switch):
+        v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)
+
+
+def _plain(name: str) -> str:
+    """A file name of letters that every system takes."""
+    stem = name.split(".", maxsplit=1)[0]
+    return "".join(c if c.isalnum() or c in "-_" else "-" for c in stem)[:80] or "volume"

@@ -1,0 +1,234 @@
+"""The server: trame's, with its doors shut, for the pages of one session."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from importlib.resources import files
+from typing import Any
+
+from aiohttp import web
+
+from deformnb.app import IDLE_SECONDS
+from deformnb.app.bridge import Bridge
+from deformnb.app.desk import Desk
+from deformnb.app.guard import LONGEST_MESSAGE, Answer, Doorkeeper, MessageGuard, gate, own_names
+from deformnb.app.page import build_page
+from deformnb.errors import DeformError
+from deformnb.widgets.assets import joined, style
+
+_LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
+_LOOK_EVERY = 1.0  # seconds between looks at who is still there
+
+_LOG = logging.getLogger(__name__)
+
+
+class AppServer:
+    """Serves a desk to browsers that know this start's password.
+
+    Parameters
+    ----------
+    desk : what the page shows and changes.
+    host, port : where to listen; port 0 takes a free one.
+    idle : seconds without a page after which the server ends.
+
+    Attributes
+    ----------
+    url : where the page is, with its password; empty before the server runs.
+    reason : why it ended.
+    """
+
+    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = IDLE_SECONDS) -> None:
+        from trame.app import get_server
+
+        self.desk, self.host, self.idle = desk, host, idle
+        self.url, self.reason = "", ""
+        self.token = secrets.token_urlsafe(32)
+        self._wanted_port = port
+        self._parent = os.getppid()
+        self._guards: list[MessageGuard] = []
+        self._handlers: list[Any] = []
+        self._doorkeeper = Doorkeeper(self.token)
+        self._end: asyncio.Event | None = None
+        self._trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3",
+                                 ws_max_msg_size=LONGEST_MESSAGE)
+        self.bridge = Bridge(desk, self._trame)
+        self._trame.add_protocol_to_configure(self._configure)
+        self._trame.controller.on_server_bind.add(self._bind)
+        build_page(self._trame, desk)
+
+    @property
+    def port(self) -> int:
+        """The port that is listened at."""
+        return int(self._trame.port)
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were refused."""
+        return sum(guard.dropped for guard in self._guards)
+
+    # -- life ----------------------------------------------------------------------------------------------------------
+
+    async def run(self, ready: Callable[[str], None] | None = None) -> None:
+        """Serve until something ends it.
+
+        Parameters
+        ----------
+        ready : called with the address once pages can come.
+        """
+        self._end = asyncio.Event()
+        with _quiet(), self._signals():
+            serving = asyncio.ensure_future(self._start())
+            started = asyncio.ensure_future(self._trame.ready)
+            await asyncio.wait({serving, started}, return_when=asyncio.FIRST_COMPLETED)
+            if serving.done():
+                started.cancel()
+                await serving  # raises what went wrong
+                raise DeformError("the server ended before it began.")
+            name = f"[{self.host}]" if ":" in self.host else self.host
+            self.url = f"http://{name}:{self.port}/index.html?secret={self.token}&reconnect=auto"
+            try:
+                if ready is not None:
+                    ready(self.url)
+                await self._watch(serving)
+            finally:
+                self.bridge.close()
+                await self._trame.stop()
+                await serving
+
+    def stop(self, reason: str = "asked to") -> None:
+        """End the server; may be called from any thread."""
+        self.reason = self.reason or reason
+        if self._end is not None:
+            self.bridge.in_loop(self._end.set)
+
+    def _start(self) -> Any:
+        with _no_arguments():  # trame reads the command line, where it would find options of ours
+            return self._trame.start(port=self._wanted_port, host=self.host, thread=True, open_browser=False,
+                                     show_connection_info=False, disable_logging=True, backend="aiohttp",
+                                     exec_mode="coroutine", timeout=0)
+
+    async def _watch(self, serving: asyncio.Future[Any]) -> None:
+        assert self._end is not None
+        last = time.monotonic()
+        while not (self._end.is_set() or serving.done()):
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._end.wait(), min(_LOOK_EVERY, self.idle / 4))
+            known = {client for handler in self._handlers for client in handler.authentified_client_ids}
+            last = time.monotonic() if known else last
+            if time.monotonic() - last > self.idle:
+                self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
+            if os.getppid() != self._parent:
+                self.stop("the program that started it has ended")
+            for handler in self._handlers:
+                for client in self._doorkeeper.strangers(known) if handler.connections else ():
+                    if client in handler.connections:
+                        await handler.connections[client].close()
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        loop, caught = asyncio.get_running_loop(), []
+        reasons = {"SIGINT": "Ctrl-C", "SIGTERM": "the system asked to", "SIGHUP": "the terminal has gone"}
+        for name, why in reasons.items():
+            number = getattr(signal, name, None)
+            # Signals belong to the main thread; tests run a server in another.
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+                if number is not None:
+                    loop.add_signal_handler(number, self.stop, why)
+                    caught.append(number)
+        try:
+            yield
+        finally:
+            for number in caught:
+                loop.remove_signal_handler(number)
+
+    # -- trame's own server, made narrow -------------------------------------------------------------------------------
+
+    def _configure(self, root: Any) -> None:
+        root.registerLinkProtocol(self._doorkeeper)
+        self.bridge.attach(root)
+
+    def _bind(self, served: Any) -> None:
+        """Called by trame when its web server is made and has not begun to listen."""
+        self._trame.protocol.updateSecret(self.token)
+        served.config["ws_compress"] = False  # voxels and pictures are packed already
+        self._handlers = list(served._ws_handlers)
+        self._guards = [MessageGuard(handler, self._answers(handler.functionMap)) for handler in self._handlers]
+        served.app.middlewares.append(gate(lambda: own_names(self.host, self.port),
+                                           lambda: sum(len(h.connections) for h in self._handlers)))
+        pages = _assets()
+        served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
+
+    def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
+        """What the page may call: trame's state, our bridge, the remote view's size and mouse."""
+        state, state_of = offered["trame.state.get"]
+
+        def life(name: str) -> None:
+            if name not in _LIFE:
+                raise DeformError("no stage of a page's life.")
+
+        def failed(message: str) -> None:
+            _LOG.error("the page reports: %.300s", " ".join(str(message).split()))
+
+        return {"trame.state.get": lambda: state_of(state), "trame.lifecycle.update": life,
+                "trame.error.client": failed, **self.bridge.answers()}
+
+
+def _serve(text: str, kind: str) -> Callable[[web.Request], Any]:
+    async def answer(request: web.Request) -> web.Response:
+        return web.Response(text=text, content_type=kind)
+
+    return answer
+
+
+def _assets() -> dict[str, tuple[str, str]]:
+    """Our part of the page by its path: text and content type."""
+    from deformnb.widgets.editor import Editor
+    from deformnb.widgets.live_view import LiveView
+
+    script, sheet = "text/javascript", "text/css"
+    page = (files("trame_client.module") / "vue3-www" / "index.html").read_text(encoding="utf-8")
+    own, found = page.replace("<head>", '<head><script src="deformnb/door.js"></script>'), page.count("<head>")
+    if found != 1:
+        raise DeformError("the page of this version of trame-client is not as expected; install version 4.1.")
+    # Its only script within the page draws a waiting sign, which our policy would refuse with a complaint.
+    start, end = own.rindex("<script>"), own.rindex("</script>") + len("</script>")
+    index = own[:start] + own[end:]
+    return {
+        "/": (index, "text/html"), "/index.html": (index, "text/html"),
+        "/deformnb/door.js": (joined("app_door.js"), script),
+        "/deformnb/app.js": (joined("plain_model.js", "app_bridge.js"), script),
+        "/deformnb/app.css": (style("app.css"), sheet),
+        "/deformnb/editor.js": (str(Editor._esm), script), "/deformnb/live.js": (str(LiveView._esm), script),
+        "/deformnb/widgets.css": (f"{Editor._css}\n{LiveView._css}", sheet),
+    }
+
+
+@contextlib.contextmanager
+def _no_arguments() -> Iterator[None]:
+    argv, kept = sys.argv, os.environ.pop("TRAME_ARGS", None)
+    sys.argv = argv[:1]
+    try:
+        yield
+    finally:
+        sys.argv = argv
+        if kept is not None:
+            os.environ["TRAME_ARGS"] = kept
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """No log of requests, whatever the level of logging: an address holds the password."""
+    log = logging.getLogger("aiohttp.access")
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before

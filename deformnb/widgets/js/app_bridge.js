@@ -1,0 +1,121 @@
+// Puts the widgets' own pages into the application's page. Joined behind plain_model.js; a plain script, no module.
+//
+// trame's client brings Vue and the socket. <deformnb-widget name="editor"> is a Vue component that asks for the state
+// of that widget, gives it to a PlainModel, and draws the widget with it, as a notebook would. What the widget says
+// goes to Python as calls of procedures; what Python says comes under one topic.
+
+const APP_PAGE = Math.random().toString(36).slice(2); // tells our own changes from those of other pages
+const APP_TOPIC = "deformnb.widget";
+
+// Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives.
+function appBytes(value) {
+  return value instanceof Uint8Array ? new DataView(value.buffer, value.byteOffset, value.byteLength) : value;
+}
+
+function appState(state) {
+  return Object.fromEntries(Object.entries(state).map(([name, value]) => [name, appBytes(value)]));
+}
+
+class AppWidgets {
+  constructor(trame) {
+    Object.assign(this, { trame, models: {}, opening: {}, session: null });
+  }
+
+  // The socket of now: after a broken connection it is another one, and all state comes anew.
+  connect() {
+    const session = this.trame.client.getConnection().getSession();
+    if (session === this.session) return;
+    Object.assign(this, { session, models: {}, opening: {} });
+    session.subscribe(APP_TOPIC, ([message]) => this.hear(message));
+  }
+
+  hear({ widget, content, buffers, state, origin }) {
+    const model = this.models[widget];
+    if (!model || origin === APP_PAGE) return;
+    if (state) model.update(appState(state));
+    else model.receive(content, (buffers || []).map(appBytes));
+  }
+
+  async open(name) {
+    this.connect();
+    this.opening[name] ??= this.#open(name);
+    return this.opening[name];
+  }
+
+  async #open(name) {
+    const { session } = this, answer = await session.call("deformnb.open", [name]);
+    if (!answer) throw new Error("the server does not know this part of the page");
+    const ids = answer.models;
+    const model = new PlainModel(appState(answer.state), {
+      deliver: (content) => this.call("deformnb.message", [name, content]),
+      save: (changed) => this.call("deformnb.state", [name, APP_PAGE, changed]),
+    });
+    model.widget_manager = { get_model: (id) => this.open(ids[id.replace("IPY_MODEL_", "")]) };
+    this.models[name] = model;
+    return model;
+  }
+
+  // A call that fails because the connection has gone is no news: the page says so by itself.
+  call(method, given) { this.session.call(method, given).catch(() => {}); }
+}
+
+const AppWidget = {
+  props: { name: String, source: String, theme: String },
+  watch: {
+    theme() { if (this.name === "editor") this.model?.update({ theme: this.theme }); }, // volumes look best on black
+  },
+  inject: ["trame"],
+  template: '<div ref="place" class="dnb-app-widget"></div>',
+  async mounted() {
+    const place = this.$refs.place;
+    try {
+      const widgets = (this.trame.deformnb ??= new AppWidgets(this.trame));
+      const [model, page] = await Promise.all([widgets.open(this.name),
+        import(new URL(this.source, document.baseURI).href)]);
+      if (this.isGone) return;
+      if (this.name === "editor") model.update({ theme: this.theme, fill: true });
+      this.model = model;
+      const close = await page.default.render({ model, el: place });
+      const unfit = fitted(this.name, model, place);
+      this.close = () => { unfit(); close?.(); };
+      if (this.isGone) this.close();
+    } catch (error) {
+      console.error(error);
+      place.textContent = `This part of the page could not be shown: ${error.message}`;
+    }
+  },
+  beforeUnmount() {
+    this.isGone = true;
+    this.close?.();
+  },
+};
+
+// The widgets have sizes of their own; here they fill the place they are given. Returns what ends that.
+function fitted(name, model, place) {
+  const apply = () => {
+    const { width, height } = place.getBoundingClientRect();
+    if (width < 80 || height < 80) return;
+    if (name === "live") {
+      model.update({ width: Math.min(8192, Math.floor(width)), height: Math.min(8192, Math.floor(height)) });
+    } else {
+      // What the editor says around its picture: a bar above and lines below.
+      const root = place.firstElementChild, stage = root?.querySelector(".dnb-ed-stage");
+      const around = stage ? Math.ceil(root.offsetHeight - stage.offsetHeight) : 0;
+      model.update({ height: Math.max(120, Math.min(4096, Math.floor(height) - around)) });
+    }
+  };
+  const observer = new ResizeObserver(apply);
+  observer.observe(place);
+  apply();
+  setTimeout(apply, 300); // once more when fonts and bars have their sizes
+  return () => observer.disconnect();
+}
+
+window.deformnb_app = {
+  install(app) {
+    app.component("deformnb-widget", AppWidget);
+    const { state } = window.trame; // nothing is drawn yet: what is set here holds from the first picture on
+    if (window.matchMedia("(prefers-color-scheme: dark)").matches) state.set("dnb_theme", "dark");
+    if (!document.createElement("canvas").getContext("webgl2")) state.set("dnb_viewer", "vtk");
+  },
+};
