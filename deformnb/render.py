@@ -195,7 +195,7 @@ class _VtkScene:
 
     def __call__(self, volume: Volume, plane: Plane, height: float, progress: Progress | None = None) -> Image:
         if volume.values is not self._values:
-            self._show(_for_vtk(volume))
+            self._show(for_vtk(volume))
             self._values = volume.values
         plotter = self._plotter
         self._actor.mapper.SetSampleDistance(_sampling(volume, height, self._size))
@@ -225,14 +225,14 @@ class _VtkScene:
         self._actor = self._plotter.add_volume(
             self._image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray", opacity="linear",
             opacity_unit_distance=self._transfer.unit, reset_camera=False, render=False)
-        _set_transfer(self._actor.prop, self._transfer)
+        set_vtk_transfer(self._actor.prop, self._transfer)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
 
     def close(self) -> None:
         self._plotter.close()
 
 
-def _for_vtk(volume: Volume) -> Volume:
+def for_vtk(volume: Volume) -> Volume:
     """A volume as VTK draws it well: no NaN (it makes holes), no bool (pyvista drops them), background all around.
 
     VTK's body ends at the centres of the outermost voxels: one slice would have no thickness, and the face of a body
@@ -245,7 +245,8 @@ def _for_vtk(volume: Volume) -> Volume:
     return replace(volume, values=values, grid=volume.grid.crop((-1, -1, -1), (nz + 2, ny + 2, nx + 2)))
 
 
-def _set_transfer(prop: Any, transfer: TransferFunction) -> None:
+def set_vtk_transfer(prop: Any, transfer: TransferFunction) -> None:
+    """Give a volume's property in VTK the colours and opacities, and the light of all pictures."""
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 

@@ -21,9 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Plane
-from deformnb.render import _for_vtk as for_vtk
-from deformnb.render import _set_transfer as set_vtk_transfer
-from deformnb.render import gl_status
+from deformnb.render import for_vtk, gl_status, set_vtk_transfer
 from deformnb.transfer import TransferFunction, levels, preset
 from deformnb.volume import Grid, Volume
 from deformnb.warp import Warper
