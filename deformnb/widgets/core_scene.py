@@ -1,0 +1,95 @@
+"""The scene of :mod:`~deformnb.widgets.vtk_scene` for machines without OpenGL: the package itself draws it, slower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from deformnb.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.transfer import TransferFunction, preset
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.shown_volume import shown_volume
+from deformnb.widgets.stills import Scene, render_scene
+from deformnb.widgets.view import Image, checked_camera
+
+# Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
+_QUICK_VOXELS = 96**3
+_QUICK_SHARE = 0.35
+
+_LIMIT, _LARGEST = 256**3, 2048
+
+
+class CoreScene:
+    """One volume as the core draws it; parameters and methods are those of ``VtkScene``."""
+
+    path = "core"
+
+    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
+                 transfer: TransferFunction | str = "specimen", projection: str = "shaded",
+                 background: str = "dark") -> None:
+        self._size, self._projection, self._background = size, projection, background
+        self._wanted_transfer, self._camera = transfer, checked_camera({})
+        self._shows = "deformed"
+        self.set_volume(volume)
+
+    @property
+    def plotter(self) -> Any:
+        """There is none."""
+        raise DeformError("there is no plotter, for VTK cannot draw here: apt-get install libegl1 libgl1, then restart.")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture in pixels."""
+        return self._size
+
+    def set_volume(self, volume: Volume) -> None:
+        """Show another volume, without deformation, from the same side."""
+        self._volume, self._shown = volume, shown_volume(volume, _LIMIT, _LARGEST)
+        self._field: AbstractField | None = None
+        self._output: Grid | None = None
+        self.set_transfer(self._wanted_transfer)
+
+    def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown."""
+        wanted = field.field(output or self._volume.grid) if isinstance(field, Deformation) else field
+        if wanted is not None and wanted.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        self._field, self._output = wanted, output
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities."""
+        self._wanted_transfer = transfer
+        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+
+    def set_projection(self, projection: str) -> None:
+        """Show shaded, as composite or mip."""
+        self._projection = projection
+
+    def set_background(self, background: str) -> None:
+        """A dark or a light one."""
+        self._background = background
+
+    def set_camera(self, camera: dict[str, Any]) -> None:
+        """Look from another side."""
+        self._camera = checked_camera(camera)
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen."""
+        self._shows = shows
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another (width, height) in pixels."""
+        self._size = size
+
+    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
+               interrupted: Callable[[], bool] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
+        width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
+        scene = Scene(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
+                      self._background, self._shows if shows is None else shows)
+        return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None)
+
+    def close(self) -> None:
+        """Nothing is held."""
