@@ -77,8 +77,9 @@ def open_app(volume: Volume, *, side: str | None = None, viewer: str = "live", h
 
 
 def _say(text: str) -> None:
-    sys.stderr.write(f"deformnb: {text}\n")
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # a terminal that has gone reads no farewell
+        sys.stderr.write(f"deformnb: {text}\n")
+        sys.stderr.flush()
 
 
 def _announce(url: str, stack: contextlib.ExitStack | None) -> None:

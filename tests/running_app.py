@@ -1,0 +1,148 @@
+"""An application's server in a thread of this process, and a page that speaks its protocol without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import AsyncIterator, Iterator
+from types import TracebackType
+from typing import Any
+
+import aiohttp
+import msgpack
+
+from deformnb.app.desk import Desk
+from deformnb.app.server import AppServer
+from deformnb.session import Session
+
+PATIENCE = 30.0  # seconds, on a busy machine
+
+
+class RunningApp:
+    """Serves a session from entering the context until leaving it."""
+
+    def __init__(self, session: Session, **options: Any) -> None:
+        self.desk = Desk(session, viewer=options.pop("viewer", "live"))
+        self._options = options
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self.error: BaseException | None = None
+        self.server: AppServer
+
+    def _serve(self) -> None:
+        async def run() -> None:
+            self.server = AppServer(self.desk, **self._options)
+            await self.server.run(lambda _: self._ready.set())
+
+        try:
+            asyncio.run(run())
+        except BaseException as error:  # told by the test that waits for it
+            self.error = error
+        finally:
+            self._ready.set()
+
+    def __enter__(self) -> RunningApp:
+        self._thread.start()
+        assert self._ready.wait(PATIENCE)
+        if self.error is not None:
+            raise self.error
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+                 ) -> None:
+        self.server.stop()
+        self.ended()
+        self.desk.close()
+        if self.error is not None and error is None:
+            raise self.error
+
+    def ended(self, seconds: float = PATIENCE) -> None:
+        """Wait for the end of the server."""
+        self._thread.join(seconds)
+        assert not self._thread.is_alive()
+
+    @property
+    def name(self) -> str:
+        """Host and port."""
+        return f"127.0.0.1:{self.server.port}"
+
+    def settled(self) -> None:
+        """Wait until the desk has done all that was asked of it so far."""
+        self.desk.thread.call(lambda: None).result(PATIENCE)
+
+
+def framed(content: Any) -> bytes:
+    """A message as wslink sends it: number, place of the piece, size of the whole, and the content."""
+    body = content if isinstance(content, bytes) else msgpack.packb(content)
+    return b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + len(body).to_bytes(4, "little") + body
+
+
+class Socket:
+    """A page's end of the conversation."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.heard: list[dict[str, Any]] = []
+        self._count = 0
+
+    async def send(self, method: str, *args: Any, system: bool = False, **extra: Any) -> str:
+        """Call a procedure without waiting; returns the call's id."""
+        self._count += 1
+        number = f"{'system' if system else 'rpc'}:c0:{self._count}"
+        await self.socket.send_bytes(framed({"wslink": "1.0", "id": number, "method": method, "args": list(args),
+                                             "kwargs": {}, **extra}))
+        return number
+
+    async def answer(self, number: str) -> dict[str, Any]:
+        """The answer to a call; what else is heard is kept in ``heard``."""
+        while True:
+            message = await asyncio.wait_for(self.socket.receive(), PATIENCE)
+            if message.type != aiohttp.WSMsgType.BINARY:
+                raise ConnectionError(f"closed with code {self.socket.close_code}")
+            parts = [message.data]
+            while sum(len(p) - 12 for p in parts) < int.from_bytes(parts[0][8:12], "little"):
+                parts.append((await asyncio.wait_for(self.socket.receive(), PATIENCE)).data)
+            content = msgpack.unpackb(b"".join(p[12:] for p in parts))
+            if content["id"] == number:
+                return content
+            self.heard.append(content)
+
+    async def call(self, method: str, *args: Any) -> Any:
+        """Call a procedure and return its result, or the error as a dictionary."""
+        answer = await self.answer(await self.send(method, *args))
+        return answer["result"] if "result" in answer else answer["error"]
+
+    async def login(self, secret: Any) -> bool:
+        """Whether the server takes a password."""
+        answer = await self.answer(await self.send("wslink.hello", {"secret": secret}, system=True))
+        return "result" in answer
+
+
+@contextlib.asynccontextmanager
+async def connected(app: RunningApp, *, origin: str | None = "", host: str | None = None,
+                    secret: Any = "") -> AsyncIterator[Socket]:
+    """A socket of the application: from its own origin and with its password unless told otherwise.
+
+    ``origin`` None sends none, ``secret`` None does not log in.
+    """
+    headers = {} if host is None else {"Host": host}
+    if origin is not None:
+        headers["Origin"] = origin or f"http://{app.name}"
+    async with aiohttp.ClientSession() as session, session.ws_connect(
+            f"http://{app.name}/ws", headers=headers, max_msg_size=0) as socket:
+        page = Socket(socket)
+        if secret is not None:
+            assert await page.login(secret or app.server.token)
+        yield page
+
+
+@contextlib.contextmanager
+def status_of(app: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
+    """Status, headers and text of a request."""
+    async def get() -> tuple[int, dict[str, str], str]:
+        async with aiohttp.ClientSession() as session, session.get(
+                f"http://{app.name}{path}", headers=headers, allow_redirects=False) as response:
+            return response.status, dict(response.headers), await response.text()
+
+    yield asyncio.run(get())
