@@ -34,9 +34,9 @@ from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView, _encoded, _in_bytes
+from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
-from deformnb.widgets.stills import render_still
+from deformnb.widgets.stills import as_png, render_scene
 from deformnb.widgets.view import SHOWS
 
 LIMIT = 128**3
@@ -90,7 +90,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     part = None if view is None else _view_part(editor, view, limit)
     name = title or (part.volume.name if part else "") or "Deformation"
     data = {
-        "editor": {**_traits(editor), "uid": "standalone", "live": False},
+        "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None,
         "kernels": [[k.name, k.title, k.order] for k in KERNELS.values()],
@@ -151,8 +151,9 @@ def _view_part(editor: Editor, view: LiveView, limit: int) -> _ViewPart:
     maps = card_maps(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
     chunks = [_chunk(shown, k) for k in range(shown.chunks)]
+    still = as_png(render_scene(replace(view._scene(), shown=shown, field=field), _STILL))
     return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
-                     _still(view, shown, field))
+                     still)
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
@@ -204,7 +205,7 @@ def _chunk(shown: ShownVolume, index: int) -> dict[str, Any]:
 
 
 def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
-    """The message ``field``; the map that the page fits by itself is left empty."""
+    """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
     buffers = [np.frombuffer(b, "<f4") for b in maps.buffers]
     if maps.content["planar"] is not None:
@@ -213,23 +214,13 @@ def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
         buffers[0] = _rounded(own, step)
     if maps.content["space"] is not None:
         buffers[-1] = _rounded(buffers[-1], step)
-    return {"content": {"type": "field", **maps.content}, "buffers": [_packed(b.tobytes()) for b in buffers]}
+    content = {"type": "field", "seq": 0, "follow": {"index": index, "points": []}, **maps.content}
+    return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers]}
 
 
 def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
     unit = 2.0 ** np.floor(np.log2(step))  # a power of two: the last digits of every number are then zero
     return (np.round(values / unit) * unit).astype("<f4")
-
-
-def _still(view: LiveView, shown: ShownVolume, field: AbstractField | None) -> bytes:
-    if getattr(view, "shows", "") == "original":
-        field = None
-    low, high = shown.window
-    assert view._transfer is not None
-    volume = Volume(shown.volume.values, shown.volume.grid, shown.volume.name, shown.volume.is_labels)
-    image = render_still(volume, field, view._output, view.camera, _in_bytes(view._transfer, low, high),
-                         view.projection, view.background, 255 * shown.white, _STILL)
-    return _encoded(image)
 
 
 # -- the text of the page ----------------------------------------------------------------------------------------------

@@ -1,0 +1,377 @@
+"""The page without a kernel in a real browser: from file://, with no network, dragged with a real mouse."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation
+from deformnb.document import from_json
+from deformnb.picture import project
+from deformnb.plane import Plane
+from deformnb.volume import Grid, Volume
+from deformnb.warp import warp_picture
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.standalone import write_standalone
+
+pytestmark = pytest.mark.needs_browser
+
+TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
+# The core warps voxel by voxel and then looks at the result, which blurs twice; on a finer grid the second time is
+# small, and its picture is what the card makes at every sample.
+FINE = GRID.resampled(spacing=0.75)
+PLANE = Plane.along(GRID, "+y")
+
+EDITOR = "document.querySelector('.dnb-editor').deformnb"
+VIEW = "document.querySelector('.dnb-view').deformnb"
+MODELS = "document.body.deformnb"
+
+
+def bar_with_a_ball() -> Volume:
+    """A bent bar with a ball at one end: no turn and no mirror brings it onto itself."""
+    k, j, i = (a / n for a, n in zip(np.indices(GRID.shape), GRID.shape, strict=True))
+    bar = np.maximum(np.abs(j - 0.5) / 0.36, np.maximum(np.abs(i - 0.3), np.abs(k - 0.4)) / 0.1)
+    arm = np.maximum(np.abs(i - 0.5) / 0.28, np.maximum(np.abs(j - 0.75), np.abs(k - 0.45)) / 0.12)
+    head = np.sqrt((k - 0.62) ** 2 + (j - 0.28) ** 2 + (i - 0.42) ** 2) / 0.22
+    edge = 1 + 8 * (1 - np.minimum(np.minimum(bar, arm), head))
+    return Volume((np.clip(edge, 0, 2) * 100).astype(np.uint8), GRID, "bar with a ball")
+
+
+def pair() -> tuple[Editor, LiveView]:
+    """Five points that move nothing yet, and the volume seen from where the picture is taken."""
+    volume = bar_with_a_ball()
+    low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))
+    at = low + (high - low) * np.array([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9], [0.45, 0.5]])
+    editor = Editor(project(volume, PLANE), ControlPoints.from_arrays(at), show_net=False)
+    view = LiveView(volume, transfer="surface", background="dark", settle_ms=60000)
+    view.set_camera(PLANE.normal, [-c for c in PLANE.v])
+    view.follow(editor, Deformation.on_picture(GRID, PLANE, editor.points).field(GRID), output=FINE)
+    return editor, view
+
+
+class Opened:
+    """A file in a browser that has no network."""
+
+    def __init__(self, browser: Any, path: Path, size: tuple[int, int], init: str, **options: Any) -> None:
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, offline=True, **options)
+        self.page = self.context.new_page()
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", self._heard)
+        if init:
+            self.page.add_init_script(init)
+        self.page.goto(path.as_uri())
+
+    def _heard(self, message: Any) -> None:
+        if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
+            self.errors.append(message.text)  # reading pixels back is what a screenshot is
+
+    def js(self, expression: str) -> Any:
+        return self.page.evaluate(f"() => {expression}")
+
+    def wait(self, condition: str, timeout: float = 30.0) -> None:
+        """Until an expression holds. Playwright's own waiting needs eval, which the page's policy forbids."""
+        for _ in range(int(timeout / 0.05)):
+            if self.js(f"Boolean({condition})"):
+                return
+            self.page.wait_for_timeout(50)
+        raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
+
+    def settled(self) -> None:
+        self.wait(f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source && "
+                  f"!{EDITOR}.isMoving && !{EDITOR}.frame")
+
+    def loaded(self) -> None:
+        self.settled()
+        self.wait("document.querySelector('.dnb-view') && !document.querySelector('.dnb-page-still')")
+        self.wait(f"{VIEW}.caster?.isReady && {VIEW}.field")
+
+    def drag(self, place: Any, by: tuple[float, float]) -> None:
+        """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
+        v, box = self.js(f"({EDITOR}.view)"), self.page.locator(".dnb-ed-stage").bounding_box()
+        x, y = box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        self.page.mouse.move(x + by[0], y + by[1], steps=5)
+        self.page.mouse.up()
+        self.settled()
+
+    def points(self) -> ControlPoints:
+        """The points as the page holds them."""
+        rows = self.js(f"{MODELS}.editor.get('points')")
+        return ControlPoints.from_arrays([r["source"] for r in rows], [r["target"] for r in rows])
+
+    def volume(self) -> NDArray[np.int64]:
+        """What is on the canvas of the volume, drawn in full now."""
+        data = self.js(f"""{{ const view = {VIEW}; view.loop.drawNow(4);
+            return view.canvas.toDataURL('image/png').split(',')[1]; }}""")
+        return _decoded(data)
+
+    def picture(self) -> NDArray[np.int64]:
+        """What is on the canvas of the editor."""
+        return _decoded(self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]"))
+
+
+def _decoded(text: str) -> NDArray[np.int64]:
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB")).astype(np.int64)
+
+
+@pytest.fixture
+def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
+    pages: list[Opened] = []
+
+    def open_page(editor: Editor, view: LiveView | None = None, *, size: tuple[int, int] = (940, 560), init: str = "",
+                  options: dict[str, Any] | None = None, **about: Any) -> Opened:
+        path = tmp_path / f"page {len(pages)}.html"
+        write_standalone(path, editor, view, **about)
+        pages.append(Opened(browser, path, size, init, **(options or {})))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.context.close()
+        assert page.errors == []
+        # The file itself, and pictures that it holds or has made; nothing else was even asked for.
+        assert [url.split(":")[0] for url in page.requests if not url.startswith(("blob:", "data:"))] == ["file"]
+
+
+def silhouette(image: NDArray[Any]) -> NDArray[np.bool_]:
+    """What is brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
+    return np.asarray(image.max(axis=2) > 64)
+
+
+def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    return 2 * float((a & b).sum()) / float(a.sum() + b.sum())
+
+
+def middle(image: NDArray[Any]) -> NDArray[np.float64]:
+    rows, columns = np.nonzero(silhouette(image))
+    return np.array([columns.mean(), rows.mean()])
+
+
+def dragged(page: Opened) -> NDArray[np.float64]:
+    """How far the middle point has gone, to the right and down."""
+    points = page.points()
+    return np.asarray(points.target[4] - points.source[4])
+
+
+def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    page = opened(editor, view)
+    page.loaded()
+    start, flat = page.volume(), page.picture()
+    size = (start.shape[1], start.shape[0])
+    assert dice(silhouette(start), silhouette(view.still(size))) > 0.965
+    page.drag(editor.points.target[4], (40, 25))
+    moved = page.volume()
+    wanted = Deformation.on_picture(GRID, PLANE, page.points())
+    right, down = dragged(page)
+    assert right > 1
+    assert down > 1
+    view.show_deformation(wanted, output=FINE)
+    expected = silhouette(view.still(size))
+    assert dice(silhouette(moved), expected) > 0.965
+    assert dice(silhouette(start), expected) < 0.93  # it would not be enough to stay as it was
+    assert (middle(moved) - middle(start) > 3).all()  # pixels to the right and down, as the hand went
+    # The picture too, exactly as the core warps it at the canvas's pixels.
+    editor.points = page.points()
+    v, raster = page.js(f"({EDITOR}.view)"), editor.picture.raster  # type: ignore[union-attr]
+    bent = page.picture()
+    d = 1 / (v["k"] * v["ratio"])
+    on_canvas = type(raster)(bent.shape[:2], (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
+                                                      (0.5 / v["ratio"] - v["y"]) / v["k"]))
+    core = warp_picture(editor.picture.grey(), raster, editor.fit(), output=on_canvas) * 255  # type: ignore[union-attr]
+    a0, a1, b0, b1 = raster.box
+    share = (on_canvas.points() - [a0, b0]) / [a1 - a0, b1 - b0]
+    inside = ((share > 0.25) & (share < 0.75)).all(axis=-1)  # away from the points' rings and the edge of the picture
+    assert np.abs(bent[..., 0] - core)[inside].mean() < 2
+    assert np.abs(bent - flat)[inside].mean() > 4
+    # Back and forth again.
+    page.page.keyboard.press("Control+z")
+    page.settled()
+    assert not page.points().displacement.any()
+    assert np.abs(page.volume() - start).mean() < 0.3
+    assert np.abs(page.picture() - flat).mean() < 0.3
+    page.page.keyboard.press("Control+y")
+    page.settled()
+    assert np.abs(page.volume() - moved).mean() < 0.3
+
+
+def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    page = opened(editor, view)
+    page.loaded()
+    start = page.volume()
+    box, v = page.page.locator(".dnb-ed-stage").bounding_box(), page.js(f"({EDITOR}.view)")
+    x, y = (box[c] + v["k"] * editor.points.target[4][k] + v[c] for k, c in enumerate("xy"))
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 40, y, steps=4)
+    page.wait(f"{VIEW}.link.isMoving")
+    assert (middle(page.volume()) - middle(start))[0] > 3
+    assert not page.points().displacement.any()  # the points are the model's until the hand lets go
+    page.page.mouse.up()
+    page.settled()
+    assert dragged(page)[0] > 1
+
+
+def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 4.0])
+    page = opened(editor, view)
+    page.loaded()
+    image = page.volume()
+    view.show_deformation(Deformation.on_picture(GRID, PLANE, editor.points), output=FINE)
+    assert dice(silhouette(image), silhouette(view.still((image.shape[1], image.shape[0])))) > 0.965
+
+
+def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: Path) -> None:
+    editor, view = pair()
+    editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 0.0])
+    page = opened(editor, view)
+    page.loaded()
+    start = page.volume()
+    strength = page.page.locator("input[name=strength]")
+    strength.fill("0")
+    page.settled()
+    assert (middle(start) - middle(page.volume()))[0] > 3
+    assert page.page.locator(".dnb-page-value").first.text_content() == "0 %"
+    strength.fill("-1")
+    page.settled()
+    assert (middle(start) - middle(page.volume()))[0] > 6
+    menu = page.page.locator("select[name=kernel]")
+    assert page.js("[...document.querySelector('select[name=kernel]').options].map((o) => o.value)")[:2] == [
+        "wendland_c2", "wendland_c0"]
+    menu.select_option("thin_plate")
+    page.page.locator("input[name=density]").fill("9")
+    page.settled()
+    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('density')]") == ["thin_plate", 9]
+    with page.page.expect_download() as waiting:
+        page.page.get_by_role("button", name="Download points").click()
+    waiting.value.save_as(tmp_path / "points.json")
+    document = from_json((tmp_path / "points.json").read_text(encoding="utf-8"))
+    (step,) = document.steps
+    assert (step.kernel, step.strength, step.plane) == ("thin_plate", -1.0, PLANE)
+    assert step.points == editor.points
+    page.page.get_by_role("button", name="Reset", exact=True).click()
+    page.settled()
+    assert np.abs(page.volume() - start).mean() < 0.3
+    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('strength')]") == ["wendland_c2", 1]
+
+
+def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    page = opened(editor, view)
+    page.loaded()
+    page.drag(editor.points.target[4], (30, 0))
+    moved = page.points()
+    page.page.get_by_role("button", name="Reset", exact=True).click()
+    page.settled()
+    assert not page.points().displacement.any()
+    page.page.get_by_role("button", name="Undo").click()
+    page.settled()
+    assert page.points() == moved
+
+
+def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    editor.trend = "none"
+    page = opened(editor, view)
+    page.loaded()
+    options = "[...document.querySelector('select[name=kernel]').options]"
+    off = page.js(f"{options}.filter((o) => o.disabled).map((o) => o.value)")
+    assert off == ["thin_plate", "multiquadric", "cubic", "linear"]
+
+
+NO_WEBGL = """{ const get = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+        return kind === "webgl2" ? null : get.call(this, kind, ...rest); }; }"""
+
+
+def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    page = opened(editor, view, init=NO_WEBGL)
+    page.settled()
+    page.wait("document.querySelector('.dnb-still')?.naturalWidth === 640")
+    assert "No live view" in page.page.text_content(".dnb-notice")
+    shown = _decoded(page.js("""(() => { const image = document.querySelector('.dnb-still'),
+        canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
+        canvas.getContext('2d').drawImage(image, 0, 0);
+        return canvas.toDataURL('image/png').split(',')[1]; })()"""))
+    assert np.abs(shown - view.still((640, 480)).astype(int)).mean() < 0.5
+    page.drag(editor.points.target[4], (40, 25))
+    assert dragged(page).min() > 1
+
+
+def test_the_picture_alone_is_a_page_too(opened: Callable[..., Opened]) -> None:
+    editor, _ = pair()
+    page = opened(editor, title="a picture")
+    page.settled()
+    page.drag(editor.points.target[4], (40, 25))
+    assert dragged(page).min() > 1
+    assert page.js("document.querySelectorAll('.dnb-view, .dnb-page-still').length") == 0
+    assert page.page.title() == "a picture"
+
+
+def test_text_that_looks_like_a_script_is_text(opened: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    evil = "</script><img src=x onerror=\"document.title = 'broken'\"><script>document.title = 'broken'</script>"
+    editor.points = editor.points.edit(4, name=evil)
+    page = opened(editor, view, title=evil, about=evil)
+    page.loaded()
+    assert page.page.title() == evil
+    assert page.page.text_content("h1") == evil
+    assert page.js("document.images.length") == 0
+    assert page.js("document.querySelectorAll('script').length") == 4
+
+
+def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) -> None:
+    editor, _ = pair()
+    page = opened(editor)
+    page.settled()
+    page.page.evaluate("""() => { const image = new Image(); image.src = "https://example.org/a.png";
+        return fetch("https://example.org/").catch(() => null); }""")
+    page.page.wait_for_timeout(300)
+    refused = [text for text in page.errors if "Content Security Policy" in text]
+    assert len(refused) >= 2
+    page.errors.clear()
+    page.requests[:] = [url for url in page.requests if "example.org" not in url]
+
+
+@pytest.mark.parametrize("size", [(360, 740), (1280, 800), (1920, 1080)])
+def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], size: tuple[int, int]) -> None:
+    page = opened(*pair(), size=size, about="A line about it.")
+    page.loaded()
+    parts = (".dnb-editor", ".dnb-view", ".dnb-page-controls")
+    boxes = {name: page.page.locator(name).bounding_box() for name in parts}
+    assert page.js("document.documentElement.scrollWidth") <= size[0]
+    for box in boxes.values():
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= size[0]
+    picture, volume = boxes[".dnb-editor"], boxes[".dnb-view"]
+    beside = picture["x"] + picture["width"] <= volume["x"]
+    below = picture["y"] + picture["height"] <= volume["y"]
+    assert (below, beside) == ((True, False) if size[0] < 860 else (False, True))
+    assert volume["width"] > 0.4 * size[0]
+
+
+def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened: Callable[..., Opened]) -> None:
+    page = opened(Editor(None, ControlPoints.from_arrays([[0, 0], [50, 0], [20, 40]])))
+    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frame")
+    text = json.loads(page.js(f"JSON.stringify({MODELS}.document())"))
+    assert [p["target"] for p in text["points"]] == [[0, 0], [50, 0], [20, 40]]
+    assert text["kernel"] == "wendland_c2"
