@@ -1,0 +1,46 @@
+"""What a session begins with: a volume from whatever was given, a saved document, the side that shows most."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from deformnb.deformation import Deformation
+from deformnb.io.documents import read_deformation
+from deformnb.io.formats import read_volume
+from deformnb.transfer import levels
+from deformnb.volume import Volume
+
+
+def as_volume(given: Any) -> Volume:
+    """A volume from a volume, an array [z, y, x] or the path of a file."""
+    if isinstance(given, Volume):
+        return given
+    if isinstance(given, str | PathLike):
+        return read_volume(given)
+    return Volume.from_array(np.asarray(given))
+
+
+def as_deformation(given: Any) -> Deformation | None:
+    """A document from a document or the path of a file; None for none."""
+    return given if given is None or isinstance(given, Deformation) else read_deformation(given)
+
+
+def best_view(volume: Volume) -> str:
+    """The side that shows most of the subject: the one with the largest silhouette.
+
+    Examples
+    --------
+    >>> flat = np.zeros((8, 8, 8), np.uint8)
+    >>> flat[1:7, 1:7, 4] = 200
+    >>> best_view(Volume.from_array(flat))
+    '-x'
+    """
+    _, air, _, _ = levels(volume)
+    subject = volume.finite_values > air
+    dx, dy, dz = volume.grid.spacing
+    areas = {view: np.count_nonzero(subject.any(axis=axis)) * pixel
+             for view, axis, pixel in (("+y", 1, dz * dx), ("-x", 2, dz * dy), ("-z", 0, dy * dx))}
+    return max(areas, key=lambda view: areas[view])

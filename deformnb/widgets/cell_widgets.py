@@ -1,0 +1,78 @@
+"""Widgets of a notebook's cell: a cell that runs again closes what it showed before.
+
+ipywidgets keeps every widget until it is closed. A studio that is made again with each run of its cell would leave
+its volume, its thread and its view behind each time.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import ipywidgets as ipw
+
+# By the cell's id: the run they were made in, and the studios of that run.
+_SHOWN: dict[str, tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
+
+
+def close_earlier_of_this_cell(widget: Any) -> None:
+    """Close the widgets that earlier runs of the running cell have given to this function, and remember this one."""
+    place = _cell_and_run()
+    if place is None:
+        return
+    cell, run = place
+    last_run, shown = _SHOWN[cell]
+    if run != last_run:
+        for reference in shown:
+            earlier = reference()
+            if earlier is not None:
+                earlier.close()
+        shown = []
+    _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
+
+
+def _cell_and_run() -> tuple[str, str] | None:
+    """Ids of the cell that runs and of its run, where the front end tells them."""
+    try:
+        from IPython.core.getipython import get_ipython
+    except ImportError:
+        return None
+    shell = get_ipython()
+    parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}
+    cell = (parent.get("metadata") or {}).get("cellId")
+    run = (parent.get("header") or {}).get("msg_id")
+    return (cell, run) if isinstance(cell, str) and isinstance(run, str) else None
+
+
+def weakly(owner: Any, method: Callable[..., Any], is_open: Callable[[Any], bool]) -> Callable[..., None]:
+    """A callback ``method(owner, ...)`` that does not keep its owner alive, and does nothing once it is closed."""
+    reference = weakref.ref(owner)
+
+    def call(*given: Any) -> None:
+        found = reference()
+        if found is not None and is_open(found):
+            method(found, *given)
+    return call
+
+
+def close_all(widget: Any) -> None:
+    """Close a widget and all that it is made of: children, layouts, styles."""
+    parts: dict[int, Any] = {}
+    _collect(widget, parts)
+    for part in parts.values():
+        if part is not widget:
+            part.close()
+    ipw.Widget.close(widget)
+
+
+def _collect(widget: Any, parts: dict[int, Any]) -> None:
+    if not isinstance(widget, ipw.Widget) or id(widget) in parts:
+        return
+    parts[id(widget)] = widget
+    for child in getattr(widget, "children", ()):
+        _collect(child, parts)
+    for name in ("layout", "style"):
+        if widget.has_trait(name):
+            _collect(getattr(widget, name), parts)

@@ -1,0 +1,272 @@
+"""The controls of the studio: sliders and menus made from the registries, each bound to one thing of the session.
+
+A control writes what its user chose and shows what the session holds; when the two are equal nothing happens, so an
+edit never comes back as another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import traitlets
+
+from deformnb.degenerate import default_support
+from deformnb.extrusion import EXTRUSIONS
+from deformnb.kernels import KERNELS
+from deformnb.picture import PROJECTIONS
+from deformnb.session import Session
+from deformnb.trend import TRENDS
+from deformnb.widgets.view import SHOWS
+
+Guard = Callable[[Callable[[], None]], bool]
+"""Runs an edit and shows what went wrong with it; says whether it was done."""
+
+SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
+         "-z": "from above (-z)", "+z": "from below (+z)"}
+"""The six views in words, for a patient or an animal in LPS."""
+
+_OBLIQUE = ("oblique", "")
+_STYLE = {"description_width": "84px"}
+_RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
+# Support radii that a slider offers, in parts of the picture's diagonal.
+_SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
+
+
+def wide(**more: str) -> ipw.Layout:
+    """A layout that shares a row evenly; each widget needs one of its own, or hiding one would hide all."""
+    return ipw.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
+
+
+@dataclass
+class Control:
+    """A widget bound to one thing of the session.
+
+    Parameters
+    ----------
+    widget : has a trait ``value``.
+    read : the value that the session holds, as the widget shows it.
+    write : hands the widget's value to the session.
+    """
+
+    widget: Any
+    read: Callable[[], Any]
+    write: Callable[[Any], None]
+
+    def bind(self, guard: Guard) -> None:
+        """Let the widget edit the session; a refused value goes back to what the session holds."""
+        def changed(change: Any) -> None:
+            if change["new"] == self.read():
+                return
+            guard(lambda: self.write(change["new"]))
+            self.refresh()
+        self.widget.observe(changed, "value")
+
+    def refresh(self) -> None:
+        """Show what the session holds."""
+        value = self.read()
+        if self.widget.value != value:
+            self.widget.value = value
+
+
+def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "") -> ipw.Dropdown:
+    """A menu of (words, value)."""
+    return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description, layout=wide(),
+                        style=_STYLE)
+
+
+def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
+           layout: Any = None) -> Any:
+    """A slider that follows the hand."""
+    return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
+                           readout_format=text, tooltip=tooltip or description, continuous_update=True)
+
+
+def row(*widgets: Any) -> ipw.HBox:
+    """Widgets side by side, one below the other where the page is narrow."""
+    return ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 16px"))
+
+
+class Panel:
+    """Some controls in a box.
+
+    Attributes
+    ----------
+    title : of the tab; box : the widget; controls : what is bound.
+    """
+
+    title = ""
+    box: Any
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        self.session = session
+        self.guard = guard
+        self.controls: list[Control] = []
+
+    def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
+        """Bind one more widget; returns it."""
+        control = Control(widget, read, write)
+        control.refresh()
+        control.bind(self.guard)
+        self.controls.append(control)
+        return widget
+
+    def of_step(self, widget: Any, name: str) -> Any:
+        """Bind a widget to a field of the step being edited."""
+        return self.add(widget, lambda: getattr(self.session.step, name),
+                        lambda value: self.session.change(kind=name, **{name: value}))
+
+    def refresh(self) -> None:
+        """Show what the session holds."""
+        for control in self.controls:
+            control.refresh()
+
+    def close(self) -> None:
+        """Stop what the panel does on its own."""
+
+
+class PicturePanel(Panel):
+    """Which picture is edited: side, projection, slice, and which step of the deformation."""
+
+    title = "Picture"
+
+    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
+        super().__init__(session, guard)
+        density = ipw.IntSlider(min=0, max=40, description="Grid", style=_STYLE, layout=wide(),
+                                tooltip="Cells along the longer side of the picture")
+        traitlets.link((editor, "density"), (density, "value"))
+        side = self.add(menu("Side", [(text, name) for name, text in SIDES.items()],
+                             "Turning a picture on which something was dragged begins a new step"),
+                        lambda: session.view or "", lambda view: session.set_view(view) if view else None)
+        self._side = side
+        method = self.add(menu("Projection", [(p.title, p.name) for p in PROJECTIONS.values()]),
+                          lambda: session.method, lambda value: session.set_trait("method", value))
+        self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
+                                      ".1f"),
+                               self._held_depth, lambda value: session.set_trait("depth", value))
+        self._step = self.add(menu("Step", [("1", "0")], "Steps are done one after the other"),
+                              lambda: str(session.index), lambda value: session.edit_step(int(value)))
+        enabled = self.of_step(ipw.Checkbox(description="step is done", indent=False, layout=wide()), "enabled")
+        self._steps = row(self._step, enabled)
+        self.box = ipw.VBox([row(side, method), row(density, self._depth), self._steps])
+        self.refresh()
+
+    def _held_depth(self) -> float:
+        slot = self._depth if hasattr(self, "_depth") else None
+        value = self.session.depth
+        return value if slot is None else float(np.clip(value, slot.min, slot.max))
+
+    def refresh(self) -> None:
+        low, high = self.session.depth_range
+        step = max((high - low) / 200, 1e-6)
+        if (self._depth.min, self._depth.max) != (low, high):
+            self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
+            self._depth.min, self._depth.max, self._depth.step = low, high, step
+        self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
+        sides = [(text, name) for name, text in SIDES.items()] + ([_OBLIQUE] if self.session.view is None else [])
+        if list(self._side.options) != sides:
+            self._side.options = sides
+        steps = [(_step_title(k, s), str(k)) for k, s in enumerate(self.session.deformation.steps)]
+        if list(self._step.options) != steps:
+            self._step.options = steps  # which chooses the first: the session's own comes back below
+        self._steps.layout.display = "" if len(steps) > 1 or not self.session.step.enabled else "none"
+        super().refresh()
+
+
+def _step_title(number: int, step: Any) -> str:
+    count = len(step.maps[0])
+    return f"{number + 1}: {step.name or f'{count} points'}{'' if step.enabled else ' (off)'}"
+
+
+class MapPanel(Panel):
+    """How the drags are interpolated: kernel, support radius, trend, smoothing."""
+
+    title = "Interpolation"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        kernel = self.of_step(menu("Kernel", [(k.title, k.name) for k in KERNELS.values()]), "kernel")
+        trend = self.of_step(menu("Trend", [(t.title, t.name) for t in TRENDS.values()],
+                                  "What the points do as a whole, before the rest bends"), "trend")
+        low, high = (np.log10(share * session.volume.grid.diagonal) for share in (_SMALLEST_SUPPORT, _LARGEST_SUPPORT))
+        self._support = ipw.FloatLogSlider(min=low, max=high, step=0.01, description="Support",
+                                           layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
+                                           style=_STYLE, readout_format=".3g", tooltip="How far a point reaches")
+        self.add(self._support, self._shown_support,
+                 lambda value: session.change(kind="support", support=float(value)) if not self._auto.value else None)
+        self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
+        self.add(self._auto, lambda: session.step.support is None,
+                 lambda on: session.change(support=None if on else float(self._support.value)))
+        smoothing = self.of_step(slider("Smoothing", 0.0, 2.0, 0.01, "0 meets every point; more is smoother"),
+                                 "smoothing")
+        reach = ipw.HBox([self._support, self._auto], layout=wide())
+        self.box = ipw.VBox([row(kernel, trend), row(reach, smoothing)])
+        self.refresh()
+
+    def _shown_support(self) -> float:
+        support = self.session.step.support or default_support(self.session.points)
+        low, high = 10**self._support.min, 10**self._support.max
+        return float(np.clip(self._support.value if support is None else support, low, high))
+
+    def refresh(self) -> None:
+        super().refresh()
+        self._support.disabled = self.session.step.support is None
+
+
+class LookPanel(Panel):
+    """How the volume is shown: projection, colours and opacities."""
+
+    title = "Look"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
+        super().__init__(session, guard)
+        menus = []
+        if view.has_trait("projection"):
+            names = {"shaded": "Shaded", "composite": "Composite", "mip": "Maximum (MIP)"}
+            menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
+                                  lambda: view.projection, lambda value: view.set_trait("projection", value)))
+        self.box = ipw.VBox([row(*menus), ipw.Box([transfer], layout=ipw.Layout(max_width="720px"))])
+
+
+class DepthPanel(Panel):
+    """From the picture into depth: the rule of extrusion, its curve, its key pictures."""
+
+    title = "Depth"
+
+    def __init__(self, session: Session, guard: Guard, curve: Any, keys: Any) -> None:
+        super().__init__(session, guard)
+        rule = self.of_step(menu("Extrusion", [(f"{name}: {_RULES.get(name, name)}", name) for name in EXTRUSIONS]),
+                            "extrusion")
+        self.curve, self.keys = curve, keys
+        self._hint = ipw.Label("Every slice behind the picture is deformed like the picture.")
+        self.box = ipw.VBox([row(rule), self._hint, curve, keys], layout=ipw.Layout(max_width="720px"))
+        self.refresh()
+
+    def refresh(self) -> None:
+        super().refresh()
+        step = self.session.step
+        self._hint.layout.display = "" if step.extrusion == "replicate" else "none"
+        self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
+        self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
+
+
+def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
+    """What is always at hand: strength, what the view shows, reset."""
+    panel = Panel(session, guard)
+    strength = slider("Strength", -1.0, 3.0, 0.01,
+                      "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
+                      layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
+    panel.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
+              lambda value: session.change(kind="strength", strength=float(value)))
+    shows = ipw.Dropdown(options=[(name.replace("_", " "), name) for name in SHOWS], description="Show",
+                         style={"description_width": "44px"}, layout=ipw.Layout(width="190px"),
+                         tooltip="; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()))
+    panel.add(shows, lambda: view.shows, lambda value: setattr(view, "shows", value))
+    reset = ipw.Button(description="Reset", tooltip="The volume as it was; can be undone",
+                       layout=ipw.Layout(width="80px"))
+    reset.on_click(lambda _: guard(session.reset))
+    panel.box = ipw.HBox([strength, shows, reset], layout=ipw.Layout(flex_flow="row wrap", align_items="center"))
+    return panel, panel.box

@@ -1,0 +1,165 @@
+"""Saving, opening and exporting in the studio: files by plain names in one folder, with progress and a way to stop."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.document import LONGEST, from_json
+from deformnb.errors import Cancelled, DeformError
+from deformnb.exports import EXPORTS, Frozen, export, export_for
+from deformnb.session import Session
+from deformnb.widgets.controls import Guard, Panel, row
+from deformnb.widgets.hand_over import HandOver
+from deformnb.widgets.render_thread import RenderThread
+
+_PAGE = (".html",)
+
+WritePage = Callable[[Path], None]
+
+
+class FilesPanel(Panel):
+    """Session files, exports, and the code of the document.
+
+    Parameters
+    ----------
+    view : whose camera renderings and movies take.
+    folder : where files lie; the page names files in it and cannot leave it.
+    write_page : writes the studio as one HTML file.
+    """
+
+    title = "Files"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str],
+                 write_page: WritePage) -> None:
+        super().__init__(session, guard)
+        self._view = view
+        self._folder = Path(folder)
+        self._write_page = write_page
+        self._stop = threading.Event()
+        self._thread = RenderThread("deformnb-files")
+        stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
+        kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
+        kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
+        self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
+        self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
+                             placeholder="file name", tooltip="The end of the name chooses the kind of file")
+        self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
+        self.write = self._button("Write", "Write it into the folder of the notebook", lambda: self._start(False))
+        self.download = self._button("Download", "Write it and hand it to the browser", lambda: self._start(True))
+        self.cancel = self._button("Cancel", "Stop; no half file is left", self._stop.set)
+        self.upload = ipw.FileUpload(accept=".json", description="Open session", layout=ipw.Layout(width="auto"),
+                                     tooltip="Go on with a saved session; can be undone")
+        self.upload.observe(lambda change: self._open(change["new"]), "value")
+        self.copy = self._button("Copy as Python", "The document as a script", self._copy)
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
+        self.said = ipw.Label("")
+        self.hand_over = HandOver()
+        self._idle()
+        writing = [self.kind, self.name, self.write, self.download, self.cancel, self.bar]
+        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.said), self.hand_over])
+
+    def _button(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
+        button = ipw.Button(description=text, tooltip=tooltip, layout=ipw.Layout(width="auto"))
+        button.on_click(lambda _: self.guard(action))
+        return button
+
+    # -- writing -------------------------------------------------------------------------------------------------------
+
+    def _start(self, downloads: bool) -> None:
+        path = self._folder / plain_name(self.name.value)
+        if not path.name.lower().endswith(_PAGE):
+            export_for(path)  # refuses a suffix that says nothing, before anything begins
+        frozen = Frozen.of(self.session, dict(self._view.camera))
+        self._stop.clear()
+        self.write.disabled = self.download.disabled = True
+        self.cancel.disabled = False
+        self.bar.value, self.bar.layout.visibility = 0.0, "visible"
+        self.said.value = f"Writing {path.name} ..."
+        self._thread.call(lambda: self._do(path, frozen, downloads))
+
+    def _do(self, path: Path, frozen: Frozen, downloads: bool) -> None:
+        said = ""
+        try:
+            if path.name.lower().endswith(_PAGE):
+                self._write_page(path)
+            else:
+                export(frozen, path, progress=self._progress)
+            said = f"Wrote {path.name} ({_size(path)})."
+            if downloads:
+                self.hand_over.download(path.name, path.read_bytes())
+        except Cancelled:
+            said = f"Stopped; {path.name} was not written."
+        except Exception as error:
+            reason = error
+            self.guard(lambda: _raise(reason))
+        finally:
+            self.said.value = said
+            self._idle()
+
+    def _progress(self, share: float) -> None:
+        if self._stop.is_set():
+            raise Cancelled("stopped in the studio.")
+        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
+            self.bar.value = share
+
+    def _idle(self) -> None:
+        self.write.disabled = self.download.disabled = False
+        self.cancel.disabled = True
+        self.bar.layout.visibility = "hidden"
+
+    # -- reading -------------------------------------------------------------------------------------------------------
+
+    def _open(self, files: Any) -> None:
+        if files:
+            self.guard(lambda: self._take(files[0]))
+            self.upload.value = ()
+
+    def _take(self, file: Any) -> None:
+        content = bytes(file["content"])
+        if len(content) > LONGEST:
+            raise DeformError(f"this file has {len(content) / 1e6:.0f} MB; a session is a short JSON file.")
+        self.session.take(from_json(content))
+        self.said.value = "Opened."
+
+    def _copy(self) -> None:
+        self.hand_over.copy(self.session.code())
+
+    def close(self) -> None:
+        """Stop what is being written."""
+        self._stop.set()
+        self._thread.close()
+
+
+def plain_name(text: str) -> str:
+    """A file name without folders, as a page may give it.
+
+    Raises
+    ------
+    DeformError
+        If it is empty, hidden, or leads anywhere else.
+
+    Examples
+    --------
+    >>> plain_name(" fish.json ")
+    'fish.json'
+    """
+    name = text.strip()
+    if not name or name.startswith(".") or any(c in "/\\:" or ord(c) < 32 for c in name) or len(name) > 200:
+        raise DeformError(f"{name[:60]!r} is no plain file name; write one such as fish.json, without a folder.")
+    return name
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def _size(path: Path) -> str:
+    size = path.stat().st_size
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

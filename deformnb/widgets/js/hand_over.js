@@ -1,0 +1,51 @@
+// A text for the clipboard or a file for the downloads, from Python; says what it has done.
+
+const HAND_OVER_KEYS = { "data-lm-suppress-shortcuts": "true" };
+
+async function copied(text) {
+  try { await navigator.clipboard.writeText(text); return true; } catch (error) { return false; }
+}
+
+function downloaded(name, bytes) {
+  const url = URL.createObjectURL(new Blob([bytes]));
+  const link = Object.assign(document.createElement("a"), { href: url, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(url), 60_000);
+}
+
+function render({ model, el }) {
+  const root = document.createElement("div");
+  root.className = "dnb-hand-over";
+  const line = Object.assign(document.createElement("span"), { className: "dnb-hand-over-line" });
+  line.setAttribute("role", "status");
+  const area = Object.assign(document.createElement("textarea"), { className: "dnb-hand-over-text", readOnly: true,
+    hidden: true, ariaLabel: "text to copy", spellcheck: false });
+  for (const [name, value] of Object.entries(HAND_OVER_KEYS)) area.setAttribute(name, value);
+  root.append(line, area);
+  el.append(root);
+
+  const receive = async (content, buffers) => {
+    if (content.type === "copy") {
+      const isCopied = await copied(content.text);
+      const lines = content.text.trimEnd().split("\n").length;
+      line.textContent = isCopied ? `Copied ${lines} lines of Python.` : "Press Ctrl+C to copy:";
+      area.hidden = false;
+      area.value = content.text;
+      area.rows = Math.min(12, lines);
+      if (!isCopied) { area.focus(); area.select(); }
+    } else if (content.type === "download" && root.isConnected && root === firstShown()) {
+      downloaded(content.name, buffers[0]);
+      line.textContent = `Downloaded ${content.name}.`;
+    }
+  };
+  // Two views of one widget must not save a file twice.
+  const firstShown = () => [...document.querySelectorAll(".dnb-hand-over")].find(
+    (other) => other.dataset.uid === root.dataset.uid);
+  root.dataset.uid = model.get("_view_name") + (model.model_id ?? "");
+  model.on("msg:custom", receive);
+  return () => { model.off("msg:custom", receive); root.remove(); };
+}
+
+export default { render };

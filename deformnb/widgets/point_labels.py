@@ -1,0 +1,41 @@
+"""An edit of control points in words, for the history of a studio or an application."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deformnb.control_points import ControlPoints
+
+
+def edit_label(before: ControlPoints, after: ControlPoints) -> str:
+    """What was done to a set of points.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [4, 0]], names=["tail", ""])
+    >>> edit_label(points, points.move(0, [1, 0])), edit_label(points, points.remove(1))
+    ('move "tail"', 'remove point 1')
+    """
+    old, new = (dict(zip(p.ids, range(len(p)), strict=True)) for p in (before, after))
+    added = [k for i, k in new.items() if i not in old]
+    removed = [k for i, k in old.items() if i not in new]
+    if added and removed:
+        return "replace points"
+    if added:
+        return f"add {_who(after, added)}"
+    if removed:
+        return f"remove {_who(before, removed)}"
+    both = [(k, old[i]) for i, k in new.items()]
+    for what, name in (("move", "target"), ("move the source of", "source"), ("switch", "active"), ("weigh", "weight")):
+        changed = [k for k, j in both if not np.array_equal(getattr(after, name)[k], getattr(before, name)[j])]
+        if changed:
+            return f"{what} {_who(after, changed)}"
+    renamed = [k for k, j in both if after.names[k] != before.names[j]]
+    return f"rename {_who(after, renamed)}" if renamed else "change points"
+
+
+def _who(points: ControlPoints, positions: list[int]) -> str:
+    if len(positions) > 1:
+        return f"{len(positions)} points"
+    k = positions[0]
+    return f'"{points.names[k]}"' if points.names[k] else f"point {points.ids[k]}"

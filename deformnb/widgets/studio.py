@@ -1,0 +1,399 @@
+"""The studio: picture with its control points, the volume that follows them, and the controls, in one line of a cell.
+
+The studio wires and decides nothing: the :class:`~deformnb.session.Session` holds the document, the editor's page
+fits and warps while the mouse moves, and the view's page follows it. Python hears of the end of an edit, makes the next
+document, and does whatever takes time in one thread of its own, the newest first.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import threading
+import time
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import traitlets
+from numpy.typing import NDArray
+
+from deformnb.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.exports import export
+from deformnb.opening import as_deformation, as_volume, best_view
+from deformnb.plane import Plane
+from deformnb.session import Session
+from deformnb.volume import Volume
+from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
+from deformnb.widgets.controls import DepthPanel, LookPanel, MapPanel, Panel, PicturePanel, strip
+from deformnb.widgets.curve_editor import CurveEditor
+from deformnb.widgets.depth_keys import DepthKeys
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.files_panel import FilesPanel
+from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.studio_parts import arranged, make_view, side_by_side, status_text
+from deformnb.widgets.transfer_editor import TransferEditor
+from deformnb.widgets.view import AbstractView
+
+_LOG = logging.getLogger(__name__)
+
+_LONE_POINT_SHARE = 0.25  # as in deformation.py
+
+
+class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
+    """Deform a volume by dragging points on a picture of it.
+
+    Parameters
+    ----------
+    volume : what is deformed: a :class:`~deformnb.volume.Volume`, an array [z, y, x], or the path of a file.
+    deformation : to go on with; a :class:`~deformnb.deformation.Deformation` or the path of a saved one.
+    side : where the first picture is taken from, one of :data:`~deformnb.plane.VIEWS`; default is the side that shows
+        most of the subject.
+    method : projection of the picture, a name of :data:`~deformnb.picture.PROJECTIONS`.
+    transfer : colours and opacities of the volume: a transfer function, or the name of a preset.
+    view : "live" renders in the browser, "vtk" in Python; or a view of your own.
+    height : of picture and volume in CSS pixels.
+    folder : where files are saved and opened by the controls.
+
+    Attributes
+    ----------
+    session : the document and its history.
+    editor, view : the widgets on the left and on the right.
+    deformation : the document; an observable trait, and setting it is an edit.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> studio = Studio(PHANTOMS["bar"].make((24, 24, 48)))
+    >>> studio.editor.points = studio.editor.points.add([20.0, 10.0], [20.0, 13.0])
+    >>> studio.deformation.steps[0].points.names
+    ('', '', '', '', '')
+    >>> studio.undo()
+    >>> len(studio.editor.points)
+    4
+    >>> studio.close()
+    """
+
+    deformation = traitlets.Instance(Deformation)
+
+    def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
+                 deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
+                 method: str = "mip", transfer: Any = "specimen", view: str | AbstractView = "live", height: int = 430,
+                 folder: str | PathLike[str] = ".") -> None:
+        given = as_volume(volume)
+        close_earlier_of_this_cell(self)
+        self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
+                               transfer=transfer)
+        self.deformation = self.session.deformation
+        self._panels: list[Panel] = []
+        self._worker = RenderThread("deformnb-studio")
+        self._times: dict[str, float] = {}
+        self._count = {"edits": 0, "refused": 0, "late": 0}
+        self._pictured: Any = None
+        self.view = make_view(view, given, self.session.transfer_function, height)
+        self.editor = self._make_editor(height)
+        self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
+        self._notice = ipw.Label("", layout=ipw.Layout(flex="2 1 auto", min_width="0"))
+        self._panels = self._make_panels(folder)
+        super().__init__(arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
+                         layout=ipw.Layout(width="100%", max_width="1600px"))
+        self.add_class("dnb-studio")
+        self._listen()
+        self._turn_view()
+        self._show_field()
+        self._show_status()
+        self._worker.latest("warm up", self.session.warm_up)
+
+    # -- the parts -----------------------------------------------------------------------------------------------------
+
+    def _make_editor(self, height: int) -> Editor:
+        session, step = self.session, self.session.step
+        editor = Editor(session.picture(), session.points, kernel=step.kernel, support=step.support, trend=step.trend,
+                        smoothing=step.smoothing, strength=step.strength, height=height,
+                        label=f"Picture of {session.volume.name or 'the volume'}", history=session.history)
+        editor.lone_support = _LONE_POINT_SHARE * session.volume.grid.diagonal
+        self._pictured = self._picture_key()
+        return editor
+
+    def _make_panels(self, folder: str | PathLike[str]) -> list[Panel]:
+        session, guard = self.session, self._guarded
+        self._curve = CurveEditor(session.step.curve)
+        self._keys = DepthKeys(session.step.knots or (0.0, 1.0))
+        self._opacity = TransferEditor(session.volume, session.transfer)
+        head, _ = strip(session, guard, self.view)
+        files = FilesPanel(session, guard, self.view, folder, self.export_html)
+        return [head, PicturePanel(session, guard, self.editor), MapPanel(session, guard),
+                DepthPanel(session, guard, self._curve, self._keys),
+                LookPanel(session, guard, self.view, self._opacity), files]
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        session, editor = self.session, self.editor
+        session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
+        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
+        session.observe(self._weakly(Studio._transfer_changed), "transfer")
+        session.observe(self._weakly(Studio._tell_history), "history")
+        session.observe(self._weakly(Studio._tell_notice), "notice")
+        editor.observe(self._weakly(Studio._points_changed), "points")
+        editor.on_history(self._weakly(Studio._travel))
+        self._curve.observe(self._weakly(Studio._curve_changed), "curve")
+        self._keys.on_edit(self._weakly(Studio._keys_changed))
+        self._opacity.on_edit(self._weakly(Studio._opacity_changed))
+        for name in ("shows", "projection"):
+            if self.view.has_trait(name):
+                self.view.observe(self._weakly(Studio._refresh_panels), name)
+
+    def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
+        return weakly(self, method, lambda studio: not studio._worker.is_closed)
+
+    def _guarded(self, action: Callable[[], None]) -> bool:
+        """Do something that may go wrong, and say it in the page if it does."""
+        try:
+            action()
+        except DeformError as error:
+            self._say(str(error), is_error=True)
+            return False
+        except Exception as error:
+            _LOG.exception("an action of the studio failed")
+            self._say(f"{type(error).__name__}: {error}", is_error=True)
+            return False
+        return True
+
+    def _say(self, text: str, *, is_error: bool = False) -> None:
+        self._notice.value = text
+        self._notice.style.text_color = "var(--jp-error-color1, #c62828)" if is_error else None
+
+    def _points_changed(self, _change: Any) -> None:
+        points = self.editor.points
+        if points == self.session.points:
+            return
+        if self._pictured != self._picture_key():  # a drag on a picture that is being replaced
+            self._count["late"] += 1
+            self._worker.latest("picture", self._weakly(Studio._show_picture))
+            return
+        start = time.perf_counter()
+        made = self.editor.edit_under_way
+        kind = "nudge" if made is not None and made.kind == "nudge" else None
+        label = edit_label(self.session.points, points)
+        done = self._guarded(lambda: self.session.edit_points(points, label, kind))
+        if not done:
+            self._count["refused"] += 1
+            self.editor.points = self.session.points
+        self._count["edits"] += 1
+        self._times["edit_ms"] = (time.perf_counter() - start) * 1e3
+
+    def _travel(self, way: str) -> None:
+        self._say("")
+        what = self.session.undo() if way == "undo" else self.session.redo()
+        if what:
+            self._say(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
+
+    def _document_changed(self, _change: Any) -> None:
+        self._say(self.session.notice)
+        if self._pictured != self._picture_key():
+            self._worker.latest("picture", self._weakly(Studio._show_picture))
+        else:
+            self._show_points()
+        self._show_field()
+        self._show_depth()
+        self._refresh_panels()
+        self._worker.latest("status", self._weakly(Studio._show_status))
+        self._guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
+
+    @traitlets.validate("deformation")
+    def _valid_deformation(self, proposal: Any) -> Deformation:
+        if proposal["value"] is not self.session.deformation:
+            self.session.deformation = proposal["value"]
+        return self.session.deformation
+
+    def _picture_key(self) -> Any:
+        """What the picture depends on: the steps before the one being edited, its plane, and how it is projected."""
+        s = self.session
+        return (s.index, s.deformation.steps[: s.index], s.plane, s.method, s.depth if s.method == "slice" else 0.0,
+                s.transfer if s.method in ("composite", "shaded") else None)
+
+    def _picture_changed(self, _change: Any = None) -> None:
+        self._refresh_panels()
+        if self._pictured != self._picture_key():
+            self._worker.latest("picture", self._weakly(Studio._show_picture))
+
+    def _show_picture(self) -> None:
+        key = self._picture_key()
+        self._guarded(lambda: self._set_picture(key))
+
+    def _set_picture(self, key: Any) -> None:
+        start = time.perf_counter()
+        picture = self.session.picture()
+        if self._pictured is not None and self._pictured[2] != key[2]:
+            self._turn_view()
+        with self.editor.hold_sync():  # a picture must never meet another one's points
+            self._pictured = key
+            self.editor.picture = picture
+            self._show_points()
+            self.editor.lone_support = _LONE_POINT_SHARE * self.session.volume.grid.diagonal
+        self._times["picture_ms"] = (time.perf_counter() - start) * 1e3
+
+    def _show_points(self) -> None:
+        editor, step = self.editor, self.session.step
+        with editor.hold_sync():
+            for name in ("kernel", "support", "trend", "smoothing", "strength"):
+                if getattr(editor, name) != getattr(step, name):
+                    setattr(editor, name, getattr(step, name))
+            if editor.points != self.session.points:
+                editor.points = self.session.points
+
+    def _show_field(self) -> None:
+        """Hand the view the displacement; while a point is dragged its page follows the editor's by itself."""
+        session, step = self.session, self.session.step
+        field = session.field()
+        last = session.index == max((k for k, s in enumerate(session.deformation.steps) if s.enabled), default=-1)
+        if last and step.plane is not None and len(step.maps) <= 64:
+            self.view.follow(self.editor, field, min(session.key, len(step.maps) - 1))
+        else:  # the step is not the last: what is dragged passes through the others, in Python
+            self.view.follow(None, field)
+
+    def _turn_view(self) -> None:
+        """Look at the volume from the side of the picture, turned a little so that it looks solid."""
+        u, v, n = self.session.plane.frame
+        self.view.set_camera(n + 0.35 * u + 0.2 * v, -v)
+
+    def _show_depth(self) -> None:
+        step = self.session.step
+        if step.extrusion == "modulate" and self._curve.curve != step.curve:
+            self._curve.curve = step.curve
+        if step.extrusion == "interpolate":
+            key = min(self.session.key, len(step.knots) - 1)
+            if (self._keys.knots, self._keys.selected) != (step.knots, key):
+                with self._keys.hold_trait_notifications():
+                    self._keys.knots, self._keys.selected = step.knots, key
+
+    def _tell_history(self, _change: Any) -> None:
+        self.editor.history = dict(self.session.history)
+
+    def _tell_notice(self, _change: Any) -> None:
+        if self.session.notice:
+            self._say(self.session.notice)
+
+    def _transfer_changed(self, _change: Any) -> None:
+        function = self.session.transfer_function
+        self.view.set_transfer(function)
+        if self._opacity.transfer != function:
+            self._opacity.set_transfer(self.session.transfer)
+
+    def _curve_changed(self, change: Any) -> None:
+        if self.session.step.extrusion == "modulate" and change["new"] != self.session.step.curve:
+            self._guarded(lambda: self.session.change(curve=change["new"], kind="curve"))
+
+    def _keys_changed(self, edit: Any, phase: str) -> None:
+        if phase != "end" or self.session.step.extrusion != "interpolate":
+            return
+        if edit.kind == "select":
+            self._guarded(lambda: self.session.edit_step(self.session.index, edit.selected))
+            return
+        way = {"add": "added", "remove": "removed"}.get(edit.kind)
+        options = {way: edit.index} if way else {}
+        self._guarded(lambda: self.session.edit_keys(edit.knots, selected=edit.selected, **options))
+
+    def _opacity_changed(self, transfer: Any, _phase: str) -> None:
+        self._guarded(lambda: self.session.set_trait("transfer", transfer))
+
+    def _refresh_panels(self, _change: Any = None) -> None:
+        for panel in self._panels:
+            panel.refresh()
+
+    def _show_status(self) -> None:
+        self._status.value = status_text(self.session, self._times.get("edit_ms"))
+        notes = self.session.notes()
+        if notes and not self._notice.value:
+            self._say("; ".join(notes))
+
+    # -- for other cells -----------------------------------------------------------------------------------------------
+
+    @property
+    def volume(self) -> Volume:
+        """The volume as it was given."""
+        return self.session.volume
+
+    def result(self, progress: Callable[[float], None] | None = None) -> Volume:
+        """The deformed volume."""
+        return self.session.result(progress)
+
+    def undo(self) -> None:
+        """Take back the last edit."""
+        self._travel("undo")
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._travel("redo")
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the document as JSON."""
+        self.session.save(path)
+
+    def load(self, path: str | PathLike[str]) -> None:
+        """Go on with a saved document; can be undone."""
+        self.session.open(path)
+
+    def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None) -> Path:
+        """Write a file; its suffix chooses what: see :data:`deformnb.exports.EXPORTS`, and ``.html`` for a page."""
+        if Path(path).suffix.lower() == ".html":
+            self.export_html(path)
+            return Path(path)
+        return export(self.session, path, camera=dict(self.view.camera), progress=progress)
+
+    def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "") -> None:
+        """Write one offline file in which the volume still deforms, without a kernel."""
+        from deformnb.widgets.standalone import write_standalone
+
+        write_standalone(path, self.editor, self.view, title=title or self.volume.name, about=about)
+
+    def stats(self) -> dict[str, Any]:
+        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures."""
+        return {**self._times, **self._count, "view": self.view.stats()}
+
+    def wait(self, timeout: float = 60.0) -> None:
+        """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
+        done = threading.Event()
+        self._worker.latest("wait", done.set)  # behind all that waits now
+        if not done.wait(timeout):
+            raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
+
+    def close(self) -> None:
+        """End the studio with all its widgets and its threads."""
+        worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
+        if worker is None or worker.is_closed:
+            return
+        worker.close()
+        for panel in self._panels:
+            panel.close()
+        close_all(self)
+
+    # -- display -------------------------------------------------------------------------------------------------------
+
+    def still(self, width: int = 1120) -> NDArray[np.uint8]:
+        """Picture and volume side by side, (height, width, 3): what is seen where no front end runs."""
+        return side_by_side(self.editor, self.view, width)
+
+    def __repr__(self) -> str:
+        z, y, x = self.volume.shape
+        return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        try:
+            if data is not None:
+                from PIL import Image
+
+                stream = io.BytesIO()
+                Image.fromarray(self.still()).save(stream, format="PNG")
+                data["image/png"] = stream.getvalue()
+        except Exception:  # a picture for later readers must not keep the studio from being shown now
+            _LOG.exception("the picture of a studio could not be drawn")
+        return bundle

@@ -1,0 +1,387 @@
+"""The studio without a browser: what its widgets, its session and its page's messages do to each other."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from deformnb.deformation import Deformation
+from deformnb.document import to_json
+from deformnb.errors import DeformError
+from deformnb.kernels import KERNELS
+from deformnb.picture import PROJECTIONS
+from deformnb.plane import VIEWS
+from deformnb.trend import TRENDS
+from deformnb.volume import Grid, Volume
+from deformnb.widgets import Studio
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.controls import SIDES
+from deformnb.widgets.point_messages import points_to_json
+from deformnb.widgets.view import SHOWS
+
+
+def a_volume() -> Volume:
+    z, y, x = np.mgrid[:16, :20, :24]
+    values = 200 * (((z - 8) / 6) ** 2 + ((y - 10) / 7) ** 2 + ((x - 12) / 10) ** 2 < 1)
+    return Volume((values + (x % 4) * 8 * (values > 0)).astype(np.uint8), Grid((16, 20, 24), (1.0, 1.0, 1.0)), "ball")
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), folder=tmp_path)
+    made.wait()
+    yield made
+    made.close()
+
+
+SEQ = iter(range(1, 10**6))
+
+
+def page_says(studio: Studio, content: dict[str, Any]) -> None:
+    """As a message of the editor's page."""
+    studio.editor._handle_custom_msg({"sender": "test", "seq": next(SEQ), **content}, [])
+
+
+def drag(studio: Studio, points: Any, kind: str = "move") -> None:
+    page_says(studio, {"type": "edit", "phase": "end", "kind": kind, "joins": False, "next_id": points.next_id,
+                       "points": points_to_json(points)})
+
+
+def a_drag(studio: Studio, by: float = 2.0) -> Any:
+    points = studio.editor.points
+    if len(points) == 4:
+        points = points.add(points.target.mean(axis=0))
+    return points.move(points.ids[-1], points.target[-1] + [by, by / 2])
+
+
+def controls(studio: Studio) -> dict[str, Any]:
+    """All controls by their description."""
+    return {c.widget.description: c.widget for panel in studio._panels for c in panel.controls}
+
+
+# -- edits of the page -------------------------------------------------------------------------------------------------
+
+
+def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
+    seen: list[Deformation] = []
+    studio.observe(lambda change: seen.append(change["new"]), "deformation")
+    points = a_drag(studio)
+    drag(studio, points)
+    assert studio.deformation.steps[0].points == points
+    assert seen == [studio.deformation]
+    expected = Deformation.on_picture(studio.volume.grid, studio.session.view or "", points).apply(studio.volume)
+    assert_array_equal(studio.result().values, expected.values)
+    assert not np.array_equal(studio.result().values, studio.volume.values)
+    assert studio.stats()["edits"] == 1
+
+
+def test_undo_of_the_page_goes_through_the_document(studio: Studio) -> None:
+    first = studio.editor.points
+    points = a_drag(studio)
+    drag(studio, points, "add")
+    assert studio.editor.history == {"undo": f"add point {points.ids[-1]}", "redo": ""}
+    controls(studio)["Kernel"].value = "gaussian"
+    page_says(studio, {"type": "history", "way": "undo"})
+    assert studio.session.step.kernel == "wendland_c2"
+    assert controls(studio)["Kernel"].value == "wendland_c2"
+    assert studio.editor.points == points
+    page_says(studio, {"type": "history", "way": "undo"})
+    assert studio.editor.points == first
+    page_says(studio, {"type": "history", "way": "redo"})
+    assert studio.editor.points == points
+
+
+def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) -> None:
+    before = studio.editor.points
+    wrong = before.add([3.0, 3.0], [5.0, 5.0]).add([9.0, 9.0], [5.0, 5.0])
+    drag(studio, wrong)
+    assert studio.editor.points == before
+    assert "control point 4" in studio._notice.value
+    assert studio.stats()["refused"] == 1
+    drag(studio, a_drag(studio))  # and the studio goes on
+    assert "control point" not in studio._notice.value
+
+
+def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
+    for k in range(60):
+        drag(studio, a_drag(studio, 0.05 * (k % 7 - 3)))
+    last = studio.editor.points
+    assert studio.session.points == last
+    studio.wait()
+    assert studio.view._field is studio.session.field()
+
+
+def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None:
+    sent: list[Any] = []
+    studio.editor.send = lambda content, buffers=None: sent.append(content)  # what would go to the page
+    def fails(_change: Any) -> None:
+        raise ZeroDivisionError("of a cell")
+    studio.observe(fails, "deformation")
+    drag(studio, a_drag(studio))
+    said = studio._notice.value + str(sent)
+    assert "ZeroDivisionError" in said
+    studio.unobserve(fails, "deformation")
+
+
+# -- code in other cells -----------------------------------------------------------------------------------------------
+
+
+def test_a_document_can_be_set_and_undone(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    kept = studio.deformation
+    studio.save(tmp_path / "kept.json")
+    studio.session.reset()
+    assert not studio.session.points.displacement.any()
+    studio.deformation = kept
+    assert studio.editor.points == kept.steps[0].points
+    studio.undo()
+    assert not studio.editor.points.displacement.any()
+    studio.load(tmp_path / "kept.json")
+    assert studio.deformation.steps == kept.steps
+    with pytest.raises(DeformError):
+        studio.deformation = Deformation.in_space(studio.editor.points)
+
+
+def test_a_studio_opens_arrays_files_and_documents(tmp_path: Path, studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    studio.export(tmp_path / "ball.nrrd")
+    (tmp_path / "did.json").write_text(to_json(studio.deformation))
+    for given in (tmp_path / "ball.nrrd", str(tmp_path / "ball.nrrd"), studio.result().values):
+        other = Studio(given, tmp_path / "did.json")
+        assert other.deformation.steps == studio.deformation.steps
+        assert_array_equal(other.volume.values, studio.result().values)
+        other.close()
+    for wrong in (tmp_path / "none.nrrd", np.zeros(5), "x"):
+        with pytest.raises((DeformError, OSError)):
+            Studio(wrong)
+    with pytest.raises(DeformError, match="live"):
+        Studio(a_volume(), view="hologram")
+
+
+# -- controls ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
+    found = controls(studio)
+    for kernel in KERNELS:
+        found["Kernel"].value = kernel
+        assert (studio.session.step.kernel, studio.editor.kernel) == (kernel, kernel)
+        assert found["Trend"].value == studio.session.step.trend == studio.editor.trend
+    for trend in TRENDS:
+        found["Trend"].value = trend
+        assert studio.editor.trend == trend
+    assert {value for _, value in found["Side"].options} == set(VIEWS) == set(SIDES)
+    for method in PROJECTIONS:
+        found["Projection"].value = method
+        studio.wait()
+        assert studio.editor.picture.method == method
+    for shows in SHOWS:
+        found["Show"].value = shows
+        assert studio.view.shows == shows
+
+
+def test_turning_the_picture_replaces_picture_and_points_together(studio: Studio) -> None:
+    together: list[tuple[Any, Any]] = []
+    side = controls(studio)["Side"]
+    for view in VIEWS:
+        side.value = view
+        studio.wait()
+        together.append((studio.editor.picture.plane, studio.session.plane))
+        a0, a1, b0, b1 = studio.editor.picture.raster.box
+        inside = studio.editor.points.target
+        assert (inside >= [a0, b0]).all()
+        assert (inside <= [a1, b1]).all()
+    assert all(a == b for a, b in together)
+    assert len(studio.deformation.steps) == 1
+
+
+def test_an_edit_that_comes_after_the_picture_was_turned_is_dropped(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    late = a_drag(studio)
+    hold = threading.Event()
+    studio._worker.call(hold.wait)  # the new picture waits behind this
+    controls(studio)["Side"].value = next(v for v in VIEWS if v != studio.session.view)
+    count = len(studio.deformation.steps)
+    drag(studio, late)
+    hold.set()
+    studio.wait()
+    assert len(studio.deformation.steps) == count == 2
+    assert studio.editor.points == studio.session.points
+    assert not studio.session.points.displacement.any()
+    assert studio.stats()["late"] == 1
+
+
+def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    found = controls(studio)
+    found["Strength"].value = 2.5
+    assert studio.editor.strength == studio.session.step.strength == 2.5
+    found["automatic"].value = False
+    found["Support"].value = 12.0
+    assert studio.editor.support == pytest.approx(12.0)
+    found["Smoothing"].value = 0.5
+    assert studio.editor.smoothing == 0.5
+    found["Extrusion"].value = "modulate"
+    studio._curve.curve = "sin(pi*z)"
+    assert studio.session.step.curve == "sin(pi*z)"
+    found["Extrusion"].value = "interpolate"
+    assert studio._keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
+    message = {"kind": "select", "index": 2, "knots": [0.0, 0.5, 1.0], "selected": 2}
+    studio._keys._handle_custom_msg({"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message}, [])
+    assert studio.session.key == 2
+    drag(studio, a_drag(studio, -3.0))
+    assert studio.session.step.maps[2] != studio.session.step.maps[0]
+    assert studio.view.editor_map == 2
+    found["automatic"].value = True
+    assert studio.session.step.support is None
+
+
+def test_opacities_reach_session_and_view(studio: Studio) -> None:
+    before = studio.view.table
+    value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}
+    message = {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": value}
+    studio._opacity._handle_custom_msg(message, [])
+    assert studio.session.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
+    assert studio.view.table != before
+    studio.session.transfer = "bone"
+    assert studio._opacity.transfer == studio.session.transfer_function
+
+
+def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    found = controls(studio)
+    assert [text for text, _ in found["Step"].options] == ["1: 5 points", "2: 5 points"]
+    found["Step"].value = "0"
+    studio.wait()
+    assert studio.session.index == 0
+    assert studio.view.editor is None  # points of an earlier step pass through the later ones, in Python
+    found["Step"].value = "1"
+    studio.wait()
+    assert studio.view.editor is studio.editor
+    found["step is done"].value = False
+    assert_array_equal(studio.result().values, Deformation(studio.deformation.steps[:1]).apply(studio.volume).values)
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def wait_for(condition: Any, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.01)
+
+
+def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    panel = studio._panels[-1]
+    for name in ("ball.nrrd", "ball.svg", "ball.py", "ball.json", "ball.html"):
+        panel.name.value = name
+        panel.write.click()
+        wait_for(lambda: not panel.write.disabled)
+        assert (tmp_path / name).stat().st_size > 0, studio._notice.value
+        assert name in panel.said.value
+    for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
+        panel.name.value = wrong
+        panel.write.click()
+        assert studio._notice.value
+        assert not panel.write.disabled
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
+
+
+def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
+    panel = studio._panels[-1]
+    panel.name.value = "ball.gif"
+    panel.write.click()
+    panel.cancel.click()
+    wait_for(lambda: not panel.write.disabled)
+    assert "Stopped" in panel.said.value
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    saved = to_json(studio.session.document()).encode()
+    studio.undo()
+    panel = studio._panels[-1]
+    panel._open([{"name": "s.json", "content": memoryview(saved)}])
+    assert studio.session.points.displacement.any()
+    panel._open([{"name": "s.json", "content": b"{nonsense"}])
+    assert "JSON" in studio._notice.value
+
+
+# -- display and the end -----------------------------------------------------------------------------------------------
+
+
+def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
+    still = studio.still(300)
+    assert still.shape[1] == 300
+    assert still[:, :150].std() > 5
+    assert still[:, 150:].std() > 5
+    data = studio._repr_mimebundle_()
+    assert (data[0] if isinstance(data, tuple) else data)["image/png"].startswith(b"\x89PNG")
+
+
+def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
+    Studio(a_volume()).close()  # what is made once for all
+    gc.collect()
+    widgets, threads = len(_instances()), threading.active_count()
+    for _ in range(5):
+        made = Studio(a_volume(), folder=tmp_path)
+        drag(made, a_drag(made))
+        reference = weakref.ref(made)
+        made.close()
+        del made
+        gc.collect()
+        assert reference() is None
+    wait_for(lambda: threading.active_count() <= threads)
+    assert len(_instances()) == widgets
+
+
+def _instances() -> dict[str, Any]:
+    from ipywidgets.widgets import widget
+
+    return dict(widget._instances)
+
+
+def test_a_cell_that_runs_again_closes_its_studios(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = ["cell", "1"]
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
+    closed: list[str] = []
+
+    class Shown:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def close(self) -> None:
+            closed.append(self.name)
+
+    a, b, c = Shown("a"), Shown("b"), Shown("c")
+    close_earlier_of_this_cell(a)
+    close_earlier_of_this_cell(b)  # a second one of the same run
+    assert closed == []
+    run[1] = "2"
+    close_earlier_of_this_cell(c)
+    assert closed == ["a", "b"]
+    run[0] = "other cell"
+    close_earlier_of_this_cell(Shown("d"))
+    assert closed == ["a", "b"]
+
+
+def test_the_studio_stands_in_boxes(studio: Studio) -> None:
+    box = ipw.HBox([studio, ipw.Label("beside")])
+    assert box.children[0] is studio
+    assert "24 x 20 x 16" in repr(studio)
