@@ -144,7 +144,8 @@ def test_rounding_the_lines_changes_the_curve_and_back() -> None:
 
 @pytest.mark.parametrize(("curve", "words"), [
     ("sin(", "not a formula"), ("1/(z-0.5)", "not finite at z = 0.5"), ("__import__('os')", "may only use"),
-    ("", "empty"), ((1.0,), "at least two"), ([1, float("nan")], "finite"), (lambda z: z, "no nodes"), ({"a": 1}, "array of numbers"),
+    ("", "empty"), ((1.0,), "at least two"), ([1, float("nan")], "finite"), (lambda z: z, "no nodes"),
+    ({"a": 1}, "array of numbers"),
 ])
 def test_a_wrong_curve_is_refused_and_the_old_one_stays(curve: Any, words: str) -> None:
     editor = CurveEditor("1-z")

@@ -74,7 +74,8 @@ def test_an_edit_says_what_was_done(edit: KeyEdit, phase: str, sent: list[Any]) 
     ("turn", 0, [0, 0.5, 1], 0), ("move", 3, [0, 0.5, 1], 0), ("move", 0, [0, 0.5, 1], 3), ("move", -1, [0, 0.5, 1], 0),
     ("move", True, [0, 0.5, 1], 0), ("move", 0, [0, 0.5, 1], None), ("move", 0, [0, 1], 0), ("add", 0, [0, 0.5, 1], 0),
     ("remove", 0, [], 0), ("move", 0, [0.495, 0.5, 1], 0), ("move", 0, [0.6, 0.5, 1], 0),
-    ("move", 0, [-0.1, 0.5, 1], 0), ("move", 0, "abc", 0), ("move", 0, [0, None, 1], 0), (None, 0, [0, 0.5, 1], 0), ([], 0, [0, 0.5, 1], 0),
+    ("move", 0, [-0.1, 0.5, 1], 0), ("move", 0, "abc", 0), ("move", 0, [0, None, 1], 0),
+    (None, 0, [0, 0.5, 1], 0), ([], 0, [0, 0.5, 1], 0),
 ])
 def test_what_makes_no_sense_is_refused_and_answered(kind: Any, index: Any, knots: Any, selected: Any,
                                                      sent: list[Any]) -> None:

@@ -50,6 +50,15 @@ def test_bins_hold_whole_steps_so_that_none_is_empty(values: Any, bins: int, fir
     np.testing.assert_allclose(extent, (first, last), rtol=1e-6)
 
 
+def test_two_values_in_a_slice_are_no_step() -> None:
+    values = np.zeros((9, 20, 20), np.uint8)
+    values[:, 8:12] = 150
+    values[0, 0, :9] = np.arange(9) * 7
+    found, _ = shown_histogram(Volume.from_array(values))
+    assert len(found.counts) > 140
+    assert found.counts[[0, 7, 150]].tolist() == [9 * 16 * 20 - 8, 1, 9 * 4 * 20]
+
+
 def test_a_few_voxels_of_metal_do_not_press_the_rest_together() -> None:
     values = np.random.default_rng(1).integers(0, 200, (40, 60, 60)).astype(np.int16)
     values[20, 30, 30:32] = 2000

@@ -19,6 +19,7 @@ from deformnb.widgets.curve_nodes import MOST_NODES
 from deformnb.widgets.edited import SCRIPTS, AbstractEdited, nodes_from_json
 
 _BINS, _SLICES = 256, 24
+_TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
 _FELT = 16  # more steps than this in a bin, and one more or less is not seen
 
 
@@ -172,7 +173,7 @@ def _step(volume: Volume, low: float, top: float) -> float:
     values = np.unique(middle.astype(np.float64))
     gaps = np.diff(values)
     gaps = gaps[gaps > 1e-6 * (top - low)]
-    if len(gaps) == 0:
+    if len(gaps) < _TELLING:
         return 1.0 if middle.dtype.kind in "bui" else 0.0
     steps = (values - low) / gaps.min()
     is_even = bool(np.abs(steps - np.round(steps)).max() < 0.05)

@@ -63,7 +63,8 @@ class CurvePlot extends EditedPage {
     const [, py] = this.toPixel([x, y]);
     const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
     const [[x0, x1], [y0, y1]] = this.view, digits = (range) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
-    return [Number(x.toFixed(digits(x1 - x0))), near ?? (this.power < 1 ? Number(y.toPrecision(3)) : Number(y.toFixed(digits(y1 - y0))))];
+    const rounded = this.power === 1 ? y.toFixed(digits(y1 - y0)) : y < 5e-6 ? 0 : y.toPrecision(3);
+    return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
   }
 
   pointOf(event) {
