@@ -187,19 +187,21 @@ def test_a_click_changes_nothing(drawn: Any) -> None:
     assert page.js("document.activeElement.getAttribute('aria-label')") == "node 5 of 9"
 
 
-def test_a_finger_drags(drawn: Any) -> None:
+def test_a_finger_drags_up_without_scrolling_the_page(drawn: Any) -> None:
     page = drawn(tent())
+    page.page.evaluate("document.body.style.height = '4000px'")
     finger = page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y} for x, y in places]})
 
     touch("touchStart", page.at((0.5, 0.5)))
-    for x in (0.55, 0.6, 0.7, 0.75):
-        touch("touchMove", page.at((x, 0.25)))
+    for y in (0.3, 0.0, -0.4, -0.75):
+        touch("touchMove", page.at((0.5, y)))
     touch("touchEnd")
     page.settled()
-    assert page.widget.nodes[2] == (0.75, pytest.approx(0.25, abs=0.02))
+    assert page.widget.nodes[2] == (0.5, pytest.approx(-0.75, abs=0.02))
+    assert page.page.evaluate("window.scrollY") == 0
 
 
 # ---- nodes come and go -----------------------------------------------------------------------------------------------

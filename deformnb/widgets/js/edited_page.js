@@ -116,6 +116,10 @@ function listenToDrags(page, target, hand) {
     held = null;
     hand.drop(grabbed, isCancelled, isPress);
   };
+  // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
+  page.listen(target, "touchstart", (event) => {
+    if (event.target.closest(".dnb-cv-node") && !page.isReadOnly) event.preventDefault();
+  }, { passive: false });
   page.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = hand.press(event);
