@@ -7,9 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from browser.editor_page import EditorOnPage, five_points, smooth_picture
 from browser.hosts import Lab, running
 from browser.live_page import ARGUMENTS, LivePage
 from scripts import chromium
+
+from deformnb.control_points import ControlPoints
+from deformnb.picture import Picture
+from deformnb.widgets.editor import Editor
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +51,28 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
     """JupyterLab on this machine, started."""
     with running(Lab, tmp_path) as server:
         yield server
+
+
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Any]:
+    """Opens editors, each on a page of its own; none of them may complain."""
+    pages: list[EditorOnPage] = []
+
+    def open_page(editor: Editor, **options: Any) -> EditorOnPage:
+        pages.append(EditorOnPage(browser, editor, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        assert page.errors == []
+        page.close()
+
+
+@pytest.fixture(scope="module")
+def picture() -> Picture:
+    return smooth_picture()
+
+
+@pytest.fixture
+def points() -> ControlPoints:
+    return five_points()

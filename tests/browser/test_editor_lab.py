@@ -78,6 +78,16 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
     assert ids == [0, 1, 2]
     assert page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length") == cells
 
+    # Point 2 has the focus now. It goes and comes back, then point 3 does, then its arrow key is undone; all of it
+    # while the kernel may still be at the first, and nothing late may overtake anything.
+    for key in ("Delete", "Control+z", "Control+z", "Control+z"):
+        page.keyboard.press(key)
+    undone, ids, _ = settled(lab, page, lambda now, ids, ends: now == targets)
+    assert (undone, ids) == (targets, [0, 1, 2, 3])
+    page.wait_for_timeout(500)
+    assert json.loads(lab.run(page, STATE))[:2] == [targets, [0, 1, 2, 3]]
+    assert page.evaluate(f"() => {PAGE}.points.map((p) => p.target)") == targets
+
     lab.run(page, "editor.points = editor.points.move(0, [14, 12])")
     page.wait_for_function(f"{PAGE}.points[0].target[0] === 14")
     page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")

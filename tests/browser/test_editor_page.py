@@ -2,124 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-import io
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import LivePage
-from PIL import Image
+from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
 from deformnb.picture import Picture, project
-from deformnb.plane import VIEWS, Raster
+from deformnb.plane import VIEWS
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
-
-PAGE = "document.querySelector('.dnb-editor').deformnb"
-
-
-class EditorOnPage(LivePage):
-    """An editor whose Python is in this process; ``model`` and ``page.view`` are looked at from here."""
-
-    def __init__(self, browser: Any, editor: Editor, size: tuple[int, int] = (900, 700), *, draws: int = 1) -> None:
-        super().__init__(browser, size)
-        self.editor = self.widgets["editor"] = editor
-        editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
-        editor.observe(self._told)
-        state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in
-                 ("layout", "tabbable", "tooltip")}
-        self.page.evaluate("([n, s]) => { makeModel(n, s); }", ["editor", state])
-        for _ in range(draws):
-            self.draw("editor")
-        self.settled()
-
-    def _told(self, change: Any) -> None:
-        if self.editor.trait_metadata(change["name"], "sync") and not self._echo:
-            value = packed(self.editor.get_state(change["name"])[change["name"]])
-            self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
-
-    def settled(self) -> None:
-        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
-                  f"!{PAGE}.isMoving && !{PAGE}.frame")
-
-    @property
-    def points(self) -> ControlPoints:
-        """Python's points, after all that the page has said."""
-        self.settled()
-        return self.editor.points
-
-    def js(self, expression: str) -> Any:
-        return self.page.evaluate(f"() => {expression}")
-
-    def on_screen(self, place: Any) -> tuple[float, float]:
-        """CSS pixels of the window where a place of the picture is."""
-        v, box = self.js(f"({PAGE}.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
-        return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
-
-    def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
-        """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
-        x, y = self.on_screen(place)
-        mouse = self.page.mouse
-        mouse.move(x, y)
-        mouse.down()
-        mouse.move(x + by[0], y + by[1], steps=steps)
-        mouse.up()
-        self.settled()
-
-    def canvas(self) -> np.ndarray:
-        """The canvas in its own pixels; grid and points are not on it if the grid is off."""
-        self.settled()
-        data = self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]")
-        return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
-
-    def raster(self) -> Raster:
-        """Where the pixels of the canvas are on the picture's plane."""
-        v = self.js(f"({PAGE}.view)")
-        shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
-        return Raster((shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
-                                                     (0.5 / v["ratio"] - v["y"]) / v["k"]))
-
-
-def packed(value: Any) -> Any:
-    return {"__bytes__": base64.b64encode(bytes(value)).decode()} if isinstance(value, bytes | memoryview) else value
-
-
-@pytest.fixture
-def opened(browser: Any) -> Iterator[Any]:
-    pages: list[EditorOnPage] = []
-
-    def open_page(editor: Editor, **options: Any) -> EditorOnPage:
-        pages.append(EditorOnPage(browser, editor, **options))
-        return pages[-1]
-
-    yield open_page
-    for page in pages:
-        assert page.errors == []
-        page.close()
-
-
-@pytest.fixture(scope="module")
-def picture() -> Picture:
-    """Smooth and without symmetry, 60 x 44 pixels that are not square, away from the origin."""
-    raster = Raster((44, 60), (2.0, 2.5), (11.0, -30.0))
-    at = raster.points()
-    a, b = (at[..., 0] - 11) / 120, (at[..., 1] + 30) / 110
-    values = 120 + 60 * np.sin(7 * a + 2 * b) * np.cos(5 * b) + 60 * np.exp(-((a - 0.3) ** 2 + (b - 0.7) ** 2) * 90)
-    plane = project(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4)))).plane
-    return Picture(np.clip(values, 0, 255).astype(np.uint8), plane, raster, "mip", (0.0, 255.0))
-
-
-@pytest.fixture
-def points() -> ControlPoints:
-    source = np.array([[30.0, -10.0], [110.0, -5.0], [100.0, 60.0], [35.0, 55.0], [70.0, 25.0]])
-    return ControlPoints.from_arrays(source, names=["", "top right", "", "", "middle"])
 
 
 def expected(page: EditorOnPage, picture: Picture) -> np.ndarray:
@@ -190,13 +87,14 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
 
 
 def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+    # Without the grid: Chromium draws lines a shade differently once a canvas was read, on a busy machine only.
+    page = opened(Editor(picture, points, show_net=False))
     before = page.canvas()
     page.drag(points.target[4], (50, 30))
     after, moved = page.canvas(), page.points
     assert np.abs(after - before).max() > 50
     page.page.keyboard.press("Control+z")
-    assert np.array_equal(page.canvas(), before)
+    assert np.abs(page.canvas() - before).max() == 0
     assert page.points == points
     page.page.keyboard.press("Control+y")
     assert np.array_equal(page.canvas(), after)
@@ -565,7 +463,7 @@ def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Pictu
     page.close()
 
 
-@pytest.mark.parametrize("width", [420, 600, 1280])
+@pytest.mark.parametrize("width", [360, 420, 600, 1280])
 def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints, width: int) -> None:
     page = opened(Editor(picture, points), size=(width, 800))
     clipped = page.js("""(() => {
@@ -578,3 +476,28 @@ def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints
     })()""")
     assert clipped == []
     assert page.js("document.documentElement.scrollWidth <= innerWidth")
+    whole, stage = (page.page.locator(f".dnb-{name}").bounding_box() for name in ("editor", "ed-stage"))
+    assert whole["width"] == width
+    a0, a1, b0, b1 = picture.raster.box
+    height = min(560, 40 + (stage["width"] - 40) * (b1 - b0) / (a1 - a0))
+    assert stage["height"] == pytest.approx(height, abs=1)
+    left, top = page.on_screen((a0, b0))
+    right, bottom = page.on_screen((a1, b1))
+    assert min(left, top - stage["y"], width - right, stage["y"] + stage["height"] - bottom) >= 19  # all of it is seen
+
+
+def test_in_a_row_the_editor_takes_what_its_neighbour_leaves(opened: Any, picture: Picture,
+                                                            points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, height=480), size=(1280, 800))
+    page.js("""{ const root = document.getElementById("root"), other = document.createElement("div");
+        root.style.display = "flex"; other.innerHTML = "<div style='width: 480px; height: 300px'></div>";
+        root.append(other); }""")
+    page.wait("document.querySelector('.dnb-editor').clientWidth < 810")
+    assert page.page.locator(".dnb-editor").bounding_box()["width"] == pytest.approx(800, abs=1)
+    assert page.page.locator(".dnb-ed-stage").bounding_box()["height"] == 480
+    page.drag(points.target[4], (40, 10))
+    assert page.points.displacement[4] == pytest.approx(np.array([-40, -10]) / page.js(f"{PAGE}.view.k"), abs=1e-9)
+    page.js("{ document.getElementById('root').lastChild.firstChild.style.width = '900px'; }")
+    page.wait("document.querySelector('.dnb-editor').clientWidth < 400")
+    assert page.page.locator(".dnb-editor").bounding_box()["width"] == pytest.approx(380, abs=1)
+    assert page.page.locator(".dnb-ed-stage").bounding_box()["height"] < 400

@@ -3,13 +3,6 @@
 
 const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
 
-// What is said of a kernel that does not answer, by the sender's status.
-const SILENCE = {
-  busy: "The kernel is busy; the volume in Python follows later",
-  silent: "No answer from Python yet; these points stay in the page until it answers",
-  lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
-};
-
 class EditorPage extends EditorDrawing {
   constructor(model, el) {
     super();
@@ -32,7 +25,10 @@ class EditorPage extends EditorDrawing {
   }
 
   #build(el) {
-    this.root = pageElement("div", "dnb-editor", el);
+    this.host = el;
+    el.classList.add("dnb-ed-host");
+    // Whatever is clicked in here, the keys are the editor's from then on.
+    this.root = pageElement("div", "dnb-editor", el, { tabindex: "-1", role: "group", ...OWN_KEYS });
     this.toolbar = new Toolbar(this, this.root);
     this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application", ...OWN_KEYS });
     this.canvas = pageElement("canvas", "dnb-ed-canvas", this.stage, { "aria-hidden": "true" });
@@ -106,6 +102,7 @@ class EditorPage extends EditorDrawing {
     this.bus.views -= 1;
     if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
     this.root.remove();
+    this.host.classList.remove("dnb-ed-host");
   }
 
   // Whatever goes wrong in here is said in the widget, and the page goes on.
@@ -129,12 +126,6 @@ class EditorPage extends EditorDrawing {
 
   message(message) {
     if (message?.type === "error") this.say(String(message.message), true);
-  }
-
-  showStatus() {
-    const text = SILENCE[this.sender.status];
-    if (text) this.hint(text, 8000);
-    else if (Object.values(SILENCE).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 
   set(name, value) {
@@ -348,40 +339,6 @@ class EditorPage extends EditorDrawing {
   }
 
   focusStage() { this.stage.focus({ preventScroll: true }); }
-
-  // ---- words -------------------------------------------------------------------------------------------------------
-
-  // A sentence over the picture; a passing one goes after a while.
-  say(message, isPassing = false) {
-    clearTimeout(this.alertTimer);
-    this.alert.hidden = !message;
-    this.alert.textContent = message;
-    if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
-  }
-
-  hint(text, duration = 2500) {
-    clearTimeout(this.tipTimer);
-    this.tip.hidden = false;
-    this.tip.textContent = text;
-    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
-  }
-
-  speak(text) { setText(this.spoken, text); }
-
-  // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
-  applyTheme() {
-    this.root.dataset.theme = this.model.get("theme") || "auto";
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
-    this.root.classList.toggle("dnb-ed-dark", isDark);
-    const style = getComputedStyle(this.root), colour = (name) => style.getPropertyValue(name).trim() || "#777";
-    this.colours = { stage: colour("--dnb-stage"), net: colour("--dnb-net") };
-    this.invalidate();
-  }
-}
-
-function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
 }
 
 function render({ model, el }) {

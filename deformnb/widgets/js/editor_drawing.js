@@ -1,9 +1,16 @@
-// What the editor draws and where: its view, the frames, the status line. EditorPage is this and the edits.
+// What the editor draws and says: its view, the frames, the status line, hints. EditorPage is this and the edits.
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
 const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page has laid the editor out
+
+// What is said of a kernel that does not answer, by the sender's status.
+const SILENCE = {
+  busy: "The kernel is busy; the volume in Python follows later",
+  silent: "No answer from Python yet; these points stay in the page until it answers",
+  lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
+};
 
 class EditorDrawing {
   // ---- the view -----------------------------------------------------------------------------------------------------
@@ -143,6 +150,40 @@ class EditorDrawing {
 
   // ---- words --------------------------------------------------------------------------------------------------------
 
+  showStatus() {
+    const text = SILENCE[this.sender.status];
+    if (text) this.hint(text, 8000);
+    else if (Object.values(SILENCE).includes(this.tip.textContent)) this.tip.hidden = true;
+  }
+
+  // A sentence over the picture; a passing one goes after a while.
+  say(message, isPassing = false) {
+    clearTimeout(this.alertTimer);
+    this.alert.hidden = !message;
+    this.alert.textContent = message;
+    if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
+  }
+
+  hint(text, duration = 2500) {
+    clearTimeout(this.tipTimer);
+    this.tip.hidden = false;
+    this.tip.textContent = text;
+    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
+  }
+
+  speak(text) { setText(this.spoken, text); }
+
+  // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
+  applyTheme() {
+    this.root.dataset.theme = this.model.get("theme") || "auto";
+    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
+    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
+    this.root.classList.toggle("dnb-ed-dark", isDark);
+    const style = getComputedStyle(this.root), colour = (name) => style.getPropertyValue(name).trim() || "#777";
+    this.colours = { stage: colour("--dnb-stage"), net: colour("--dnb-net") };
+    this.invalidate();
+  }
+
   describe() {
     const { points, selected, fit } = this, off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
@@ -179,4 +220,8 @@ class EditorDrawing {
     if (this.selected.size === 0) return "Drag a disc to move what lies under it; ? lists all keys";
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
 }

@@ -174,8 +174,10 @@ class Gestures {
 
   key(event) {
     const { page } = this;
-    if (event.target.closest("input, .dnb-ed-help")) { if (event.key === "Escape") page.closeHelp(); return; }
-    const isCommand = event.ctrlKey || event.metaKey, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const isCommand = event.ctrlKey || event.metaKey;
+    if (event.target.closest("input")) return; // has an undo of its own
+    if (!isCommand && event.target.closest(".dnb-ed-help")) { if (event.key === "Escape") page.closeHelp(); return; }
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const handled = isCommand ? this.command(key, event.shiftKey) : this.plain(key, event);
     if (!handled) return;
     event.preventDefault();

@@ -1,0 +1,106 @@
+"""An editor on a page without Jupyter, its Python in this process, and a picture to edit."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import Any
+
+import numpy as np
+from browser.live_page import LivePage
+from PIL import Image
+
+from deformnb.control_points import ControlPoints
+from deformnb.picture import Picture, project
+from deformnb.plane import Raster
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
+
+PAGE = "document.querySelector('.dnb-editor').deformnb"
+
+
+class EditorOnPage(LivePage):
+    """An editor whose Python is in this process; ``model`` and ``page.view`` are looked at from here."""
+
+    def __init__(self, browser: Any, editor: Editor, size: tuple[int, int] = (900, 700), *, draws: int = 1) -> None:
+        super().__init__(browser, size)
+        self.editor = self.widgets["editor"] = editor
+        editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
+        editor.observe(self._told)
+        state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in
+                 ("layout", "tabbable", "tooltip")}
+        self.page.evaluate("([n, s]) => { makeModel(n, s); }", ["editor", state])
+        for _ in range(draws):
+            self.draw("editor")
+        self.settled()
+
+    def _told(self, change: Any) -> None:
+        if self.editor.trait_metadata(change["name"], "sync") and not self._echo:
+            value = packed(self.editor.get_state(change["name"])[change["name"]])
+            self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
+
+    def settled(self) -> None:
+        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
+                  f"!{PAGE}.isMoving && !{PAGE}.frame")
+
+    @property
+    def points(self) -> ControlPoints:
+        """Python's points, after all that the page has said."""
+        self.answered()
+        return self.editor.points
+
+    def answered(self) -> None:
+        """Until Python has taken in all that was edited, and the page has heard it."""
+        self.wait(f"!{PAGE}.sender.isBehind()")
+        self.settled()
+
+    def js(self, expression: str) -> Any:
+        return self.page.evaluate(f"() => {expression}")
+
+    def on_screen(self, place: Any) -> tuple[float, float]:
+        """CSS pixels of the window where a place of the picture is."""
+        v, box = self.js(f"({PAGE}.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
+        return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
+
+    def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
+        """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
+        x, y = self.on_screen(place)
+        mouse = self.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + by[0], y + by[1], steps=steps)
+        mouse.up()
+        self.settled()
+
+    def canvas(self) -> np.ndarray:
+        """The canvas in its own pixels; grid and points are not on it if the grid is off."""
+        self.settled()
+        data = self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]")
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
+
+    def raster(self) -> Raster:
+        """Where the pixels of the canvas are on the picture's plane."""
+        v = self.js(f"({PAGE}.view)")
+        shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
+        return Raster((shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
+                                                     (0.5 / v["ratio"] - v["y"]) / v["k"]))
+
+
+def packed(value: Any) -> Any:
+    return {"__bytes__": base64.b64encode(bytes(value)).decode()} if isinstance(value, bytes | memoryview) else value
+
+
+def smooth_picture() -> Picture:
+    """Smooth and without symmetry, 60 x 44 pixels that are not square, away from the origin."""
+    raster = Raster((44, 60), (2.0, 2.5), (11.0, -30.0))
+    at = raster.points()
+    a, b = (at[..., 0] - 11) / 120, (at[..., 1] + 30) / 110
+    values = 120 + 60 * np.sin(7 * a + 2 * b) * np.cos(5 * b) + 60 * np.exp(-((a - 0.3) ** 2 + (b - 0.7) ** 2) * 90)
+    plane = project(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4)))).plane
+    return Picture(np.clip(values, 0, 255).astype(np.uint8), plane, raster, "mip", (0.0, 255.0))
+
+
+def five_points() -> ControlPoints:
+    """At rest, the last in the middle of the picture."""
+    source = np.array([[30.0, -10.0], [110.0, -5.0], [100.0, 60.0], [35.0, 55.0], [70.0, 25.0]])
+    return ControlPoints.from_arrays(source, names=["", "top right", "", "", "middle"])

@@ -1,0 +1,225 @@
+"""The editor's page and its Python: what each hears of the other, and what is said where one does not answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.editor_page import PAGE, EditorOnPage
+
+from deformnb.control_points import ControlPoints
+from deformnb.picture import Picture
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.point_messages import EditMessage
+
+pytestmark = pytest.mark.needs_browser
+
+TIP = ".dnb-ed-hint:not([hidden])"
+
+
+def pressed(page: EditorOnPage, place: Any, *ways: tuple[float, float]) -> None:
+    """The mouse goes down on a place of the picture and moves; it stays down."""
+    x, y = page.on_screen(place)
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    for dx, dy in ways:
+        page.page.mouse.move(x + dx, y + dy, steps=4)
+
+
+# ---- the history in Python ------------------------------------------------------------------------------------------
+
+
+def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+    page, past, future = opened(editor), [], []
+
+    def told() -> None:
+        editor.history = {"undo": f"{len(past)} back" if past else "", "redo": f"{len(future)} on" if future else ""}
+
+    def edited(edit: EditMessage) -> None:
+        if edit.phase == "end":
+            past.append((edit.kind, before[-1]))
+            before.append(edit.points)
+            told()
+
+    def step(way: str) -> None:
+        source, target = (past, future) if way == "undo" else (future, past)
+        kind, other = source.pop()
+        target.append((kind, editor.points))
+        before.append(other)
+        editor.points = other
+        told()
+
+    before = [points]
+    editor.on_edit(edited, details=True)
+    editor.on_history(step)
+    told()
+    button = page.page.locator("[data-command=undo]")
+    page.wait("document.querySelector('[data-command=undo]').ariaDisabled === 'true'")
+    page.drag(points.target[4], (40, 20))
+    page.page.keyboard.press("Delete")
+    page.answered()
+    assert [kind for kind, _ in past] == ["move", "remove"]
+    assert (button.get_attribute("title"), button.get_attribute("aria-label")) == ("Undo 2 back (Ctrl+Z)",) * 2
+    page.page.locator(".dnb-ed-notes").click()  # nothing there takes the focus by itself
+    page.page.keyboard.press("Control+z")
+    page.answered()
+    assert page.js(f"{PAGE}.points.length") == len(editor.points) == 5
+    button.click()  # and a button keeps the focus
+    page.page.keyboard.press("Control+y")
+    page.page.keyboard.press("Control+z")
+    page.answered()
+    assert editor.points == points
+    assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()
+    ways = [m["way"] for m in page.js("models.editor.sent") if m["type"] == "history"]
+    assert ways == ["undo", "undo", "redo", "undo"]
+    page.page.keyboard.press("?")
+    page.page.keyboard.press("Control+y")  # over the list of keys too
+    page.answered()
+    assert editor.points == page.points != points
+    editor.history = {}
+    page.wait("document.querySelector('[data-command=undo]').title === 'Undo (Ctrl+Z)'")
+
+
+def test_a_name_being_typed_keeps_its_own_undo(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.drag(points.target[4], (40, 20))
+    moved = page.points
+    page.page.keyboard.press("F2")
+    page.page.keyboard.type("x")
+    page.page.keyboard.press("Control+z")
+    page.page.keyboard.press("Escape")
+    assert page.points == moved
+    page.page.keyboard.press("Control+z")
+    assert page.points == points
+
+
+# ---- what Python hears ----------------------------------------------------------------------------------------------
+
+
+def test_python_hears_what_was_done_and_what_belongs_together(opened: Any, picture: Picture,
+                                                              points: ControlPoints) -> None:
+    editor, seen = Editor(picture, points), []
+    editor.on_edit(lambda edit: seen.append((edit.kind, edit.joins)), details=True)
+    page = opened(editor)
+    page.page.locator("[data-id='4']").focus()
+    page.js(f"{{ const {{ history }} = {PAGE}.sender, record = history.record.bind(history); let now = 0;"
+            "history.record = (before, kind) => record(before, kind, now += 300); }")  # a slow machine joins as well
+    for key in ("ArrowRight", "ArrowRight", "ArrowDown", "o", "ArrowRight", "Home", "Delete"):
+        page.page.keyboard.press(key)
+        page.answered()
+    page.page.keyboard.press("Control+z")
+    page.page.mouse.dblclick(*page.on_screen([50, 50]))
+    page.page.keyboard.press("F2")
+    page.page.keyboard.type("eye")
+    page.page.keyboard.press("Enter")
+    page.answered()
+    assert seen == [("nudge", False), ("nudge", True), ("nudge", True), ("switch", False), ("nudge", False),
+                    ("reset", False), ("remove", False), ("undo", False), ("add", False), ("rename", False)]
+
+
+def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(opened: Any, picture: Picture,
+                                                               points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+
+    def fail(_points: ControlPoints, phase: str) -> None:
+        if phase == "move":
+            raise RuntimeError("no room on the card")
+
+    editor.on_edit(fail)
+    page = opened(editor)
+    pressed(page, points.target[4], (20, 10))
+    page.wait("!document.querySelector('[role=alert]').hidden")
+    assert "RuntimeError in a callback: no room on the card" in page.page.locator("[role=alert]").inner_text()
+    x, y = page.on_screen(points.target[4])
+    page.page.mouse.move(x + 50, y - 30, steps=5)
+    page.page.mouse.up()
+    k = page.js(f"{PAGE}.view.k")
+    assert page.points.displacement[4] == pytest.approx(np.array([-50, 30]) / k, abs=1e-9)
+
+
+def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(opened: Any, picture: Picture,
+                                                                   points: ControlPoints) -> None:
+    editor, seen = Editor(picture, points), []
+    editor.on_edit(lambda p, phase: seen.append((phase, p == points)))
+    page = opened(editor)
+    pressed(page, points.target[4], (20, 10), (50, 30))
+    page.answered()
+    page.page.keyboard.press("Escape")
+    page.page.mouse.up()
+    page.answered()
+    assert ("move", False) in seen
+    assert seen[-1] == ("move", True)
+    assert editor.points == points
+
+
+# ---- a kernel that does not answer ----------------------------------------------------------------------------------
+
+
+def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.drag(points.target[0], (10, 5))
+    page.wait(f"{PAGE}.sender.isHeard")
+    pressed(page, points.target[4], (20, 10))
+    page.page.mouse.up()  # the answer stays in the outbox
+    page.page.wait_for_selector(TIP, timeout=15_000)
+    assert page.page.locator(TIP).inner_text() == "The kernel is busy; the volume in Python follows later"
+    page.wait("document.querySelector('.dnb-ed-hint').hidden")
+    page.drag(points.target[1], (10, 5))
+    assert (page.points.target[:2] != points.target[:2]).any(axis=1).all()
+
+
+def test_edits_that_cannot_be_sent_stay_and_are_said(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.js("{ models.editor.send = () => { throw new Error('Cannot send'); }; }")
+    pressed(page, points.target[4], (20, 10))
+    page.page.mouse.up()
+    page.page.wait_for_selector(TIP)
+    assert page.page.locator(TIP).inner_text().startswith("The kernel was restarted or is gone")
+    assert page.js(f"{PAGE}.points[4].target[0]") != 70
+    assert page.editor.points == points
+    assert all("could not be sent" in error for error in page.errors)
+    page.errors.clear()
+
+
+# ---- several windows ------------------------------------------------------------------------------------------------
+
+
+def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+    first, second = opened(editor), opened(editor)
+
+    def send(content: Any, buffers: Any = None) -> None:
+        for page in (first, second):
+            page.outbox.append(("editor", content, []))
+
+    editor.send = send  # type: ignore[method-assign]
+    first.drag(points.target[4], (30, 20))
+    first.answered()
+    second.drag(points.target[0], (-10, 15))
+    second.page.keyboard.press("Control+z")
+    second.page.keyboard.press("Control+z")  # what the other window did is undone as well
+    second.answered()
+    first.drag(points.target[2], (12, 6))
+    first.answered()
+    second.answered()
+    wanted = editor.points.target.tolist()
+    assert wanted[:2] == points.target[:2].tolist()
+    assert wanted[4] == points.target[4].tolist()
+    assert wanted[2] != points.target[2].tolist()
+    third = opened(editor)
+    for page in (first, second, third):
+        assert page.js(f"{PAGE}.points.map((p) => p.target)") == wanted
+    assert set(editor.seen) == {page.js(f"{PAGE}.sender.id") for page in (first, second)}
+
+
+def test_what_waits_is_sent_when_the_editor_is_closed(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.page.locator("[data-id='4']").focus()
+    for _ in range(4):
+        page.page.keyboard.press("ArrowRight")  # no answer comes: two are sent, the newest waits
+    assert len(page.js("models.editor.sent")) == 2
+    page.js("models.editor.cleanups.pop()()")
+    page.page.wait_for_function("models.editor.sent.length === 3")
+    assert page.editor.points.displacement[4, 0] == pytest.approx(-4 * picture.raster.spacing[0])
