@@ -14,7 +14,12 @@ _THREADS = (
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    if sys.argv[1:2] == ["latency"]:  # drives a browser and a server, which take the processors they get
+        from benchmarks import latency
+
+        return latency.main(sys.argv[2:])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__,
+                                     epilog="From the hand to the pixels: python -m benchmarks latency --help")
     parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")
     parser.add_argument("--points", type=int, default=32, help="number of control points (default 32)")
     parser.add_argument("--threads", type=int, default=1, help="processors to use; 0 leaves all as it is (default 1)")

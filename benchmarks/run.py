@@ -18,7 +18,7 @@ _PACKAGES = ("jax", "numpy", "scipy", "SimpleITK", "vtk", "scikit-image", "numba
 
 
 def run(options: Namespace) -> int:
-    print(f"{_machine()}; {options.threads or 'all'} thread(s)\n")
+    print(f"{machine()}; {options.threads or 'all'} thread(s)\n")
     print(", ".join(_versions()) + "\n")
     print(_LEGEND, flush=True)
     for module in (bench_rbf, bench_warp):
@@ -42,7 +42,7 @@ def _row(result: Measured, first: Measured) -> str:
     return f"| {name} | {1e3 * result.median:.3g} | {1e3 * least:.3g} | {ratio:.3g} | {peak} | {exact}"
 
 
-def _machine() -> str:
+def machine() -> str:
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

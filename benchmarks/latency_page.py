@@ -1,0 +1,301 @@
+"""One notebook in a tab of a real browser: a hand that edits, and what the page saw of it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.latency_cells import CASES
+
+HOOKS = Path(__file__).with_name("latency_hooks.js")
+
+# The largest picture of the notebook that is not the editor's.
+_VIEW_BOX = """() => {
+  const found = [...document.querySelectorAll(".jp-OutputArea img, .jp-OutputArea canvas, .jp-OutputArea iframe")]
+    .filter((e) => !e.closest(".dnb-editor")).map((e) => e.getBoundingClientRect())
+    .sort((a, b) => b.width * b.height - a.width * a.height)[0];
+  return found && found.width > 0 ? { x: found.x, y: found.y, width: found.width, height: found.height } : null;
+}"""
+
+# The disc nearest the middle of the picture, where a drag moves what is seen.
+_DISC = """() => {
+  const at = (e) => { const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; };
+  const middle = at(document.querySelector(".dnb-editor .dnb-ed-canvas"));
+  const far = ([x, y]) => Math.hypot(x - middle[0], y - middle[1]);
+  return [...document.querySelectorAll(".dnb-editor .dnb-ed-disc")].map(at).sort((a, b) => far(a) - far(b))[0];
+}"""
+
+
+class Hand(ABC):
+    """What edits: places along a path, the handle held all the way."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.is_down = False
+
+    @abstractmethod
+    def place(self) -> tuple[float, float]:
+        """Where the handle is on the screen."""
+
+    @abstractmethod
+    def at(self, step: float) -> tuple[float, float]:
+        """How far from where it was taken the handle is after a number of steps."""
+
+    def take(self) -> None:
+        self.x, self.y = self.place()
+        self.page.mouse.move(self.x, self.y)
+        self.page.mouse.down()
+        self.is_down = True
+
+    def move(self, step: float) -> None:
+        if not self.is_down:
+            self.take()
+        dx, dy = self.at(step)
+        self.page.mouse.move(self.x + dx, self.y + dy)
+
+    def release(self) -> None:
+        if self.is_down:
+            self.page.mouse.up()
+        self.is_down = False
+
+
+class PointHand(Hand):
+    """Drags a control point of the editor in a circle."""
+
+    def place(self) -> tuple[float, float]:
+        x, y = self.page.evaluate(_DISC)
+        return x, y
+
+    def at(self, step: float) -> tuple[float, float]:
+        return 24 * math.sin(step / 2.1), 18 * (1 - math.cos(step / 2.1)) + 4
+
+
+class SliderHand(Hand):
+    """Drags the handle of the slider there and back."""
+
+    def place(self) -> tuple[float, float]:
+        box = self.page.locator(".noUi-handle").first.bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def at(self, step: float) -> tuple[float, float]:
+        return 60 * math.sin(step / 2.1 + 0.2) - 10, 0.0
+
+
+@dataclass
+class Seen:
+    """Times in milliseconds of inputs, and of pictures on their way to the screen."""
+
+    inputs: list[float] = field(default_factory=list)
+    view: list[float] = field(default_factory=list)
+    editor: list[float] = field(default_factory=list)
+
+
+class Seat:
+    """A view in a notebook of its own, ready to be edited.
+
+    Parameters
+    ----------
+    name : of :data:`~benchmarks.latency_cells.CASES`.
+    size : edge of the volume in voxels.
+    """
+
+    def __init__(self, browser: Any, lab: Any, name: str, size: int, patience: float = 120.0) -> None:
+        self.name, self.lab = name, lab
+        self.page = browser.new_page(viewport={"width": 1440, "height": 860})
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.add_init_script(path=HOOKS)
+        self.seen = Seen()
+        self.typical = 400.0  # milliseconds of an edit, measured as they come
+        own = f"{''.join(c for c in name.lower() if c.isalnum())}{size}"
+        lab.address = f"/lab/workspaces/{own}/tree/{{name}}"  # else JupyterLab opens the others' notebooks as well
+        lab.open_notebook(self.page, CASES[name](size), f"{own}.ipynb")
+        self.page.evaluate("""async () => {
+            await jupyterapp.commands.execute("notebook:hide-all-cell-code");
+            jupyterapp.shell.collapseLeft();
+        }""")
+        self._wait(lambda: bool(self.seen.view), patience, "it showed no picture")
+        self.rest(1500)
+        self.hand: Hand = (PointHand if self.page.query_selector(".dnb-editor") else SliderHand)(self.page)
+        self.pid = int(lab.run(self.page, "import os; print(os.getpid())"))
+
+    def _wait(self, reached: Any, patience: float, otherwise: str) -> None:
+        end = time.monotonic() + patience
+        while not reached():
+            if time.monotonic() > end:
+                raise TimeoutError(f"{otherwise} in {patience:.0f} s {self.trouble()}")
+            self.page.wait_for_timeout(60)
+            self.collect()
+
+    def trouble(self) -> str:
+        """What the page and the notebook complain of."""
+        shown = self.page.evaluate("() => [...document.querySelectorAll('.jp-RenderedText[data-mime-type*=error]')]"
+                                   ".map((e) => e.textContent.slice(-300))")
+        return "; ".join([*self.errors[-2:], *shown]) or "(no error was shown)"
+
+    def collect(self) -> None:
+        """Fetch what the hooks have noted."""
+        for frame in self.page.frames:
+            try:
+                inputs, paints = frame.evaluate("""() => {
+                    const h = window.deformnbLatency, taken = h ? [h.inputs, h.paints] : [[], []];
+                    if (h) { h.inputs = []; h.paints = []; }
+                    return taken;
+                }""")
+            except Exception:  # a frame that is just going away
+                continue
+            self.seen.inputs += [t for t, _ in inputs]
+            for t, place, _ in paints:
+                (self.seen.view if place == "view" else self.seen.editor).append(t)
+
+    def fresh(self) -> None:
+        """Forget what was seen."""
+        self.collect()
+        self.seen = Seen()
+
+    def rest(self, quiet: float = 500.0, patience: float = 30.0) -> None:
+        """Until the view has shown nothing new for ``quiet`` milliseconds."""
+        end = time.monotonic() + patience
+        last, since = len(self.seen.view), time.monotonic()
+        while time.monotonic() - since < quiet / 1e3 and time.monotonic() < end:
+            self.page.wait_for_timeout(80)
+            self.collect()
+            if len(self.seen.view) != last:
+                last, since = len(self.seen.view), time.monotonic()
+
+    # -- what is measured ----------------------------------------------------------------------------------------------
+
+    def edit(self, step: float, patience: float = 20.0) -> tuple[float, float | None]:
+        """Milliseconds from one movement of the held handle to new pixels: in the view, and in the editor."""
+        if not self.hand.is_down:
+            self.hand.move(step - 0.5)
+            self._wait(lambda: bool(self.seen.view), patience, "the first movement changed nothing")
+        self.rest(300)
+        self.fresh()
+        self.hand.move(step)
+        self._wait(lambda: bool(self._after(self.seen.view)), patience, "an edit changed no pixel")
+        view, editor = self._after(self.seen.view)[0], self._after(self.seen.editor)
+        self.typical += 0.3 * (view - self.typical)
+        return view, editor[0] if editor else None
+
+    @property
+    def _long_rest(self) -> float:
+        """Milliseconds without a new picture after which none is on its way any more."""
+        return max(1200.0, 2.5 * self.typical)
+
+    def _after(self, times: list[float]) -> list[float]:
+        """Times since the first input."""
+        start = self.seen.inputs[0] if self.seen.inputs else math.inf
+        return sorted(t - start for t in times if t > start)
+
+    def whole_edit(self, step: float) -> float:
+        """Milliseconds from a movement, after which the handle is let go, to the last picture."""
+        if not self.hand.is_down:
+            self.hand.take()
+        self.rest(300)
+        self.fresh()
+        self.hand.move(step)
+        self.hand.release()
+        self._wait(lambda: bool(self._after(self.seen.view)), 20, "an edit changed no pixel")
+        self.rest(self._long_rest)
+        return self._after(self.seen.view)[-1]
+
+    def drag(self, seconds: float, rate: float = 60.0) -> dict[str, float]:
+        """Frames a second of a drag, and how long after its end the last picture came."""
+        if not self.hand.is_down:
+            self.hand.take()
+        self.rest(300)
+        self.fresh()
+        start, k = time.perf_counter(), 0
+        while (now := time.perf_counter() - start) < seconds:
+            self.hand.move(6 * now)
+            k += 1
+            time.sleep(max(0.0, k / rate - (time.perf_counter() - start)))
+        self.rest(self._long_rest)
+        inputs, end = self.seen.inputs, max(self.seen.inputs)
+        span = (end - inputs[0]) / 1e3
+
+        def rated(times: list[float]) -> float:
+            return sum(inputs[0] < t <= end for t in times) / span
+
+        self.hand.release()
+        return {"inputs_hz": len(inputs) / span, "view_hz": rated(self.seen.view), "editor_hz": rated(self.seen.editor),
+                "catch_up_ms": max([t - end for t in self.seen.view] + [0.0])}
+
+    def many(self, steps: int) -> None:
+        """Drags of 50 movements each, with a pause in which all is drawn."""
+        for k in range(steps):
+            self.hand.move(k / 3)
+            self.page.wait_for_timeout(15)
+            if k % 50 == 49:
+                self.hand.release()
+                self.rest(self._long_rest / 2)
+                self.fresh()
+        self.hand.release()
+
+    def memory(self) -> tuple[float, float]:
+        """MiB of the kernel, and of the page's own objects after a collection."""
+        used = 0.0
+        for session in self._sessions():
+            session.send("HeapProfiler.collectGarbage")
+            session.send("Performance.enable")
+            metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
+            used += metrics["JSHeapUsedSize"]
+            session.detach()
+        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        kernel = next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
+        return kernel / 2**10, used / 2**20
+
+    def _sessions(self) -> list[Any]:
+        """The browser's own tools, for the page and for each frame that has a process of its own."""
+        sessions = [self.page.context.new_cdp_session(self.page)]
+        for frame in self.page.frames[1:]:
+            try:
+                sessions.append(self.page.context.new_cdp_session(frame))
+            except Exception:  # it lives in the page's process and is counted there
+                continue
+        return sessions
+
+    def bytes_of(self, work: Any) -> tuple[int, int]:
+        """Bytes sent and received by websockets while something is done."""
+        sent, received = [0], [0]
+        sessions = self._sessions()
+        for session in sessions:
+            session.on("Network.webSocketFrameSent", lambda e: sent.append(_payload(e["response"])))
+            session.on("Network.webSocketFrameReceived", lambda e: received.append(_payload(e["response"])))
+            session.send("Network.enable")
+        work()
+        for session in sessions:
+            session.detach()
+        return sum(sent), sum(received)
+
+    def changes(self, step: float) -> bool:
+        """Whether an edit changes the picture on the screen: by screenshots, which say nothing of time."""
+        self._wait(lambda: self.page.evaluate(_VIEW_BOX), 20, "the view has no size on the page")
+        box = self.page.evaluate(_VIEW_BOX)
+        before = _pixels(self.page.screenshot(clip=box))
+        self.whole_edit(step)
+        after = _pixels(self.page.screenshot(clip=box))
+        return bool((np.abs(before - after).max(axis=2) > 24).mean() > 0.002)
+
+    def close(self) -> None:
+        self.page.close()
+
+
+def _payload(response: dict[str, Any]) -> int:
+    data = response["payloadData"]
+    return len(data) if response["opcode"] == 1 else len(base64.b64decode(data))
+
+
+def _pixels(png: bytes) -> Any:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
