@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+import io
 import json
 import logging
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
+import traitlets
+from PIL import Image
 from scripts import run_script
 
 from deformnb.control_points import ControlPoints
@@ -20,11 +24,14 @@ from deformnb.fields import AbstractField, Composed, DisplacementField, Identity
 from deformnb.plane import VIEWS, Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
+from deformnb.widgets import stills
 from deformnb.widgets.card_maps import card_maps
+from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import as_png
-from deformnb.widgets.view import AbstractView
+from deformnb.widgets.view import HOME, AbstractView, checked_camera
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
@@ -341,6 +348,202 @@ def test_a_page_without_webgl_gets_a_still() -> None:
     ((content, (png,)),) = view.say({"type": "still", "view": "a", "width": 64, "height": 48})
     assert content == {"type": "still", "view": "a"}
     assert png.startswith(b"\x89PNG")
+
+
+# -- what is shown ---------------------------------------------------------------------------------------------------
+
+
+def bent(view: LiveView) -> Deformation:
+    return Deformation.on_picture(view._volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]),
+                                  trend="translation")
+
+
+def test_a_still_shows_the_original_the_deformed_or_both() -> None:
+    view = Recorded(ball(Grid((24, 24, 24))), transfer="surface", background="dark")
+    view.set_camera((0, 1, 0))
+    size, half = (120, 60), (60, 60)
+    original = view.still(half)
+    view.show_deformation(bent(view))
+    deformed = view.still(half)
+    assert (original != deformed).any()
+    view.shows = "side_by_side"
+    both = view.still(size)
+    np.testing.assert_array_equal(both[:, :60], original)
+    np.testing.assert_array_equal(both[:, 60:], deformed)
+    view.shows = "original"
+    np.testing.assert_array_equal(view.still(half), original)
+    view.shows = "flicker"
+    np.testing.assert_array_equal(view.still(half), deformed)
+    with pytest.raises(DeformError, match=r"cannot show 'both'; choose one of deformed, original"):
+        view.shows = "both"
+    assert view.shows == "flicker"
+
+
+def test_readers_without_a_front_end_see_a_picture() -> None:
+    volume = ball(Grid((24, 24, 24)))
+    view = Recorded(volume, transfer="surface", background="light")
+    view.set_camera((0, 1, 0))
+    bundle = view._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    assert "application/vnd.jupyter.widget-view+json" in data
+    image = np.asarray(Image.open(io.BytesIO(data["image/png"])).convert("RGB")).astype(int)
+    assert image.shape == (420, 560, 3)
+    np.testing.assert_allclose(image[5, 5], np.round(255 * np.array(stills.BACKGROUNDS["light"])), atol=1)
+    # The same picture as a still of that size, but for the fewer pixels it was made of.
+    assert np.abs(image - view.still((560, 420)).astype(int)).mean() < 3
+    assert (image[200:220, 270:290, 2] - image[5, 5, 2]).max() < -20  # the ball is in the middle, and its skin less blue
+    assert "image/png" not in LiveView()._repr_mimebundle_()  # nothing to be seen yet, and no error
+
+
+def test_the_picture_for_readers_is_made_anew_when_something_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    monkeypatch.setattr("deformnb.widgets.live_view.preview_png", lambda scene: made.append(scene.shows) or b"png")
+    view = Recorded(ball(Grid((24, 24, 24))))
+    for _ in range(3):
+        assert view.preview_png() == b"png"
+    assert len(made) == 1
+    changes = [lambda: view.set_camera(zoom=2), lambda: view.show_deformation(bent(view)),
+               lambda: setattr(view, "shows", "side_by_side"), lambda: setattr(view, "background", "light"),
+               lambda: view.set_transfer("bone"), lambda: setattr(view, "projection", "mip"),
+               lambda: view.show(ball(Grid((24, 24, 24))))]
+    for count, change in enumerate(changes, 2):
+        change()
+        view.preview_png()
+        view.preview_png()
+        assert len(made) == count
+
+
+def test_a_broken_picture_does_not_keep_the_widget_from_being_shown(monkeypatch: Any, caplog: Any) -> None:
+    monkeypatch.setattr("deformnb.widgets.live_view.preview_png", lambda scene: 1 / 0)
+    with caplog.at_level(logging.ERROR):
+        assert "image/png" not in Recorded(ball())._repr_mimebundle_()
+    assert "could not be drawn" in caplog.text
+
+
+def test_the_background_is_the_pages_where_one_is_there() -> None:
+    view = Recorded(ball())
+    assert view.background == "auto"
+    assert view.still((32, 24))[0, 0].max() < 60
+    view.say({"type": "hello", "view": "a", "largest": 2048, "background": "light"})
+    assert view.still((32, 24))[0, 0].min() > 200
+    view.say({"type": "hello", "view": "a", "largest": 2048, "background": "pink"})
+    assert view.still((32, 24))[0, 0].min() > 200
+    view.background = "dark"
+    assert view.still((32, 24))[0, 0].max() < 60
+
+
+# -- the camera ------------------------------------------------------------------------------------------------------
+
+
+def test_two_views_are_turned_together() -> None:
+    one, two = Recorded(ball()), Recorded(ball(Grid((8, 9, 7))))
+    link = traitlets.link((one, "camera"), (two, "camera"))
+    seen: list[Any] = []
+    two.observe(lambda change: seen.append(change["new"]["direction"]), "camera")
+    one.set_camera((0, 1, 0), zoom=2)
+    assert two.camera == one.camera
+    two.set_state({"camera": {**two.camera, "direction": [1.0, 0, 0], "pan": [3, 4.5]}})  # as a page says it
+    assert one.camera["direction"] == [1.0, 0.0, 0.0]
+    assert one.camera["pan"] == [3.0, 4.5]
+    assert seen == [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+    link.unlink()
+
+
+def test_a_camera_is_completed_and_checked() -> None:
+    assert checked_camera({}) == HOME
+    assert checked_camera({"direction": (0, 0, 2)})["up"] == [0.0, -1.0, 0.0]  # not parallel to the direction
+    view = Recorded(ball())
+    before = view.camera
+    for wrong in ({"direction": [0, 0, 0]}, {"direction": "abc"}, {"up": [1, 2]}, {"zoom": float("inf")}, {"zoom": -1},
+                  {"pan": [0, None]}, {"direction": [0, 1, 0], "up": [0, 2, 0]}, {"speed": 3}, [1, 2], None):
+        with pytest.raises(DeformError):
+            view.camera = wrong
+    assert view.camera == before
+
+
+def test_a_page_decides_on_little(caplog: pytest.LogCaptureFixture) -> None:
+    view = Recorded(ball())
+    info, camera = view.volume_info, view.camera
+    with caplog.at_level(logging.WARNING):
+        view.set_state({"volume_info": {}, "table": b"", "camera": {"zoom": "x"}, "shows": 3, "no": 1})
+        view.set_state({"projection": "mip"})
+    assert (view.volume_info, view.camera, view.shows, view.projection) == (info, camera, "deformed", "mip")
+    assert caplog.text.count("was dropped") == 5
+
+
+# -- fields on their way ---------------------------------------------------------------------------------------------
+
+
+def fields_of(view: Recorded) -> list[dict[str, Any]]:
+    return [content for content, _ in view.__dict__.get("out", []) if content["type"] == "field"]
+
+
+def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
+    view = Recorded(ball())
+    view._pacer = Pacer(view._send_field, patience=60)
+    fields = [Deformation.on_picture(GRID, "+y", points(GRID, Plane.along(GRID, "+y"), k)) for k in range(6)]
+    view.show_deformation(fields[0])
+    assert fields_of(view) == []  # no page has asked yet
+    view.say({"type": "hello", "view": "a", "largest": 2048})
+    view.__dict__["out"] = []
+    for field in fields[1:]:
+        view.show_deformation(field)
+    assert [content["seq"] for content in fields_of(view)] == [1]
+    assert view._pacer.is_waiting
+    assert view.say({"type": "seen", "view": "a", "seq": 0}) == []  # a number that was never sent
+    ((content, buffers),) = view.say({"type": "seen", "view": "a", "seq": 1})
+    expected = card_maps(fields[-1].field(GRID), view._shown, None, 192, 64)  # type: ignore[arg-type]
+    assert content["seq"] == 2
+    assert buffers == expected.buffers  # the newest, and none in between
+    assert view.say({"type": "seen", "view": "a", "seq": 2}) == []
+    assert not view._pacer.is_waiting
+
+
+def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same() -> None:
+    sent, came = [], threading.Event()
+
+    def send(number: int) -> None:
+        sent.append(number)
+        if number == 2:
+            came.set()
+
+    pacer = Pacer(send, patience=0.01)
+    pacer.offer()
+    pacer._sent += 0.05  # as if it were just being sent
+    for _ in range(5):
+        pacer.offer()
+    assert came.wait(30)
+    assert sent == [1, 2]
+
+
+def test_a_field_says_which_points_its_maps_are_of() -> None:
+    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
+    given = points(GRID, plane)
+    editor = Editor(None, given)
+    field = Deformation.on_picture(GRID, plane, given).field(GRID)
+    view.follow(editor, field)
+    ((content, _),) = view.say({"type": "hello", "view": "a", "largest": 2048})
+    assert content["follow"]["index"] == 0
+    assert [p["target"] for p in content["follow"]["points"]] == given.target.tolist()
+    changes: list[str] = []
+    view.observe(lambda change: changes.append(change["name"]), ["editor", "editor_map"])
+    view.follow(editor, field)
+    assert changes == []
+    view.show_deformation(field)
+    ((content, _),) = view.say({"type": "hello", "view": "a", "largest": 2048})
+    assert content["follow"] is None
+    view.show(ball())
+    assert view.editor is editor
+
+
+def test_what_cannot_be_followed_changes_nothing() -> None:
+    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
+    field = Deformation.on_picture(GRID, plane, points(GRID, plane)).field(GRID)
+    view.show_deformation(field)
+    with pytest.raises(DeformError, match="no map 1"):
+        view.follow(Editor(), field, 1)
+    assert view._field is field
+    assert view.editor is None
 
 
 # -- the arrays of volume_blocks.js ----------------------------------------------------------------------------------

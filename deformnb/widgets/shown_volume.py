@@ -118,9 +118,9 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
     window : values that become 0 and 255; default is the whole range for bytes, and up to the densest matter (all but
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
-    factors = _factors(volume.grid, limit, largest)
+    factors = factors_of(volume.grid, limit, largest)
     low, high = _window(volume) if window is None else _checked(window)
-    grid = _coarser(volume.grid, factors)
+    grid = coarser(volume.grid, factors)
     values = np.empty(grid.shape, np.uint8)
     fx, fy, fz = factors
     step = max(1, 2**22 // (fz * volume.shape[1] * volume.shape[2]))  # slabs of about 4 million voxels
@@ -140,7 +140,7 @@ def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
-def _factors(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
+def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
     """How many voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
     factors, counts, spacing = np.ones(3, int), np.array(grid.shape[::-1]), np.asarray(grid.spacing)
     while True:
@@ -154,7 +154,8 @@ def _factors(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
         factors[int(np.where(can, spacing * factors, np.inf).argmin())] += 1
 
 
-def _coarser(grid: Grid, factors: tuple[int, int, int]) -> Grid:
+def coarser(grid: Grid, factors: tuple[int, int, int]) -> Grid:
+    """The grid of blocks of so many voxels along x, y, z."""
     z, y, x = (-(-n // f) for n, f in zip(grid.shape, factors[::-1], strict=True))
     first = grid.index_to_point((np.asarray(factors) - 1) / 2)  # the middle of the first block
     return replace(grid, shape=(z, y, x), spacing=tuple(np.asarray(grid.spacing) * factors), origin=tuple(first))

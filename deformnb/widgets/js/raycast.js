@@ -5,7 +5,7 @@ const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5
 
 const BACKGROUNDS = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
-  light: { centre: [0.985, 0.986, 0.988], corner: [0.895, 0.9, 0.91], ink: [0.09, 0.1, 0.13] },
+  light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
 
 function compiled(gl, type, source) {
@@ -268,6 +268,7 @@ class RayCaster {
 
   #setVolumeNumbers(at, step, box) {
     const gl = this.gl, volume = this.volume, { shape, spacing, extremes } = volume;
+    gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
     gl.uniform3fv(at.boxLow, box.low);
     gl.uniform3fv(at.boxHigh, box.high);
     gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));

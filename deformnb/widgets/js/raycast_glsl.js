@@ -69,21 +69,27 @@ uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
 uniform vec2 place, resolution, shift; uniform float phase;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
-uniform float stepLength, outside, outsideOpacity, certain;
+uniform float stepLength, outside, outsideOpacity, certain, reach;
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
 out vec4 color;
 ${DISPLACEMENT}
 
-vec3 lit(vec3 rgb, vec3 g, float light) {
+// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it, and
+// darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
+vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   float size = length(g);
   vec3 n = g / max(size, 1e-6);
-  if (dot(n, ahead) < 0.) n = -n;           // g points into what is denser; seen from within, it is turned around
-  float key = max(-dot(n, lamp), 0.), fill = max(-dot(n, fillLamp), 0.);
-  float gloss = pow(max(-dot(n, halfway), 0.), 28.);
+  float facing = dot(n, ahead);
+  if (facing < 0.) { n = -n; facing = -facing; } // g points into what is denser; seen from within, it is turned around
+  float key = max(.16 - dot(n, lamp), 0.) / 1.16, fill = max(-dot(n, fillLamp), 0.), shine = max(-dot(n, halfway), 0.);
+  float s2 = shine * shine, s4 = s2 * s2, s8 = s4 * s4, s16 = s8 * s8;
+  float gloss = .09 * s8 + .27 * s16 * s16;
+  float rim = 1. - .42 * (1. - facing) * (1. - facing);
+  vec3 diffuse = light * (.33 + vec3(.16, .18, .21) * fill) + vec3(.96, .92, .87) * key * (.42 + .58 * light);
   float sure = clamp(size * certain, 0., 1.); // where all is alike there is no surface to be lit
-  vec3 surface = rgb * (light * (.34 + .16 * fill) + .78 * key * (.45 + .55 * light)) + vec3(.26 * gloss * light);
-  return mix(rgb * .8 * (.3 + .7 * light), surface, sure);
+  vec3 surface = rgb * diffuse * rim + vec3(gloss * light);
+  return mix(rgb * .8 * (.3 + .7 * light), surface, sure) * (1. - .22 * depth);
 }
 
 void main() {
@@ -103,7 +109,7 @@ void main() {
   // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
   vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
   vec4 sum = vec4(0.); float most = 0.;
-  float t = t0 + noise * stepLength;
+  float t = t0 + noise * stepLength, nearT = dot(.5 * (boxLow + boxHigh) - start, ray) - .25 * reach;
   for (int i = 0; i < 4096; i++) {
     if (t >= t1) break;
     vec3 x = start + t * ray, from = origin(x), q = from * toTexture + toTexture0;
@@ -138,7 +144,8 @@ void main() {
     if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.;
     else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
 #endif
-    rgba.rgb = lit(rgba.rgb, g, textureLod(ambience, clamp(q, 0., 1.), 0.).r);
+    rgba.rgb = lit(rgba.rgb, g, textureLod(ambience, clamp(q, 0., 1.), 0.).r,
+      clamp((t - nearT) / (.6 * reach), 0., 1.));
 #endif
     sum += (1. - sum.a) * rgba.a * vec4(rgba.rgb, 1.);
     if (sum.a > .985) { sum /= sum.a; break; }
