@@ -18,7 +18,7 @@ import aiohttp
 import pytest
 from running_app import PATIENCE, RunningApp, connected, framed, status_of
 
-from deformnb.app.guard import LONGEST_MESSAGE, MOST_PAGES, checked_host, own_names
+from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, checked_host, own_names
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session import Session
@@ -279,18 +279,32 @@ def test_text_is_no_message(app: RunningApp) -> None:
 
 
 def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(app: RunningApp) -> None:
-    async def attempt(size: int) -> Any:
+    async def attempt(method: str, size: int) -> tuple[int, Any]:
+        before = app.server.dropped
         async with connected(app) as page:
-            await page.send("deformnb.message", "editor", {"type": "edit", "text": "x" * size})
+            await page.send(method, "editor", {"type": "edit", "text": "x" * size})
             try:
-                return "state" in await page.call("trame.state.get")
+                known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
-                return "closed"
+                known = False
+            return app.server.dropped - before, known
 
-    assert asyncio.run(attempt(LONGEST_MESSAGE // 2)) is True
-    assert asyncio.run(attempt(LONGEST_MESSAGE + 1000)) is True  # dropped
-    assert asyncio.run(attempt(3_000_000)) == "closed"  # before it was read whole
+    assert asyncio.run(attempt("deformnb.message", LONGEST_OTHER + 1000)) == (0, True)
+    assert asyncio.run(attempt("deformnb.message", LONGEST_MESSAGE + 1000)) == (1, True)
+    assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
+    assert asyncio.run(attempt("deformnb.message", 3_000_000))[1] is False  # closed before it was read whole
     test_the_password_of_this_start_opens(app)
+
+
+def test_strangers_have_room_for_a_password_only(app: RunningApp) -> None:
+    async def attempt() -> tuple[int, bool]:
+        before = app.server.dropped
+        async with connected(app, secret=None) as page:
+            await page.send("wslink.hello", {"secret": "x" * 1000}, system=True)
+            return app.server.dropped - before + 1, await page.login(app.server.token)
+
+    assert asyncio.run(attempt()) == (1, True)
+    assert app.server.dropped > 0
 
 
 def test_a_flood_is_dropped_and_others_are_served(app: RunningApp) -> None:

@@ -66,7 +66,8 @@ class Bridge:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._root: Any = None
         self._waiting = 0
-        self._newer: dict[str, int] = {}
+        self._newest: dict[str, int] = {}  # number of the last value that a page has set a control to
+        self._done: dict[str, int] = {}  # and of the one that the desk has come to
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
         desk.changed = self._tell
@@ -110,7 +111,8 @@ class Bridge:
 
     def _push(self, values: dict[str, Any]) -> None:
         with self._trame.state as state:
-            state.update({name: value for name, value in values.items() if not self._newer.get(name)})
+            state.update({name: value for name, value in values.items()
+                          if self._newest.get(name) == self._done.get(name)})
 
     def _picture(self, data: bytes, about: dict[str, Any]) -> None:
         self.in_loop(lambda: self._root and self._trame.protocol_call("trame.rca.push", AREA, about, data))
@@ -170,21 +172,17 @@ class Bridge:
             if not isinstance(name, str) or name not in self.desk.controls:
                 raise DeformError("it is no control.")
             value = self.desk.controls[name].checked(change.get("value"))
-            self._later(partial(self._set_one, name, value))
-            self._newer[name] = self._newer.get(name, 0) + 1
+            self._newest[name] = number = self._newest.get(name, 0) + 1
+            self._later(partial(self._set_one, name, value, number))
             # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused.
             self._root.push_state_change({name: value}, skip_last_active_client=True)
             with self._trame.state as state:
                 state[name] = value
 
-    def _set_one(self, name: str, value: Any) -> None:
-        is_newest = self._newer.get(name, 0) <= 1  # else one waits that takes its place
-        self.in_loop(self._settle, name)
-        if is_newest:
+    def _set_one(self, name: str, value: Any, number: int) -> None:
+        if number == self._newest[name]:  # else one waits that takes its place
+            self._done[name] = number
             self.desk.set(name, value)
-
-    def _settle(self, name: str) -> None:
-        self._newer[name] = max(0, self._newer.get(name, 0) - 1)
 
     async def _trigger(self, name: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
         if name not in ACTIONS or args or kwargs:

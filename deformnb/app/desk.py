@@ -19,11 +19,13 @@ from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.render_thread import RenderThread
 from deformnb.widgets.view import checked_camera
 
 _LOG = logging.getLogger(__name__)
 
+_LONE_POINT_SHARE = 0.25  # as in deformation.py
 _OF_THE_FIT = ("kernel", "support", "trend", "smoothing", "strength")
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
@@ -64,6 +66,8 @@ class Desk:
         self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
         self._look(*_beside(session.plane))
         self.editor.observe(self._dragged, "points")
+        self.editor.on_history(self.act)
+        self.thread.latest("warm up", session.warm_up)
         self._show()
 
     @property
@@ -174,8 +178,10 @@ class Desk:
     def _dragged(self, change: Any) -> None:
         if not self._listening:
             return
-        points = change["new"]
-        self._try(lambda: self.session.edit_points(points, kind=None))
+        points, made = change["new"], self.editor.edit_under_way
+        kind = "nudge" if made is not None and made.kind == "nudge" else None  # arrow keys held down are one edit
+        label = edit_label(self.session.points, points)
+        self._try(lambda: self.session.edit_points(points, label, kind))
 
     def _show(self) -> None:
         """Bring the widgets to what the session says."""
@@ -186,9 +192,11 @@ class Desk:
             if editor.picture is not picture:
                 editor.picture = picture
             with editor.hold_sync():
+                editor.lone_support = _LONE_POINT_SHARE * session.volume.grid.diagonal
                 for name in _OF_THE_FIT:
                     setattr(editor, name, getattr(session.step, name))
                 editor.points = session.points
+                editor.history = dict(session.history)
         finally:
             self._listening = True
         shown = (session.deformation, session.index, session.key)
@@ -203,8 +211,7 @@ class Desk:
         if is_last and session.step.plane is not None and session.step.enabled:
             live.follow(self.editor, field, session.key)
         else:
-            live.editor = None
-            live.show_deformation(field)
+            live.follow(None, field)  # what is dragged passes through the others, in Python
         self._draw(lambda scene: scene.set_field(field))
 
     def _look(self, direction: Any, up: Any) -> None:

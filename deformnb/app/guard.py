@@ -22,8 +22,14 @@ from wslink.websocket import LinkProtocol
 
 from deformnb.errors import DeformError
 
-LONGEST_MESSAGE = 65536
-"""Bytes of a message by the page at most."""
+LONGEST_MESSAGE = 2**19
+"""Bytes of a message to a widget at most: an edit with 2000 points."""
+
+LONGEST_OTHER = 65536
+"""Bytes of any other message by the page."""
+
+LONGEST_OF_STRANGERS = 512
+"""Bytes of a message before the password: it has room in them, and nothing else is heard."""
 
 MOST_PAGES = 16
 """Connections at a time: a classroom looks at one projector."""
@@ -161,10 +167,11 @@ class MessageGuard:
     ----------
     handler : wslink's handler; its table of procedures is replaced.
     answers : what the page may call, by name.
+    long : of these, those that take more than :data:`LONGEST_OTHER`.
     """
 
-    def __init__(self, handler: Any, answers: Mapping[str, Answer]) -> None:
-        self._handler = handler
+    def __init__(self, handler: Any, answers: Mapping[str, Answer], long: frozenset[str] = frozenset()) -> None:
+        self._handler, self._long = handler, long
         self._answers = dict(answers)
         self._buckets: dict[str, tuple[float, float]] = {}
         self.dropped = 0
@@ -199,7 +206,10 @@ class MessageGuard:
             self._drop("too many at once")
             return
         try:
-            call = _decoded(message.data if is_binary else None)
+            is_known = self._handler.isClientAuthenticated(client_id)
+            call = _decoded(message.data if is_binary else None, LONGEST_MESSAGE if is_known else LONGEST_OF_STRANGERS)
+            if len(message.data) > LONGEST_OTHER and call["method"] not in self._long:
+                raise ValueError("a message that is too long")
         except ValueError as error:
             self._drop("%s", _short(error))
             return
@@ -229,11 +239,11 @@ def _without_self(function: Answer) -> Answer:
     return call
 
 
-def _decoded(data: Any) -> dict[str, Any]:
+def _decoded(data: Any, longest: int) -> dict[str, Any]:
     """A call of a procedure; ValueError if it is none."""
     if not isinstance(data, bytes):
         raise ValueError("a message that is text")
-    if not _HEADER < len(data) <= LONGEST_MESSAGE + _HEADER:
+    if not _HEADER < len(data) <= longest + _HEADER:
         raise ValueError("a message that is too long or empty")
     offset, size = (int.from_bytes(data[k : k + 4], "little") for k in (4, 8))
     if offset or size != len(data) - _HEADER:  # no page of ours sends 4 MB, above which wslink sends pieces

@@ -78,6 +78,7 @@ def _volume(html: Any) -> None:
     with html.Div(v_if=("dnb_viewer === 'live'",), classes="dnb-app-fill"):
         _widget("live", "deformnb/live.js")
     with html.Div(v_else=True, classes="dnb-app-fill dnb-app-remote"):
+        html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
         rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
 
 

@@ -32,6 +32,8 @@ _TURN = math.pi  # radians for a drag across the height of the picture
 _ZOOM = 1.15  # for one notch of the wheel
 _QUALITY = {True: 70, False: 90}  # of the JPEG of a quick and of a full picture
 
+_LONGEST_WORK = 30.0  # seconds: the first picture, with its shaders, on a slow machine
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -104,7 +106,7 @@ class RemoteView:
 
     def close(self) -> None:
         """End the thread, and the scene with it."""
-        self._thread.close(2.0)
+        self._thread.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
 
     # -- in the scene's thread -----------------------------------------------------------------------------------------
 
@@ -136,7 +138,8 @@ class RemoteView:
 
     def _draw_quickly(self) -> None:
         self._send(self._scene.render(scale=_QUICK, coarseness=_COARSE), is_quick=True)
-        self._thread.at_rest(_REST, self._draw_fully)
+        if not self._thread.is_closed:
+            self._thread.at_rest(_REST, self._draw_fully)
 
     def _draw_fully(self) -> None:
         picture = self._scene.render(bands=8, interrupted=lambda: self._thread.is_wanted)

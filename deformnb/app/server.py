@@ -160,7 +160,8 @@ class AppServer:
         self._trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
         self._handlers = list(served._ws_handlers)
-        self._guards = [MessageGuard(handler, self._answers(handler.functionMap)) for handler in self._handlers]
+        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), frozenset({"deformnb.message"}))
+                        for handler in self._handlers]
         served.app.middlewares.append(gate(lambda: own_names(self.host, self.port),
                                            lambda: sum(len(h.connections) for h in self._handlers)))
         pages = _assets()

@@ -73,6 +73,10 @@ const AppWidget = {
       const [model, page] = await Promise.all([widgets.open(this.name),
         import(new URL(this.source, document.baseURI).href)]);
       if (this.isGone) return;
+      if (!model.isInitialized) { // once for each model, as anywidget does
+        model.isInitialized = true;
+        await page.default.initialize?.({ model });
+      }
       if (this.name === "editor") model.update({ theme: this.theme, fill: true });
       this.model = model;
       const close = await page.default.render({ model, el: place });
@@ -106,8 +110,8 @@ function fitted(name, model, place) {
   };
   const observer = new ResizeObserver(apply);
   observer.observe(place);
+  if (place.firstElementChild) observer.observe(place.firstElementChild); // its bars may come to need another row
   apply();
-  setTimeout(apply, 300); // once more when fonts and bars have their sizes
   return () => observer.disconnect();
 }
 

@@ -1,0 +1,485 @@
+"""The application without a browser: its controls, its desk, and its conversation with pages."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from running_app import PATIENCE, RunningApp, Socket, connected
+
+from deformnb.app.controls import ACTIONS, Choice, Formula, Number, Switch, control_table
+from deformnb.app.desk import Desk
+from deformnb.app.launch import check_app, made_up_carp
+from deformnb.app.remote import RemoteView, dragged, zoomed
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.document import from_json
+from deformnb.errors import DeformError
+from deformnb.extrusion import EXTRUSIONS
+from deformnb.kernels import KERNELS
+from deformnb.picture import PROJECTIONS
+from deformnb.plane import VIEWS
+from deformnb.session import Session
+from deformnb.transfer import PRESETS
+from deformnb.trend import TRENDS
+from deformnb.volume import Volume
+from deformnb.widgets.point_messages import points_to_json
+from deformnb.widgets.view import SHOWS, checked_camera
+
+
+def _bar() -> Volume:
+    return PHANTOMS["bar"].make((12, 16, 20))
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    made = Desk(Session(_bar(), view="+y"))
+    yield made
+    made.close()
+
+
+def _dragged_points(desk: Desk, by: float = 3.0) -> list[dict[str, Any]]:
+    points = points_to_json(desk.session.points)
+    points[0]["target"] = [points[0]["target"][0] + by, points[0]["target"][1]]
+    return points
+
+
+def _edit(points: list[dict[str, Any]], seq: int = 1) -> dict[str, Any]:
+    return {"type": "edit", "sender": "window", "seq": seq, "phase": "end", "kind": "move", "joins": False,
+            "next_id": len(points), "points": points}
+
+
+# -- controls ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "registry"), [
+    ("view", VIEWS), ("method", PROJECTIONS), ("kernel", KERNELS), ("trend", TRENDS), ("extrusion", EXTRUSIONS),
+    ("transfer", PRESETS), ("shows", SHOWS),
+])
+def test_menus_are_the_registries(name: str, registry: Any) -> None:
+    control = control_table(100.0)[name]
+    assert isinstance(control, Choice)
+    assert [value for value, _ in control.titles] == list(registry)
+    assert all(title.strip() for _, title in control.titles)
+
+
+def test_every_control_takes_what_the_desk_says_of_itself(desk: Desk) -> None:
+    state = desk.state()
+    for name, control in desk.controls.items():
+        assert control.checked(state[name]) == state[name]
+
+
+@pytest.mark.parametrize("reach", [1e-3, 0.7, 12.0, 100.0, 350.0, 9999.0])
+def test_the_longest_reach_can_be_set_in_whole_steps(reach: float) -> None:
+    support = control_table(reach)["support"]
+    assert isinstance(support, Number)
+    assert reach <= support.high < 1.02 * reach
+    assert support.high / support.step == pytest.approx(round(support.high / support.step))
+
+
+@pytest.mark.parametrize(("control", "value"), [
+    (Number("a", low=0, high=1), 1.5), (Number("a"), "0.5"), (Number("a"), None), (Number("a"), True),
+    (Number("a"), float("inf")), (Switch("a"), 1), (Switch("a"), "true"), (Choice("a", titles=(("b", "B"),)), "c"),
+    (Choice("a", titles=(("1", "B"),)), 1), (Formula("a"), 3), (Formula("a"), "z" * 201),
+])
+def test_wrong_values_are_refused(control: Any, value: Any) -> None:
+    with pytest.raises(DeformError):
+        control.checked(value)
+
+
+# -- the desk ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "value", "seen"), [
+    ("kernel", "gaussian", lambda s: s.step.kernel), ("trend", "rigid", lambda s: s.step.trend),
+    ("smoothing", 0.5, lambda s: s.step.smoothing), ("strength", -0.5, lambda s: s.step.strength),
+    ("support", 12.0, lambda s: s.step.support), ("extrusion", "modulate", lambda s: s.step.extrusion),
+    ("curve", "1-z", lambda s: s.step.curve), ("view", "-x", lambda s: s.view),
+    ("method", "mean", lambda s: s.method), ("transfer", "bone", lambda s: s.transfer),
+])
+def test_a_control_changes_the_session(desk: Desk, name: str, value: Any, seen: Callable[[Session], Any]) -> None:
+    desk.set(name, value)
+    assert seen(desk.session) == value
+    assert desk.state()[name] == value
+    assert desk.error == ""
+
+
+def test_widgets_follow_the_session(desk: Desk) -> None:
+    image = desk.editor.image
+    desk.set("kernel", "thin_plate")
+    assert (desk.editor.kernel, desk.session.step.trend) == ("thin_plate", "affine")
+    desk.set("view", "-x")
+    assert desk.editor.image != image
+    assert desk.editor.picture is desk.session.picture()
+    desk.set("shows", "original")
+    assert desk.live.shows == "original"
+    desk.set("projection", "mip")
+    assert desk.live.projection == "mip"
+    desk.set("show_radius", True)
+    assert desk.editor.show_radius
+
+
+def test_a_slice_goes_from_front_to_back(desk: Desk) -> None:
+    desk.set("method", "slice")
+    low, high = desk.session.depth_range
+    desk.set("depth", 0.0)
+    front = desk.editor.image
+    assert desk.session.depth == pytest.approx(low)
+    desk.set("depth", 0.5)
+    assert desk.editor.image != front  # the bar is inside
+    desk.set("depth", 1.0)
+    assert desk.session.depth == pytest.approx(high)
+    assert desk.state()["depth"] == pytest.approx(1.0)
+
+
+def test_points_of_three_depths_are_edited_one_set_at_a_time(desk: Desk) -> None:
+    desk.set("extrusion", "interpolate")
+    desk.set("key", "2")
+    desk.editor.points = desk.editor.points.move(0, desk.editor.points.target[0] + 2.0)
+    first, _, last = desk.session.step.maps
+    assert not first.displacement.any()
+    np.testing.assert_allclose(last.displacement[0], [-2.0, -2.0])
+    assert desk.live.editor_map == 2
+
+
+def test_what_cannot_be_is_said_and_nothing_changes(desk: Desk) -> None:
+    before = desk.session.deformation
+    desk.set("extrusion", "modulate")
+    changed = desk.session.deformation
+    assert changed != before
+    desk.set("curve", "import os")
+    assert desk.error
+    assert desk.session.deformation == changed
+    assert desk.state()["curve"] == "z"
+    desk.set("curve", "z*z")
+    assert desk.error == ""
+
+
+def test_a_drag_in_the_page_is_an_edit_that_can_be_undone(desk: Desk) -> None:
+    from deformnb.app.bridge import PageComm
+
+    desk.editor.comm = PageComm(lambda data, buffers: None)
+    desk.receive("editor", {"method": "custom", "content": _edit(_dragged_points(desk))})
+    np.testing.assert_allclose(desk.session.points.displacement[0], [-3.0, 0.0])
+    assert desk.state()["undo"]
+    desk.act("undo")
+    assert not desk.session.points.displacement.any()
+    assert not desk.editor.points.displacement.any()
+    desk.act("redo")
+    assert desk.editor.points.displacement.any()
+    desk.act("reset")
+    assert not desk.editor.points.displacement.any()
+    assert desk.state()["facts"].startswith("4 points, 0 moved")
+
+
+def test_points_that_cannot_be_fitted_go_back(desk: Desk) -> None:
+    before = desk.session.points
+    target = before.target.copy()
+    target[1] = target[0]
+    desk.editor.points = type(before).from_arrays(before.source, target)  # two features asked to be in one place
+    assert "control point 0 and control point 1" in desk.error
+    assert desk.session.points == before
+    assert desk.editor.points == before
+
+
+def test_two_pictures_are_deformed_one_after_the_other(desk: Desk) -> None:
+    desk.editor.points = desk.editor.points.move(0, desk.editor.points.target[0] + 2.0)
+    desk.set("view", "-x")
+    assert len(desk.session.deformation.steps) == 2
+    assert "picture 2 of 2" in desk.state()["facts"]
+    assert desk.editor.points == desk.session.points
+    desk.act("undo")
+    assert desk.state()["view"] == "+y"
+    assert desk.editor.picture is desk.session.picture()
+
+
+def test_cameras_look_from_the_side_of_the_picture(desk: Desk) -> None:
+    desk.set("view", "-x")
+    glance = np.array(desk.live.camera["direction"])
+    desk.act("front")
+    np.testing.assert_allclose(desk.live.camera["direction"], desk.session.plane.normal, atol=1e-12)
+    np.testing.assert_allclose(desk.live.camera["up"], [-c for c in desk.session.plane.v], atol=1e-12)
+    assert 0.8 < glance @ np.array(desk.session.plane.normal) < 0.99  # turned a little, so that depth shows
+
+
+def test_unknown_names_are_refused(desk: Desk) -> None:
+    for call in (lambda: desk.set("volume", 1), lambda: desk.act("close"), lambda: desk.act("save"),
+                 lambda: desk.receive("comm", {})):
+        with pytest.raises(DeformError):
+            call()
+    assert "save" in ACTIONS
+
+
+# -- the conversation --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def app() -> Iterator[RunningApp]:
+    with RunningApp(Session(_bar(), view="+y")) as running:
+        yield running
+
+
+async def _hear(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The first thing that is published to a page and wanted."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        for message in page.heard:
+            if wanted(message):
+                return message
+        await page.call("trame.lifecycle.update", "client_mounted")
+        await asyncio.sleep(0.02)
+    raise TimeoutError(f"not among {[m['id'] for m in page.heard]}")
+
+
+def test_a_page_gets_all_of_a_widget(app: RunningApp) -> None:
+    async def talk() -> Any:
+        async with connected(app) as page:
+            return await page.call("deformnb.open", "editor"), await page.call("deformnb.open", "live")
+
+    editor, live = asyncio.run(talk())
+    assert editor["state"]["image"].startswith(b"\x89PNG")
+    assert len(editor["state"]["points"]) == 4
+    assert editor["models"] == {app.desk.editor.model_id: "editor", app.desk.live.model_id: "live"}
+    assert live["state"]["editor"] == f"IPY_MODEL_{app.desk.editor.model_id}"
+    assert not {"layout", "comm", "_esm"} & set(live["state"])
+
+
+def test_the_volume_comes_in_pieces_that_make_it_whole(app: RunningApp) -> None:
+    import gzip
+
+    async def talk() -> Any:
+        async with connected(app) as page:
+            info = (await page.call("deformnb.open", "live"))["state"]["volume_info"]
+            await page.call("deformnb.message", "live", {"type": "chunk", "view": "v", "id": info["id"], "index": 0})
+            return info, await _hear(page, lambda m: m.get("result", {}).get("content", {}).get("type") == "chunk")
+
+    info, message = asyncio.run(talk())
+    voxels = np.frombuffer(gzip.decompress(message["result"]["buffers"][0]), np.uint8)
+    assert voxels.reshape(info["shape"][::-1]).tobytes() == app.desk.live._shown.volume.values.tobytes()
+
+
+def test_what_one_page_drags_the_other_sees(app: RunningApp) -> None:
+    points = _dragged_points(app.desk)
+
+    async def talk() -> Any:
+        async with connected(app) as mine, connected(app) as other:
+            await mine.call("deformnb.message", "editor", _edit(points))
+            news = await _hear(other, lambda m: m.get("result", {}).get("state", {}).get("points"))
+            await mine.call("deformnb.state", "editor", "mine", {"selected": [2]})
+            chosen = await _hear(other, lambda m: m.get("result", {}).get("state", {}).get("selected"))
+            facts = await _hear(other, lambda m: "facts" in m.get("result", {}))
+            return news, chosen, facts
+
+    news, chosen, facts = asyncio.run(talk())
+    assert chosen["result"] == {"widget": "editor", "state": {"selected": [2]}, "origin": "mine"}  # no echo for it
+    assert news["result"]["state"]["points"][0]["target"] == points[0]["target"]
+    assert facts["result"]["facts"] == "4 points, 1 moved"
+    assert facts["result"]["undo"]
+
+
+def test_what_one_page_sets_the_other_sees_and_no_echo_comes_back(app: RunningApp) -> None:
+    async def talk() -> Any:
+        async with connected(app) as mine, connected(app) as other:
+            await mine.call("trame.state.update", [{"key": "kernel", "value": "gaussian"}])
+            await _hear(other, lambda m: m.get("result", {}).get("kernel") == "gaussian")
+            await _hear(mine, lambda m: m.get("result", {}).get("undo") == "change kernel")
+            return [m["result"] for m in mine.heard if "kernel" in m.get("result", {})]
+
+    assert asyncio.run(talk()) == []
+    assert app.desk.session.step.kernel == "gaussian"
+
+
+def test_a_page_whose_wish_is_refused_gets_the_old_value_back(app: RunningApp) -> None:
+    async def talk() -> Any:
+        async with connected(app) as page:
+            await page.call("trame.state.update", [{"key": "extrusion", "value": "modulate"}])
+            await page.call("trame.state.update", [{"key": "curve", "value": "sin("}])
+            return (await _hear(page, lambda m: m.get("result", {}).get("error")))["result"]
+
+    news = asyncio.run(talk())
+    assert news["curve"] == "z"
+    assert "sin(" in news["error"]
+
+
+def test_only_the_newest_of_many_values_counts(app: RunningApp) -> None:
+    async def talk() -> None:
+        async with connected(app) as page:
+            for value in np.linspace(-1, 2, 61):
+                await page.send("trame.state.update", [{"key": "strength", "value": round(float(value), 3)}])
+            await page.call("trame.state.get")
+
+    app.desk.thread.call(lambda: time.sleep(0.5))  # a desk that is busy meanwhile
+    calls: list[float] = []
+    change = app.desk.set
+    app.desk.set = lambda name, value: (calls.append(value), change(name, value))[1]  # type: ignore[method-assign]
+    asyncio.run(talk())
+    app.settled()
+    assert app.desk.session.step.strength == 2.0
+    assert len(calls) < 20
+
+
+def test_a_saved_session_is_a_document(app: RunningApp) -> None:
+    async def talk() -> Any:
+        async with connected(app) as page:
+            await page.call("trame.state.update", [{"key": "kernel", "value": "cubic"}])
+            return await page.call("trame.trigger", "save", [], {})
+
+    document = from_json(asyncio.run(talk()))
+    assert document.steps[0].kernel == "cubic"
+    assert document.volume is not None
+    assert document.volume.shape == (12, 16, 20)
+
+
+def test_a_name_that_is_html_stays_text() -> None:
+    volume = Volume.from_array(np.zeros((6, 6, 6), np.uint8) + np.arange(6, dtype=np.uint8), name="<b>{{ 1+1 }}.nii")
+    with RunningApp(Session(volume, view="+y")) as app:
+        state = app.server._trame.state
+        assert state["dnb_name"] == "<b>{{ 1+1 }}.nii"  # shown by Vue as text
+        assert "<b>" not in state["trame__template_main"]
+        assert state["dnb_document"] == "-b----1-1----session.json"
+
+
+def test_the_page_has_every_control_and_action(app: RunningApp) -> None:
+    page = app.server._trame.state["trame__template_main"]
+    for name in app.desk.controls:
+        assert f'="{name}"' in page, name
+    for name in ("undo", "redo", "reset", "save", "front"):
+        assert f"trigger('{name}')" in page
+
+
+# -- the remote view ---------------------------------------------------------------------------------------------------
+
+
+def test_what_is_in_front_follows_the_hand() -> None:
+    camera = checked_camera({"direction": (0, 1, 0), "up": (0, 0, 1)})  # right is +x
+    turned = dragged(camera, "turn", 0.1, 0.0, 1.0)
+    assert turned["direction"][0] > 0.2  # the viewer went to the left and looks to the right
+    np.testing.assert_allclose(turned["up"], [0, 0, 1], atol=1e-12)
+    tilted = dragged(camera, "turn", 0.0, 0.1, 1.0)
+    assert tilted["direction"][2] > 0.2
+    assert np.dot(tilted["up"], tilted["direction"]) == pytest.approx(0)
+    assert dragged(camera, "move", 0.1, 0.2, 50.0)["pan"] == [-5.0, -10.0]
+    assert dragged(camera, "zoom", 0.0, 0.1, 1.0)["zoom"] > 1.2
+    assert zoomed(camera, 1e9)["zoom"] == 40.0
+
+
+class _Scene:
+    """Notes what is asked of it."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, Any]] = []
+
+    def set_camera(self, camera: dict[str, Any]) -> None:
+        self.calls.append(("camera", camera))
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        self.calls.append(("size", size))
+
+    def render(self, **options: Any) -> Any:
+        self.calls.append(("render", options.get("scale", 1.0)))
+        return np.zeros((8, 8, 3), np.uint8)
+
+    def close(self) -> None:
+        self.calls.append(("close", None))
+
+
+def test_the_remote_view_draws_quickly_then_fully_and_turns() -> None:
+    scene, pictures = _Scene(), []
+    view = RemoteView(lambda size: scene, lambda text: None, lambda data, about: pictures.append((data, about)),
+                      _bar().grid)
+    view.on_event({"type": "LeftButtonPress", "x": 10, "y": 10})  # before there is a scene
+    view.update_size({"w": 300, "h": 200, "p": 1})
+    until = time.monotonic() + PATIENCE
+    while ("render", 1.0) not in scene.calls and time.monotonic() < until:
+        time.sleep(0.02)
+    assert scene.calls[1:] == [("size", (300, 200)), ("render", 0.45), ("render", 1.0)]
+    assert [about["type"] for _, about in pictures] == ["image/jpeg"] * 2
+    view.on_event({"type": "MouseMove", "x": 40, "y": 10, "w": 300, "h": 200})
+    view._thread.call(lambda: None).result(PATIENCE)
+    cameras = [what for name, what in scene.calls if name == "camera"]
+    assert not np.allclose(cameras[-1]["direction"], cameras[0]["direction"])
+    view.on_event({"type": "LeftButtonRelease", "x": 40, "y": 10})
+    view.on_event({"type": "MouseMove", "x": 90, "y": 10, "w": 300, "h": 200})  # no button is held
+    view.close()
+    assert [name for name, _ in scene.calls].count("camera") == len(cameras)
+    assert scene.calls[-1] == ("close", None)
+
+
+def test_a_scene_that_cannot_be_made_is_said_once() -> None:
+    said: list[str] = []
+
+    def make(size: tuple[int, int]) -> Any:
+        raise DeformError("no OpenGL here.")
+
+    view = RemoteView(make, said.append, lambda data, about: None, _bar().grid)
+    for width in (300, 310):
+        view.update_size({"w": width, "h": 200, "p": 1})
+        view._thread.call(lambda: None).result(PATIENCE)
+        time.sleep(0.1)
+    view.close()
+    assert said == ["no OpenGL here."]
+
+
+@pytest.mark.needs_gl
+def test_vtk_sends_pictures_that_follow_the_session() -> None:
+    from PIL import Image
+
+    voxels = np.zeros((16, 16, 32), np.uint8)
+    voxels[5:11, 5:11, 13:19] = 255  # a cube in the middle
+
+    async def talk(app: RunningApp) -> tuple[Any, Any]:
+        async with connected(app) as page:
+            def full(message: dict[str, Any]) -> bool:
+                meta = message.get("result", {}).get("meta") or {}
+                return message["id"].startswith("publish:trame.rca.topic.stream") and meta.get("w") == 320
+
+            await page.call("trame.trigger", "front", [], {})
+            await page.call("trame.rca.size", "volume", "page", {"w": 320, "h": 200, "p": 1})
+            before = (await _hear(page, full))["result"]["content"]
+            page.heard.clear()
+            points = app.desk.session.points
+            moved = points
+            for k in range(len(points)):
+                moved = moved.move(int(points.ids[k]), points.target[k] + [6.0, 0.0])
+            await page.call("deformnb.message", "editor", _edit(points_to_json(moved)))
+            return before, (await _hear(page, full))["result"]["content"]
+
+    session = Session(Volume.from_array(voxels), view="+y", transfer="bone")
+    with RunningApp(session, viewer="vtk") as app:
+        before, after = (np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+                         for data in asyncio.run(talk(app)))
+
+    def middle(picture: Any) -> float:
+        bright = picture > 100
+        assert bright.sum() > 200
+        return float(np.nonzero(bright)[1].mean())
+
+    assert middle(before) == pytest.approx(159.5, abs=4)
+    assert middle(after) > middle(before) + 25  # 6 of some 32 voxels to the right
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+
+
+def test_options_are_checked_before_a_volume_is_read() -> None:
+    assert check_app("localhost", 0, None) == "127.0.0.1"
+    for host, port, side in (("0.0.0.0", 0, None), ("127.0.0.1", 65536, None), ("127.0.0.1", -1, None),
+                             ("127.0.0.1", 0, "z")):
+        with pytest.raises(DeformError):
+            check_app(host, port, side)
+
+
+def test_a_port_that_is_taken_is_said() -> None:
+    with RunningApp(Session(_bar(), view="+y")) as app, pytest.raises(OSError, match=r"in use|only one usage"):
+        RunningApp(Session(_bar(), view="+y"), port=app.server.port).__enter__()
+
+
+def test_who_brings_no_volume_gets_a_carp() -> None:
+    heard: list[float] = []
+    carp = made_up_carp(heard.append)
+    assert carp.name.startswith("carp")
+    assert heard
