@@ -22,7 +22,7 @@ _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
 _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name")
 
 
-def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dnb.read_volume("volume.nii.gz")') -> str:
+def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
     """A script that makes ``deformation`` and applies it.
 
     Parameters
@@ -36,22 +36,22 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dnb.read_v
     >>> points = ControlPoints.from_arrays([[0, 0], [9, 0]], [[0, 0], [9, 2.5]], names=["tail", "nose"])
     >>> grid = Grid((10, 10, 10))
     >>> print(as_python(Deformation.on_picture(grid, "+y", points), grid))
-    import deformnb as dnb
+    import deformnb as dn
     <BLANKLINE>
-    volume = dnb.read_volume("volume.nii.gz")
+    volume = dn.read_volume("volume.nii.gz")
     <BLANKLINE>
-    points = dnb.ControlPoints.from_arrays(
+    points = dn.ControlPoints.from_arrays(
         source=[[0.0, 0.0], [9.0, 0.0]],
         target=[[0.0, 0.0], [9.0, 2.5]],
         names=["tail", "nose"],
     )
     <BLANKLINE>
-    deformation = dnb.Deformation.on_picture(volume.grid, "+y", points)
+    deformation = dn.Deformation.on_picture(volume.grid, "+y", points)
     deformed = deformation.apply(volume)
     <BLANKLINE>
     """
     sets = iter(_names(sum(len(step.maps) for step in deformation.steps)))
-    blocks, steps = ["import deformnb as dnb", f"volume = {volume}"], []
+    blocks, steps = ["import deformnb as dn", f"volume = {volume}"], []
     for step in deformation.steps:
         names = [next(sets) for _ in step.maps]
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
@@ -69,17 +69,17 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     if step is not None and step.plane is not None and len(names) == 1 and not deformation.name:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
-        return f"dnb.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step)})"
-    lines = [f"dnb.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
+        return f"dn.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step)})"
+    lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
     inside = "(\n" + "".join(f"    {line},\n" for line in lines) + ")" if lines else "()"
-    return f"dnb.Deformation({inside}{f', name={_text(deformation.name)}' if deformation.name else ''})"
+    return f"dn.Deformation({inside}{f', name={_text(deformation.name)}' if deformation.name else ''})"
 
 
 def _points(points: ControlPoints) -> str:
     last = max((i + 1 for i in points.ids), default=0)
     if not len(points):
         options = "" if points.next_id == last else f", next_id={points.next_id}"
-        return f"dnb.ControlPoints.empty({points.dim}{options})"
+        return f"dn.ControlPoints.empty({points.dim}{options})"
     rows = {"source": _rows(points.source)}
     if not np.array_equal(points.source, points.target):
         rows["target"] = _rows(points.target)
@@ -93,7 +93,7 @@ def _points(points: ControlPoints) -> str:
         rows["weight"] = repr(points.weight.tolist())
     if points.next_id != last:  # points were removed: their ids shall not come back
         rows["next_id"] = str(points.next_id)
-    return "dnb.ControlPoints.from_arrays(\n" + "".join(f"    {key}={value},\n" for key, value in rows.items()) + ")"
+    return "dn.ControlPoints.from_arrays(\n" + "".join(f"    {key}={value},\n" for key, value in rows.items()) + ")"
 
 
 def _rows(array: NDArray[np.float64]) -> str:
@@ -113,8 +113,8 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
         return "None"
     view = _view(plane, grid)
     if view:
-        return f'dnb.Plane.along(volume.grid, "{view}")'
-    return f"dnb.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
+        return f'dn.Plane.along(volume.grid, "{view}")'
+    return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
 
 
 def _options(step: Step) -> str:

@@ -382,7 +382,7 @@ class Session(traitlets.HasTraits):
             self.notice = (f"This document was made on another volume ({made_on.name or 'without a name'}, "
                            f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
 
-    def code(self, volume: str = 'dnb.read_volume("volume.nii.gz")') -> str:
+    def code(self, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
         """The document as a Python script; see :func:`deformnb.script.as_python`."""
         return as_python(self.deformation, self.volume.grid, volume=volume)
 

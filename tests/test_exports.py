@@ -42,7 +42,7 @@ def test_document_and_script_come_back(session: Session, tmp_path: Path) -> None
     assert read_deformation(export(session, tmp_path / "egg.json")).steps == session.deformation.steps
     text = export(session, tmp_path / "egg.py").read_text(encoding="utf-8")
     scope: dict[str, Any] = {}
-    exec(text.replace('dnb.read_volume("volume.nii.gz")', "volume"), scope | {"volume": session.volume}, scope)
+    exec(text.replace('dn.read_volume("volume.nii.gz")', "volume"), scope | {"volume": session.volume}, scope)
     assert scope["deformation"] == session.deformation
 
 
