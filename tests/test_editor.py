@@ -195,6 +195,19 @@ def test_a_callback_may_ask_for_details(picture: Picture, points: ControlPoints,
     assert seen[2:] == ["end"]
 
 
+def test_an_observer_can_tell_the_page_from_code(picture: Picture, points: ControlPoints, sent: list[Any]) -> None:
+    editor, seen = Editor(picture, points), []
+
+    def note(_change: Any) -> None:
+        made = editor.edit_under_way
+        seen.append(made and (made.kind, made.joins))
+
+    editor.observe(note, "points")
+    receive(editor, edit(points_to_json(points.move(0, [2, 2])), 1, kind="nudge", joins=True))
+    editor.points = points
+    assert seen == [("nudge", True), None]
+
+
 def test_the_page_learns_what_python_has_taken_in_after_it_has_the_points(picture: Picture, points: ControlPoints,
                                                                        sent: list[Any]) -> None:
     editor, told = Editor(picture, points), []

@@ -94,7 +94,7 @@ class Editor(anywidget.AnyWidget):
     kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.deformation.Step`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_net, show_radius : whether the grid and the reach of the points are drawn.
-    height : largest height of the picture in CSS pixels; a narrow page makes it smaller.
+    height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
     theme : "auto" follows the page, "light" and "dark" do not.
     label : what a screen reader calls the picture.
     read_only : True shows points that cannot be changed.
@@ -103,7 +103,8 @@ class Editor(anywidget.AnyWidget):
     Notes
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
-    others. ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
+    others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
+    ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
     "" for nothing; :meth:`on_history` then tells what the page asks for. ``uid`` names the editor in its page, where
     other widgets find its live points without the kernel (see link.js).
