@@ -34,7 +34,7 @@ class Drawn(LivePage):
             self.add(widget, f"w{k}", draw=False)
             for _ in range(draws):
                 self.draw(f"w{k}")
-        self.widget = widgets[0]
+        self.widget = widgets[0] if widgets else None
         self.settled()
 
     def listen(self) -> None:
@@ -524,6 +524,24 @@ def test_keys_of_the_keyboard(drawn: Any) -> None:
 
 
 # ---- how it looks ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_style_sheet_may_come_late_and_the_page_may_change_its_width(drawn: Any, kind: str) -> None:
+    page = drawn(width=700)
+    page.add(made(kind), "late", draw=False)
+    page.page.evaluate("([n, s]) => draw(n, s)", ["late", page.widgets["late"]._esm])
+    page.page.wait_for_timeout(100)
+    page.page.add_style_tag(content=page.widgets["late"]._css)
+    for width in (700, 500):
+        page.page.set_viewport_size({"width": width, "height": 900})
+        page.wait(f"document.querySelector('.dnb-cv-svg').getAttribute('viewBox').startsWith('0 0 {width - 2} ')")
+        page.settled()
+
+
+def test_small_opacities_are_labelled_as_such(drawn: Any) -> None:
+    page = drawn(transfer(), width=900)
+    assert page.page.locator(".dnb-cv-text").all_text_contents()[:6] == ["0", "0.001", "0.01", "0.1", "0.5", "1"]
 
 
 @pytest.mark.parametrize("width", [300, 420, 900])

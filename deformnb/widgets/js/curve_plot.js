@@ -252,18 +252,20 @@ class CurvePlot extends EditedPage {
     for (const y of this.ticks(y0, y1)) {
       const py = this.toPixel([x0, y])[1];
       svgElement("path", { class: this.snaps.includes(y) ? "dnb-cv-strong" : "dnb-cv-grid", d: `M${left} ${py}h${width}` }, layer);
-      this.write(left - 11, py + 4, shownNumber(y, y1 - y0), "end");
+      this.write(left - 11, py + 4, this.tickText(y), "end");
     }
     const [first, last] = this.endWords();
     this.write(left, top + height + 16, first, "start");
     this.write(left + width, top + height + 16, last, "end");
-    const taken = 6.2 * Math.max(first.length, last.length) + 22;
+    const taken = 5.2 * Math.max(first.length, last.length) + 18;
     for (const x of ticksOf(x0, x1, width / 70)) {
       const px = this.toPixel([x, y0])[0];
       svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
       if (px > left + taken && px < left + width - taken) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
     }
   }
+
+  tickText(y) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
 
   ticks(low, high) { return ticksOf(low, high, this.box.height / 30); }
 

@@ -20,7 +20,8 @@ class DepthKeysPage extends EditedPage {
     };
     this.adder = make("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
     this.remover = make("\u2212", "Remove the selected key (Del, or right click)", () => this.remove(this.selected));
-    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.root);
+    this.stage = pageElement("div", "dnb-cv-stage", this.root);
+    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.stage);
     this.back = svgElement("g", { "aria-hidden": "true" }, this.svg);
     this.front = svgElement("g", {}, this.svg);
     this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
@@ -185,7 +186,7 @@ class DepthKeysPage extends EditedPage {
   words(k) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
 
   draw() {
-    const width = Math.max(160, this.svg.clientWidth || 360), label = this.model.get("label") || "Keys";
+    const width = Math.max(160, this.stage.clientWidth || 360), label = this.model.get("label") || "Keys";
     this.span = width - BAR.left - BAR.right;
     setAttributes(this.svg, { viewBox: `0 0 ${width} ${BAR.height}`, "aria-label":
       `${label}. Tab goes through the keys, Enter selects, arrows move, A adds, Delete removes.` });

@@ -60,6 +60,8 @@ class TransferEditorPage extends CurvePlot {
     });
   }
 
+  tickText(alpha) { return String(alpha); }
+
   endWords() { return this.range.map((value) => shownNumber(value, this.range[1] - this.range[0])); }
 
   words(k) {
