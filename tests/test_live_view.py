@@ -391,7 +391,7 @@ def test_readers_without_a_front_end_see_a_picture() -> None:
     np.testing.assert_allclose(image[5, 5], np.round(255 * np.array(stills.BACKGROUNDS["light"])), atol=1)
     # The same picture as a still of that size, but for the fewer pixels it was made of.
     assert np.abs(image - view.still((560, 420)).astype(int)).mean() < 3
-    assert (image[200:220, 270:290, 2] - image[5, 5, 2]).max() < -20  # the ball is in the middle, and its skin less blue
+    assert (image[200:220, 270:290, 2] - image[5, 5, 2]).max() < -20  # the ball is in the middle, and less blue
     assert "image/png" not in LiveView()._repr_mimebundle_()  # nothing to be seen yet, and no error
 
 

@@ -1,0 +1,315 @@
+"""What the live view shows in a real browser: original and deformed, its cube, its background, and an editor's maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import ARGUMENTS, LivePage
+from scripts import chromium
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.plane import Plane
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.view import SHOWS
+
+pytestmark = pytest.mark.needs_browser
+
+GRID = Grid((28, 28, 28))
+PLANE = Plane.along(GRID, "+y")
+VIEW = "document.querySelector('.dnb-view').deformnb"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    path = chromium()
+    if path is None:
+        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[LivePage]:
+    opened = LivePage(browser)
+    yield opened
+    assert opened.errors == []
+    opened.close()
+
+
+def block() -> Volume:
+    """A block, thin along z, that lies nearer to the side L and the head."""
+    k, j, i = np.indices(GRID.shape)
+    inside = (abs(k - 17) < 4) & (abs(j - 14) < 6) & (abs(i - 16) < 7)
+    return Volume((200 * inside).astype(np.uint8), GRID, "block")
+
+
+def moved(by: float) -> ControlPoints:
+    return ControlPoints.from_arrays([[14.0, 14.0]], [[14.0 + by, 14.0]])
+
+
+def extrusion(by: float) -> Any:
+    return Deformation.on_picture(GRID, PLANE, moved(by), trend="translation").field(GRID)
+
+
+def opened(page: LivePage, **options: Any) -> LiveView:
+    options = {"transfer": "surface", "width": 240, "height": 180, "settle_ms": 60000, "background": "dark", **options}
+    view = LiveView(block(), **options)
+    view.set_camera((0, 1, 0))
+    page.add(view)
+    page.loaded()
+    return view
+
+
+def column(image: np.ndarray) -> float:
+    """Where the middle of what is bright lies, in pixels from the left."""
+    return float(np.nonzero(image.max(axis=2) > 64)[1].mean())
+
+
+def test_side_by_side_are_the_pictures_of_both(page: LivePage) -> None:
+    view = opened(page, shows="side_by_side")
+    view.show_deformation(extrusion(5.0))
+    view.set_camera((0.3, 1, -0.2))
+    both = page.pixels().astype(int)
+    assert page.page.locator(".dnb-caption:visible").all_text_contents() == ["original", "deformed"]
+    view.width = 120
+    page.wait(f"{VIEW}.canvas.width === 120")
+    halves = []
+    for shows in ("original", "deformed"):
+        view.shows = shows
+        halves.append(page.pixels().astype(int))
+    # The grain of the background is not the same at another place: one grey level.
+    assert np.abs(both[:, :120] - halves[0]).max() <= 2
+    assert np.abs(both[:, 120:] - halves[1]).max() <= 2
+    assert column(halves[1].astype(np.uint8)) - column(halves[0].astype(np.uint8)) > 8  # to the right, as in the plane
+    assert page.page.locator(".dnb-caption:visible").all_text_contents() == []
+
+
+@pytest.mark.parametrize("x", [60, 190])
+def test_the_mouse_turns_both_in_either_half(page: LivePage, x: int) -> None:
+    view = opened(page, shows="side_by_side")
+    mouse = page.page.mouse
+    mouse.move(x, 90)
+    mouse.down()
+    mouse.move(x + 20, 90, steps=3)
+    mouse.up()
+    page.wait("models.view.saved.length > 0")
+    # 20 pixels of 120, the smaller side of one picture.
+    angle = 2.6 * 20 / 120
+    np.testing.assert_allclose(view.camera["direction"], [np.sin(angle), np.cos(angle), 0], atol=0.02)
+    image = page.pixels()
+    assert np.abs(image[:, :120].astype(int) - image[:, 120:]).max() <= 2  # nothing is deformed: the same twice
+
+
+def test_the_zoom_stays_when_something_else_is_shown(page: LivePage) -> None:
+    view = opened(page)
+    view.set_camera(zoom=2.0)
+    for shows in (*SHOWS, "deformed"):
+        view.shows = shows
+        page.page.evaluate(f"{VIEW}.writeCamera()")
+        assert view.camera["zoom"] == pytest.approx(2.0), shows
+
+
+def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:
+    view = opened(page)
+    view.show_deformation(extrusion(5.0))
+    view.shows = "flicker"
+    seen = {}
+    for name in ("deformed", "original", "deformed"):
+        page.wait(f"document.querySelector('.dnb-caption').textContent === '{name}'")
+        page.page.focus(".dnb-canvas")
+        page.page.keyboard.press(" ")  # stops it, so that the picture is of this name
+        page.page.wait_for_timeout(100)
+        if page.page.text_content(".dnb-caption") == name:
+            seen[name] = page.pixels()
+            page.page.wait_for_timeout(900)
+            assert page.page.text_content(".dnb-caption") == name  # it has stopped
+        page.page.keyboard.press(" ")
+    assert column(seen["deformed"]) - column(seen["original"]) > 8
+    view.shows = "original"
+    page.page.wait_for_timeout(900)
+    assert page.page.text_content(".dnb-caption") == "original"
+
+
+def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePage) -> None:
+    page.page.emulate_media(reduced_motion="reduce")
+    view = opened(page, shows="flicker")
+    view.show_deformation(extrusion(5.0))
+    page.flush()
+    page.page.wait_for_timeout(900)
+    assert page.page.text_content(".dnb-caption") == "deformed"
+    deformed = page.pixels()
+    page.page.mouse.click(100, 90)
+    assert page.page.text_content(".dnb-caption") == "original"
+    assert column(deformed) - column(page.pixels()) > 8
+    page.page.keyboard.press(" ")
+    assert page.page.text_content(".dnb-caption") == "deformed"
+    np.testing.assert_array_equal(page.pixels(), deformed)
+
+
+def test_the_cube_turns_with_the_camera_and_a_face_looks_from_its_side(page: LivePage) -> None:
+    view = opened(page)
+    shown = ".dnb-face:visible text"
+    assert page.page.locator(shown).all_text_contents() == ["A"]  # looking along +y, from the front
+    view.set_camera((-0.5, 0.7, -0.5))  # from the left, the front and above
+    assert set(page.page.locator(shown).all_text_contents()) == {"A", "L", "S"}
+    box = {name: page.page.locator(f'.dnb-face:has(text:text-is("{name}"))').bounding_box() for name in "ALS"}
+    assert box["L"]["x"] > box["A"]["x"]  # the left side is on the viewer's right
+    assert box["S"]["y"] < box["A"]["y"]  # the head is up
+    page.page.locator('.dnb-face[data-view="-x"] text').click()
+    page.wait("models.view.saved.length > 0")
+    np.testing.assert_allclose(view.camera["direction"], [-1, 0, 0], atol=1e-6)
+    # One face hides the others: arrows lead to its neighbours.
+    assert page.page.locator(".dnb-turn:visible").count() == 4
+    page.page.locator(".dnb-turn").nth(2).click()  # upwards
+    page.wait("models.view.saved.length > 1")
+    np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
+    assert page.page.text_content(".dnb-right") == "R"
+
+
+def test_the_keyboard_reaches_all_six_sides_and_keeps_its_keys(page: LivePage) -> None:
+    view = opened(page)
+    names = page.page.eval_on_selector_all(".dnb-bar button", "(all) => all.map((b) => b.getAttribute('aria-label'))")
+    assert names == [f"view from {side}" for side in ("the front", "behind", "the left", "the right", "above", "below")]
+    page.page.focus(".dnb-canvas")
+    for _ in range(3):
+        page.page.keyboard.press("Tab")
+    assert page.page.evaluate("document.activeElement.textContent") == "L"
+    assert page.page.locator(".dnb-bar").bounding_box()["width"] > 100  # out of sight until it has the focus
+    page.page.keyboard.press("Enter")
+    page.wait("models.view.saved.length > 0")
+    np.testing.assert_allclose(view.camera["direction"], [-1, 0, 0], atol=1e-6)
+    open_to_lab = """() => [...document.querySelectorAll(".dnb-view button, .dnb-view [tabindex]")]
+        .filter((e) => !("lmSuppressShortcuts" in e.dataset)).length"""
+    assert page.page.evaluate(open_to_lab) == 0
+
+
+def test_the_background_follows_the_page(page: LivePage) -> None:
+    page.page.emulate_media(color_scheme="light")
+    view = opened(page, background="auto")
+    assert page.pixels()[3, 3].min() > 180
+    page.page.emulate_media(color_scheme="dark")
+    page.wait(f"{VIEW}.root.dataset.background === 'dark'")
+    assert page.pixels()[3, 3].max() < 60
+    page.page.evaluate("""() => { document.body.style.setProperty("--jp-layout-color1", "rgb(250, 250, 250)");
+        document.body.dataset.jpThemeLight = "true"; }""")  # as JupyterLab does
+    page.wait(f"{VIEW}.root.dataset.background === 'light'")
+    view.background = "dark"
+    assert page.pixels()[3, 3].max() < 60
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_nothing_is_cut_off_beside_another_widget(browser: Any, width: int) -> None:
+    page = LivePage(browser, (width, 900))
+    page.page.add_style_tag(content="#root { display: flex; } #root > .other { flex: 1 1 40%; min-width: 0; }")
+    page.page.evaluate("""() => { const other = document.createElement("div"); other.className = "other";
+        document.getElementById("root").append(other); }""")
+    opened(page, width=1000, height=700)
+    page.wait(f"{VIEW}.canvas.width < 1000")
+    box = page.page.locator(".dnb-view").bounding_box()
+    assert box["x"] + box["width"] <= width
+    assert box["width"] > 0.5 * width
+    assert box["width"] / box["height"] == pytest.approx(1000 / 700, rel=0.01)
+    assert page.page.evaluate("document.documentElement.scrollWidth") == width
+    for part in (".dnb-cube", ".dnb-home", ".dnb-right"):
+        inner = page.page.locator(part).first.bounding_box()
+        assert inner["x"] + inner["width"] <= box["x"] + box["width"], part
+    page.close()
+
+
+LINK = f"{VIEW}.link"
+
+
+def followed(page: LivePage) -> tuple[LiveView, Editor]:
+    view = opened(page)
+    editor = Editor(None, moved(0.0), trend="translation")
+    page.add(editor, "editor", draw=False)
+    view.follow(editor, extrusion(0.0))
+    page.wait(f"{LINK}.editor")
+    return view, editor
+
+
+def test_an_old_field_does_not_replace_what_the_editor_has_gone_on_to_show(page: LivePage) -> None:
+    view, editor = followed(page)
+    start = column(page.pixels())
+    editor.points = moved(3.0)
+    stale = extrusion(3.0)
+    field_of_old_points = {"index": 0, "points": editor.get_state("points")["points"]}
+    editor.points = moved(6.0)  # the page shows these before Python's field of the ones before arrives
+    page.wait(f"{LINK}.count > 1")
+    moved_on = column(page.pixels())
+    assert moved_on - start > 25
+    view._take(stale, None, field_of_old_points)
+    page.flush()
+    assert column(page.pixels()) == pytest.approx(moved_on, abs=0.3)
+    count = page.page.evaluate(f"{LINK}.count")
+    view.follow(editor, extrusion(6.0))  # of the points that are there: shown as it is, nothing is fitted
+    page.wait(f"{LINK}.expected")
+    page.flush()
+    assert page.page.evaluate(f"{LINK}.count") == count
+    assert column(page.pixels()) == pytest.approx(moved_on, abs=0.3)
+
+
+def test_what_python_shows_is_seen_until_the_editor_moves(page: LivePage) -> None:
+    view, editor = followed(page)
+    start = column(page.pixels())
+    view.show_deformation(extrusion(6.0))  # a slider, say
+    assert column(page.pixels()) - start > 9
+    editor.points = moved(2.0)
+    page.wait(f"{LINK}.count > 0")
+    assert 9 < column(page.pixels()) - start < 16  # some 6 pixels for each length
+
+
+def test_another_map_is_followed_without_a_wrong_picture_in_between(page: LivePage) -> None:
+    view, editor = followed(page)
+    both = Deformation((Step((moved(0.0), moved(6.0)), PLANE, extrusion="interpolate", knots=(0.0, 1.0),
+                             trend="translation"),)).field(GRID)
+    view.show_deformation(both)
+    expected = page.pixels().astype(int)
+    count = page.page.evaluate(f"{LINK}.count")
+    view.follow(editor, both, 1)  # the editor still holds the points of map 0
+    assert np.abs(page.pixels().astype(int) - expected).max() <= 2
+    editor.points = moved(6.0)
+    page.wait(f"{LINK}.count > {count}")
+    assert np.abs(page.pixels().astype(int) - expected).mean() < 0.3
+
+
+def test_following_again_and_another_volume_keep_the_connection(page: LivePage) -> None:
+    view, editor = followed(page)
+    page.page.evaluate(f"() => {{ window.listened = 0; window.kept = {LINK}.bus; }}")
+    page.page.evaluate("""() => { const on = models.editor.on;
+        models.editor.on = (...all) => { window.listened += 1; return on(...all); }; }""")
+    for by in (1.0, 2.0):
+        view.follow(editor, extrusion(by))
+    view.show(block())
+    page.loaded()
+    view.follow(editor, extrusion(0.0))
+    page.page.evaluate("() => { models.view.fromPython('editor', models.view.get('editor')); }")  # said once more
+    page.flush()
+    assert page.page.evaluate(f"window.kept === {LINK}.bus && {LINK}.editor !== null")
+    assert page.page.evaluate("window.listened") == 0
+    start = column(page.pixels())
+    editor.points = moved(6.0)
+    page.wait(f"{LINK}.count > 0")
+    assert column(page.pixels()) - start > 9
+
+
+def test_fields_come_no_faster_than_the_page_draws_them(page: LivePage) -> None:
+    view = opened(page)
+    view._pacer._patience = 60.0
+    for k in range(12):
+        view.show_deformation(extrusion(0.5 * k))
+    assert len(page.outbox) <= 1
+    page.wait("models.view.sent.filter((m) => m.type === 'seen').length === 2")
+    seqs = page.page.evaluate("models.view.sent.filter((m) => m.type === 'seen').map((m) => m.seq)")
+    assert seqs == [1, 2]  # the first and the last
+    assert not view._pacer.is_waiting
