@@ -133,6 +133,23 @@ def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None
     studio.unobserve(fails, "deformation")
 
 
+def test_edits_of_a_followed_picture_send_the_view_nothing(studio: Studio) -> None:
+    hello = {"type": "hello", "view": "page", "largest": 2048, "renderer": "", "software": True}
+    studio.view._handle_custom_msg(hello, [])
+    drag(studio, a_drag(studio))
+    before = studio.view.stats()["field_bytes"]
+    for k in range(5):
+        drag(studio, a_drag(studio, 0.3 + 0.1 * k))
+    controls(studio)["Strength"].value = 1.5
+    controls(studio)["Kernel"].value = "gaussian"
+    studio.undo()
+    assert studio.view.stats()["field_bytes"] == before
+    shown = studio.view.still((60, 40))
+    controls(studio)["Extrusion"].value = "modulate"  # what the page cannot know
+    wait_for(lambda: studio.view.stats()["field_bytes"] > before)
+    assert not np.array_equal(studio.view.still((60, 40)), shown)
+
+
 # -- code in other cells -----------------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -130,3 +131,17 @@ def _space(field: AbstractField, shown: ShownVolume, grid: Grid, space_size: int
     samples: NDArray[Any] = np.einsum("mk,kzyx->zyxm", shown.frame, field.on_grid(lattice))
     about = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
     return about, np.ascontiguousarray(samples, "<f4").tobytes()
+
+
+def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
+    """Whether two extrusions are the same but for one map, so that a page which knows that map needs no other."""
+    if not (isinstance(old, Extrusion) and isinstance(new, Extrusion)) or len(old.maps) != len(new.maps):
+        return False
+    same = old.plane == new.plane and old.depth == new.depth and all(
+        np.array_equal(a, b) for a, b in ((old.knots, new.knots), (old.weights, new.weights)))
+    return same and all(k == index or _equal(a, b) for k, (a, b) in enumerate(zip(old.maps, new.maps, strict=True)))
+
+
+def _equal(a: AbstractField, b: AbstractField) -> bool:
+    (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
+    return a is b or (form == other_form and all(map(np.array_equal, leaves, others)))

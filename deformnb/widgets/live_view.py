@@ -34,7 +34,7 @@ from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
-from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps
+from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_only_in
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
@@ -65,6 +65,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
     limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
+    fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
     target_ms : time that a picture may take while something moves; its resolution adapts.
@@ -96,6 +97,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     camera = CameraTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=8192).tag(sync=True)
     height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
+    fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
     target_ms = traitlets.Float(100.0, min=5.0, max=5000.0).tag(sync=True)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
@@ -195,7 +197,13 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         if count is not None and not 0 <= index < count:
             raise DeformError(f"there is no map {index}; the extrusion has {count}.")
         points = editor.get_state("points").get("points") if editor is not None else None
-        self._take(field, output, None if points is None else {"index": index, "points": points})
+        followed = None if points is None else {"index": index, "points": points}
+        goes_on = followed is not None and (editor, index, output) == (self.editor, self.editor_map, self._output)
+        if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
+            with self._lock:
+                self._field, self._followed, self._maps = field, followed, None
+            return
+        self._take(field, output, followed)
         self.editor_map = index
         self.editor = editor
 

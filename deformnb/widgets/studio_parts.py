@@ -41,6 +41,8 @@ def arranged(editor: Any, view: Any, panels: Sequence[Panel], line: list[Any]) -
     half = {"flex": "1 1 320px", "min_width": "0"}
     for widget in (editor, view):
         widget.layout.width = "100%"
+    if view.has_trait("fill"):
+        view.fill = True  # as high as the picture is
     pictures = ipw.HBox([ipw.Box([widget], layout=ipw.Layout(**half)) for widget in (editor, view)],
                         layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
     head, *others = panels

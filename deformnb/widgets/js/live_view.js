@@ -43,6 +43,7 @@ class LiveViewPage {
     this.root.style.width = `${width}px`;
     this.root.style.setProperty("--dnb-shape", `${width} / ${height}`);
     this.root.style.maxHeight = `${height}px`;
+    this.root.classList.toggle("dnb-fill", Boolean(this.model.get("fill")));
     this.host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
     const ratio = Math.min(2, window.devicePixelRatio || 1), box = this.root.getBoundingClientRect();
     const w = Math.max(1, Math.round((box.width || width) * ratio)), h = Math.max(1, Math.round((box.height || height) * ratio));
@@ -196,7 +197,7 @@ class LiveViewPage {
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
     this.on("change:label", () => this.caption());
-    for (const name of ["width", "height"]) this.on(`change:${name}`, () => this.size());
+    for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));
     this.link = new FieldLink(this.model, (planar) => { this.planarFromLink(planar); });
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
