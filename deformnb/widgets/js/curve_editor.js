@@ -48,7 +48,8 @@ class CurveEditorPage extends CurvePlot {
   // Python knows what a formula means: until it has answered, the old curve stays.
   take(formula) {
     if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
-    if (!this.isTyping && formula === this.named) return;
+    // Enter is heard as a key and as a change.
+    if ((!this.isTyping && formula === this.named) || formula === this.asked) return;
     this.settle();
     this.asked = formula;
     this.input.value = formula;
@@ -86,6 +87,8 @@ class CurveEditorPage extends CurvePlot {
     const [low, high] = this.model.get("range"), seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
     return [[0, 1], [Math.min(low, ...seen), Math.max(high, ...seen)]];
   }
+
+  placeTicks(low, high) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
 
   endWords() { return ["0 first slice", "last slice 1"]; }
 

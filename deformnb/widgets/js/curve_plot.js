@@ -258,7 +258,7 @@ class CurvePlot extends EditedPage {
     this.write(left, top + height + 16, first, "start");
     this.write(left + width, top + height + 16, last, "end");
     const taken = 5.2 * Math.max(first.length, last.length) + 18;
-    for (const x of ticksOf(x0, x1, width / 70)) {
+    for (const x of this.placeTicks(x0, x1)) {
       const px = this.toPixel([x, y0])[0];
       svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
       if (px > left + taken && px < left + width - taken) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
@@ -266,6 +266,8 @@ class CurvePlot extends EditedPage {
   }
 
   tickText(y) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
+
+  placeTicks(low, high) { return ticksOf(low, high, this.box.width / 70); }
 
   ticks(low, high) { return ticksOf(low, high, this.box.height / 30); }
 
