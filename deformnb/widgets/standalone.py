@@ -92,7 +92,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     data = {
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
-        "field": part.field if part else None,
+        "field": part.field if part else None, "still_background": part.background if part else None,
         "kernels": [[k.name, k.title, k.order] for k in KERNELS.values()],
         "trends": {t.name: t.order for t in TRENDS.values()},
         "shows": _SHOWN, "document": _document(editor, part, name),
@@ -132,6 +132,7 @@ class _ViewPart:
     traits: dict[str, Any]
     chunks: list[dict[str, Any]]
     field: dict[str, Any]
+    background: str
     still: bytes
 
     @property
@@ -151,9 +152,10 @@ def _view_part(editor: Editor, view: LiveView, limit: int) -> _ViewPart:
     maps = card_maps(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
     chunks = [_chunk(shown, k) for k in range(shown.chunks)]
-    still = as_png(render_scene(replace(view._scene(), shown=shown, field=field), _STILL))
+    scene = replace(view._scene(), shown=shown, field=field)
+    still = as_png(render_scene(scene, _STILL))
     return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
-                     still)
+                     scene.background, still)
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:

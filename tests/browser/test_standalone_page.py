@@ -307,7 +307,11 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Cal
     page = opened(editor, view, init=NO_WEBGL)
     page.settled()
     page.wait("document.querySelector('.dnb-still')?.naturalWidth === 640")
-    assert "No live view" in page.page.text_content(".dnb-notice")
+    assert page.page.is_visible(".dnb-page-alert")
+    assert "no WebGL2" in page.page.text_content(".dnb-page-alert")
+    assert page.page.is_disabled("select[name=shows]")
+    for part in (".dnb-badge", ".dnb-progress", ".dnb-notice"):  # which a still would cover
+        assert page.page.is_hidden(part)
     shown = _decoded(page.js("""(() => { const image = document.querySelector('.dnb-still'),
         canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
         canvas.getContext('2d').drawImage(image, 0, 0);

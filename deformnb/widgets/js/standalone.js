@@ -22,7 +22,7 @@ async function decodedBytes(text, isPacked = false) {
   return new DataView(await new Response(stream).arrayBuffer());
 }
 
-// ---- what Python would have said -------------------------------------------------------------------------------------
+// ---- what Python would have said ------------------------------------------------------------------------------------
 
 // Answers come later, as those of a kernel do: a page asks while it is still being built. An editor hears of its points
 // first, then which of its messages they include, then that the message is done.
@@ -35,9 +35,12 @@ function editorAnswers(model) {
   });
 }
 
-function viewAnswers(model, { chunks, field, still }) {
+function viewAnswers(model, { chunks, field, still, falls }) {
   const answers = {
-    hello: () => [field.content, field.buffers],
+    hello: ({ largest }) => {
+      if (!largest) falls(); // no card, no volume
+      return [field.content, field.buffers];
+    },
     chunk: ({ id, index }) => [{ type: "chunk", id, index, start: chunks[index].start }, [chunks[index].packed]],
     still: () => [{ type: "still" }, [still]],
   };
@@ -48,7 +51,7 @@ function viewAnswers(model, { chunks, field, still }) {
   });
 }
 
-// ---- the page --------------------------------------------------------------------------------------------------------
+// ---- the page -------------------------------------------------------------------------------------------------------
 
 function pageNode(tag, className, parent, attributes = {}, text = "") {
   const made = document.createElement(tag);
@@ -74,7 +77,7 @@ class StandalonePage {
     const still = new DataView(Uint8Array.from(atob(this.image.src.split(",")[1]), (c) => c.charCodeAt(0)).buffer);
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
     this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
-      deliver: viewAnswers(() => this.view, { ...data, still }) });
+      deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall() }) });
     this.widgets = widgets;
   }
 
@@ -93,20 +96,32 @@ class StandalonePage {
     window.addEventListener("resize", () => this.fit());
   }
 
+  // Without WebGL2 the volume is the picture that Python has made, and only the editor's picture follows.
+  fall() {
+    this.isStill = true;
+    pagePart("volume").classList.add("dnb-page-flat");
+    sayOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be dragged.");
+    document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
+    this.view.update({ background: this.data.still_background });
+    this.fit();
+  }
+
   // As large as the window allows: two columns where it is wide, and no more height than is seen at once.
   fit() {
     const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
     main.classList.toggle("dnb-page-wide", Boolean(isWide));
     const column = isWide ? (width - 16) / 2 : width, above = main.getBoundingClientRect().top + window.scrollY;
     const bars = 130; // of the editor: its buttons and its status line
-    const height = Math.round(Math.max(260, Math.min(1.1 * column, window.innerHeight - above - bars - 40)));
+    // On a phone both fit into the window once it is scrolled to them.
+    const most = isWide || !this.view ? window.innerHeight - above - bars - 40 : 0.45 * window.innerHeight;
+    const height = Math.round(Math.max(isWide ? 260 : 200, Math.min(1.1 * column, most)));
     this.editor.update({ height });
-    const beside = pagePart("picture").clientHeight; // of a flat picture less than it may be
-    this.view?.update({ width: Math.round(column),
-      height: Math.round(Math.min(0.9 * column, height + bars, Math.max(beside, 0.72 * column))) });
+    const beside = isWide ? pagePart("picture").clientHeight : 0; // of a flat picture less than it may be
+    this.view?.update({ width: Math.round(column), height: Math.round(this.isStill ? 0.75 * column
+      : isWide ? Math.max(beside, 0.72 * column) : Math.min(0.8 * column, 0.45 * window.innerHeight)) });
   }
 
-  // ---- controls ------------------------------------------------------------------------------------------------------
+  // ---- controls -----------------------------------------------------------------------------------------------------
 
   #controls() {
     const bar = pagePart("controls");
@@ -156,7 +171,8 @@ class StandalonePage {
   }
 
   #kernels(bar) {
-    const select = this.#menu(bar, "Kernel", "kernel", this.editor, this.data.kernels.map(([name, title]) => [name, title]),
+    const names = this.data.kernels.map(([name, title]) => [name, title]);
+    const select = this.#menu(bar, "Kernel", "kernel", this.editor, names,
       "how the influence of a point falls off with distance");
     const order = this.data.trends[this.editor.get("trend")]; // the page changes no trend
     this.data.kernels.forEach(([, , least], k) => { select.options[k].disabled = order < least; }); // no fit exists
@@ -172,7 +188,7 @@ class StandalonePage {
     this.view?.update({ camera: { ...this.data.view.camera }, shows: this.data.view.shows });
   }
 
-  // ---- the points as a file ------------------------------------------------------------------------------------------
+  // ---- the points as a file -----------------------------------------------------------------------------------------
 
   document() {
     const points = this.editor.get("points"), next = this.editor.get("next_id");
