@@ -1,0 +1,102 @@
+"""The notebooks: each runs without a network, is stored without results, explains itself and ends with a picture."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+TIMEOUT = 300  # seconds for a cell: a busy machine renders a movie slowly
+
+# A kernel without a way out: what a notebook needs must be on this machine.
+OFFLINE = """
+import socket
+def refuse(*address, **options):
+    raise OSError("a notebook must run without a network")
+socket.getaddrinfo = refuse
+"""
+
+pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def stored(path: Path) -> dict[str, Any]:
+    notebook: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return notebook
+
+
+def text_of(cell: dict[str, Any]) -> str:
+    return "".join(cell["source"])
+
+
+@pytest.fixture
+def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Name of a kernel of this interpreter, whatever other kernels there are on the machine."""
+    pytest.importorskip("ipykernel")
+    for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(tmp_path / name.lower()))
+    monkeypatch.setenv("JUPYTER_PATH", str(tmp_path / "share"))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    startup = tmp_path / "ipythondir" / "profile_default" / "startup"
+    startup.mkdir(parents=True)
+    (startup / "offline.py").write_text(OFFLINE)
+    spec = {"argv": [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
+            "display_name": "This interpreter", "language": "python"}
+    folder = tmp_path / "share" / "kernels" / "tested"
+    folder.mkdir(parents=True)
+    (folder / "kernel.json").write_text(json.dumps(spec))
+    return "tested"
+
+
+# The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
+@pytest.mark.filterwarnings("default")
+def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    notebook = nbformat.read(path, as_version=4)
+    work = tmp_path / "work"
+    work.mkdir()
+    resources = {"metadata": {"path": str(work)}}
+    nbclient.NotebookClient(notebook, timeout=TIMEOUT, kernel_name=kernel, resources=resources).execute()
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert [output for output in outputs if output.output_type == "error"] == []
+    assert [output.text for output in outputs if output.get("name") == "stderr"] == []
+    assert any(kind.startswith("image/") for output in cells[-1].outputs for kind in output.get("data", {}))
+    shown = json.dumps([{**output.get("data", {}), "text": output.get("text", "")} for output in outputs])
+    assert str(tmp_path) not in shown, "an output tells of a folder of this machine"
+
+
+def test_it_is_stored_without_results(path: Path) -> None:
+    notebook = stored(path)
+    assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
+    assert notebook["metadata"]["kernelspec"]["name"] == "python3"  # what every host has
+    for cell in notebook["cells"]:
+        assert cell["metadata"] == {}
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+    wanted = json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"  # as Jupyter writes it: edits differ little
+    assert path.read_text(encoding="utf-8") == wanted
+
+
+def test_it_explains_itself(path: Path) -> None:
+    cells = stored(path)["cells"]
+    assert re.match(r"# \S", text_of(cells[0])), "a notebook begins with its title"
+    texts = [cell for cell in cells if cell["cell_type"] == "markdown"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert 2 * len(texts) >= len(code)
+    assert all(text_of(cell).strip() for cell in cells)
+    # At most two cells of code in a row without a word.
+    kinds = "".join(cell["cell_type"][0] for cell in cells)
+    assert "ccc" not in kinds
+    assert max(text_of(cell).count("\n") for cell in code) < 20
+
+
+def test_its_lines_fit_a_narrow_window(path: Path) -> None:
+    lines = [line for cell in stored(path)["cells"] for line in text_of(cell).splitlines()]
+    assert max(len(line) for line in lines) <= 120
