@@ -6,3 +6,4 @@ from .standalone import standalone_html as standalone_html
 from .standalone import write_standalone as write_standalone
 from .transfer_editor import TransferEditor as TransferEditor
 from .studio import Studio as Studio
+from .volume_view import VolumeView as VolumeView

@@ -1,4 +1,4 @@
-"""The scene of :mod:`~deformnb.widgets.vtk_scene` for machines without OpenGL: the package itself draws it, slower."""
+"""A scene for machines without OpenGL, which the package itself draws, and the choice between it and VTK's."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
+from deformnb.render import gl_status
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.shown_volume import shown_volume
 from deformnb.widgets.stills import Scene, render_scene
 from deformnb.widgets.view import Image, checked_camera
+from deformnb.widgets.vtk_scene import VtkScene
 
 # Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
 _QUICK_VOXELS = 96**3
@@ -37,12 +39,17 @@ class CoreScene:
     @property
     def plotter(self) -> Any:
         """There is none."""
-        raise DeformError("there is no plotter, for VTK cannot draw here: apt-get install libegl1 libgl1, then restart.")
+        raise DeformError("there is no plotter: VTK cannot draw here. Install libegl1 and libgl1, then restart.")
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture in pixels."""
         return self._size
+
+    @property
+    def volume(self) -> Volume:
+        """What is shown, before the deformation."""
+        return self._volume
 
     def set_volume(self, volume: Volume) -> None:
         """Show another volume, without deformation, from the same side."""
@@ -93,3 +100,25 @@ class CoreScene:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+METHODS = ("auto", "texture", "array", "core")
+
+
+def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, map_size: int = 192,
+               space_size: int = 64, **looks: Any) -> tuple[VtkScene | CoreScene, str]:
+    """The best scene that works here, and what people must know about it, or an empty text.
+
+    Parameters
+    ----------
+    method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
+        first that works.
+    looks : transfer, projection and background.
+    """
+    if method not in METHODS:
+        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    works, found, remedy = gl_status() if method != "core" else (False, "", "")
+    if works:
+        return VtkScene(volume, size, method=method, map_size=map_size, space_size=space_size, **looks), ""
+    notice = f"{found}. The package draws the pictures itself, which is slower. For VTK: {remedy}." if found else ""
+    return CoreScene(volume, size, **looks), notice

@@ -32,7 +32,14 @@ _KEPT = 50  # times that medians are taken of
 
 
 class Scene(Protocol):
-    """What a loop draws: :class:`~deformnb.widgets.vtk_scene.VtkScene` and whatever has these two."""
+    """What a loop draws: :class:`~deformnb.widgets.vtk_scene.VtkScene` and whatever has these."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another one."""
 
     def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
                interrupted: Callable[[], bool] | None = None) -> Image | None:
@@ -86,16 +93,21 @@ class SceneLoop:
         self._is_new = True
         self._is_rough = False  # whether the last picture was a quick one
 
-    def change(self, key: str, function: Callable[[Any], None]) -> None:
-        """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key."""
+    def change(self, key: str, function: Callable[[Any], None], *, draw: bool = True) -> None:
+        """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
+
+        Parameters
+        ----------
+        draw : False where nobody looks: the next picture that someone asks for is early enough.
+        """
         with self._lock:
             self._changes[key] = function
-        self.touch()
+        if draw:
+            self.touch()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`; "flicker" delivers two pictures."""
+        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`; "flicker" delivers two. Draws nothing."""
         self._shows = shows
-        self.touch()
 
     def touch(self) -> None:
         """Draw again, soon."""
@@ -104,6 +116,8 @@ class SceneLoop:
 
     def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
         """What ``function(scene)`` returns, called in the thread after all changes so far."""
+        if self._thread.is_here:
+            raise DeformError("this is the thread that renders, and would wait for itself; use what you were given.")
 
         def work() -> _Result:
             scene = self._holder.get(self._make)

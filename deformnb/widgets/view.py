@@ -87,6 +87,28 @@ def checked_camera(value: Any) -> dict[str, Any]:
     return {**whole, "perspective": True} if given.get("perspective") else whole
 
 
+def turned(camera: Mapping[str, Any], direction: ArrayLike | None = None, up: ArrayLike | None = None,
+           zoom: float | None = None, perspective: bool | None = None) -> dict[str, Any]:
+    """A camera with what is not None changed; another direction looks at the middle again.
+
+    Examples
+    --------
+    >>> turned(checked_camera({"pan": (1, 2)}), direction=(0, 0, -3))["up"]
+    [0.0, -1.0, 0.0]
+    """
+    changed = dict(camera)
+    if direction is not None:
+        plane = Plane.through((0, 0, 0), direction, up)  # refuses what is no direction
+        changed |= {"direction": list(plane.normal), "up": [-c for c in plane.v], "pan": [0.0, 0.0]}
+    elif up is not None:
+        changed["up"] = [-c for c in Plane.through((0, 0, 0), changed["direction"], up).v]
+    if zoom is not None:
+        changed["zoom"] = zoom
+    if perspective is not None:
+        changed["perspective"] = bool(perspective)
+    return checked_camera(changed)
+
+
 def _is_finite(numbers: NDArray[np.float64]) -> bool:
     return bool(np.isfinite(numbers).all())
 

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import traitlets
+
+_LOG = logging.getLogger(__name__)
 
 # A message of the page says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
 LONGEST_TEXT = 200
@@ -39,3 +46,12 @@ def measured(content: dict[str, Any]) -> dict[str, float]:
     """The finite numbers among :data:`MEASURED`."""
     numbers = {name: float(content[name]) for name in MEASURED if isinstance(content.get(name), int | float)}
     return {name: value for name, value in numbers.items() if math.isfinite(value)}
+
+
+@contextmanager
+def dropping(what: str) -> Iterator[None]:
+    """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    try:
+        yield
+    except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:
+        _LOG.warning("%s of the page was dropped: %s", what, error)

@@ -32,6 +32,7 @@ from deformnb.widgets.stills import BACKGROUNDS, seen_height
 from deformnb.widgets.view import SHOWS, Image, checked_camera
 from deformnb.widgets.vtk_probe import is_like, probe, warped
 from deformnb.widgets.vtk_warp import VolumeWarp
+from deformnb.widgets.vtk_window import new_plotter, pixels
 
 PROJECTIONS = ("shaded", "composite", "mip")
 
@@ -72,10 +73,11 @@ class VtkScene:
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
         self._map_size, self._space_size = int(map_size), int(space_size)
-        self._plotter = _plotter()
+        self._plotter = new_plotter()
         self._actor: Any = None
         self._warp: VolumeWarp | None = None
         self._maps: CardMaps | None = None
+        self._loaded: CardMaps | None = None  # what the shader has of them
         self._plain: NDArray[Any] | None = None
         self._shows_deformed: bool | None = False  # whether VTK's voxels are deformed; None if that is not known
         self._transfer: TransferFunction | None = None
@@ -93,6 +95,11 @@ class VtkScene:
     def plotter(self) -> Any:
         """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
         return self._plotter
+
+    @property
+    def volume(self) -> Volume:
+        """What is shown, before the deformation."""
+        return self._volume
 
     def set_volume(self, volume: Volume) -> None:
         """Show another volume, without deformation, from the same side."""
@@ -217,7 +224,7 @@ class VtkScene:
         camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / _STANDOFF))))
         window.SetSize(size[0], bottom - top)
         window.Render()
-        return _pixels(window)
+        return pixels(window)
 
     def _look(self, size: tuple[int, int]) -> float:
         """Put the camera in its place; the length in space that the picture is high."""
@@ -241,7 +248,8 @@ class VtkScene:
         around, start = _covering(self._volume, output)
         ready = for_vtk(around)
         self._output, self._lattice, self._first = output, ready.grid, start + 1
-        self._values, self._plain, self._maps, self._shows_deformed = ready.values, None, None, False
+        self._values, self._plain, self._shows_deformed = ready.values, None, False
+        self._maps = self._loaded = None
         self._close_actor()
         self._image = ready.to_pyvista()
         self._actor = self._plotter.add_volume(self._image, mapper="gpu", shade=True, show_scalar_bar=False,
@@ -278,7 +286,10 @@ class VtkScene:
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
         if self._warp is not None:
-            self._warp.set_maps(self._maps if wanted else None, self._lattice, self._first)
+            if self._maps is not self._loaded:
+                self._warp.set_maps(self._maps, self._lattice, self._first)
+                self._loaded = self._maps
+            self._warp.set_strength(1.0 if wanted else 0.0)
         elif wanted is not self._shows_deformed:
             self._overwrite(self._field if wanted else None)
             self._shows_deformed = wanted
@@ -325,27 +336,6 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     if name not in names:
         raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
     return name
-
-
-def _plotter() -> Any:
-    import pyvista
-
-    # One lamp at the camera, as in the stills.
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
-    plotter.add_light(pyvista.Light(light_type="headlight"))
-    plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
-    return plotter
-
-
-def _pixels(window: Any) -> Image:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-
-    width, height = window.GetSize()
-    data = vtkUnsignedCharArray()
-    window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
-    rgb: Image = vtk_to_numpy(data).reshape(height, width, 3)  # type: ignore[no-untyped-call]
-    return np.ascontiguousarray(rgb[::-1])
 
 
 def _covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:

@@ -1,0 +1,394 @@
+"""The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
+
+One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
+stands; the newest of all changes is drawn, at most two pictures are on their way.
+
+Messages by the page (each with ``view``, the page's own name): ``hello`` and ``size`` (width, height in pixels,
+background), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera:
+the newest number that it shows, with one JPEG, or two that are shown in turn) and ``notice`` (text).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import anywidget
+import traitlets
+from numpy.typing import ArrayLike
+
+from deformnb.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.extrusion import Extrusion
+from deformnb.fields import AbstractField
+from deformnb.transfer import PRESETS, TransferFunction, preset
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.assets import joined, style
+from deformnb.widgets.core_scene import METHODS, make_scene
+from deformnb.widgets.frames import FrameSender, drawn, preview_png
+from deformnb.widgets.pages import LARGEST, Pages, about
+from deformnb.widgets.refit import Refit, follow_editor
+from deformnb.widgets.scene_loop import Frame, SceneLoop
+from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
+from deformnb.widgets.view_messages import LONGEST_TEXT, dropping, text, whole
+
+_FILES = ("camera.js", "live_parts.js", "orientation.js", "hands.js", "volume_view.js")
+
+_LOG = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
+
+_OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height"})
+
+
+class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+    """A volume drawn by VTK in Python and shown as pictures.
+
+    Parameters
+    ----------
+    volume : shown at once if given.
+    transfer : a transfer function or the name of a preset.
+    projection : "shaded", "composite" or "mip".
+    background : "dark", "light" or "auto", which is the page's.
+    shows : a name of :data:`~deformnb.widgets.view.SHOWS`.
+    width, height : size on the page in CSS pixels; a narrow page makes it smaller.
+    target_ms : time that a picture may take while something moves; its resolution adapts.
+    settle_ms : rest after which the full picture is drawn.
+    method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
+        first that works.
+    map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
+
+    Notes
+    -----
+    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone.
+    :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
+
+    Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
+
+    Examples
+    --------
+    >>> from deformnb.volume import Volume
+    >>> view = VolumeView(Volume.from_array([[[0, 9], [9, 0]], [[9, 9], [0, 0]]]), method="core")
+    >>> view.still((64, 48)).shape
+    (48, 64, 3)
+    >>> view.close()
+
+    Axes and a mesh beside the volume, where VTK works::
+
+        view.call(lambda plotter: plotter.show_bounds(grid="back"))
+        view.call(lambda plotter: plotter.add_mesh(mesh, color="red", opacity=0.5))
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("live_view.css", "volume_view.css")
+
+    volume_info = traitlets.Dict().tag(sync=True)
+    projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
+    background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
+    shows = ShowsTrait().tag(sync=True)
+    camera = CameraTrait().tag(sync=True)
+    width = traitlets.Int(720, min=64, max=LARGEST).tag(sync=True)
+    height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
+    label = traitlets.Unicode("Volume").tag(sync=True)
+    target_ms = traitlets.Float(250.0, min=5.0, max=5000.0)
+    settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
+
+    def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
+                 method: str = "auto", map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
+        if method not in METHODS:
+            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+        self._method = method
+        self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
+        self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
+        self._content: tuple[Volume, Callable[[], AbstractField | None], Grid | None] | None = None
+        self._transfer: TransferFunction | str = transfer
+        self._loop: SceneLoop | None = None
+        self._path = ""
+        self._has_guests = False  # whether someone has put things into the scene that only it knows
+        self._pages = Pages()
+        self._notice = ""
+        self._shown_camera: tuple[str, int] = ("", 0)
+        self._frames = FrameSender()
+        self._unfollow: Callable[[], None] | None = None
+        super().__init__(**traits)
+        self.on_msg(self._receive)
+        self.observe(self._look, ["camera", "shows", "projection", "background", "target_ms", "settle_ms"])
+        if volume is not None:
+            self.show(volume)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def show(self, volume: Volume) -> None:
+        _check(self._transfer, volume)
+        self._stop_following()
+        self._put(volume, _none, None)
+        self.label = f"Volume {volume.name}".strip()
+
+    def _put(self, volume: Volume, field: Callable[[], AbstractField | None], output: Grid | None) -> None:
+        with self._lock:
+            self._content = (volume, field, output)
+        self.volume_info = about(volume, output)
+        self._change("content", self._set_content)
+
+    def _ready(self) -> tuple[Volume, Callable[[], AbstractField | None], Grid | None]:
+        with self._lock:
+            if self._content is None:
+                raise DeformError("the view shows no volume yet; call show(volume) first.")
+            return self._content
+
+    def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
+        grid = output or self._ready()[0].grid
+        field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
+        if field is not None and field.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        self._stop_following()
+        self._put(self._ready()[0], lambda: field, output)
+
+    def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
+               output: Grid | None = None) -> None:
+        """Let an editor move the picture's displacement: its points come to Python with every movement.
+
+        Parameters
+        ----------
+        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
+        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
+            one. Its plane, depths and weights stay, also while points move.
+        index : which of its maps the editor's points make.
+        """
+        refit = Refit(field, index) if editor is not None else None
+        self.show_deformation(field, output=output)
+        if refit is not None:
+            self._unfollow = follow_editor(editor, refit, self._put_field)
+
+    def _stop_following(self) -> None:
+        unfollow, self._unfollow = self._unfollow, None
+        if unfollow is not None:
+            unfollow()
+
+    def _put_field(self, field: Callable[[], AbstractField | None]) -> None:
+        with self._lock:
+            volume, _, output = self._ready()
+            self._content = (volume, field, output)
+        self._change("content", self._set_content)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        _check(transfer, self._content[0] if self._content is not None else None)
+        self._transfer = transfer
+        self._change("transfer", lambda scene: scene.set_transfer(transfer))
+
+    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
+                   zoom: float | None = None, *, perspective: bool | None = None) -> None:
+        self.camera = turned(self.camera, direction, up, zoom, perspective)
+
+    # -- the scene and its thread --------------------------------------------------------------------------------------
+
+    def call(self, function: Callable[[Any], _Result]) -> _Result:
+        """What ``function(plotter)`` returns, called in the thread that renders; the picture is drawn again.
+
+        Parameters
+        ----------
+        function : gets the ``pyvista.Plotter``. It may add meshes, axes and clipping planes; the camera is the view's.
+
+        Raises
+        ------
+        DeformError
+            Where VTK cannot draw, and whatever ``function`` raises.
+        """
+        self._has_guests = True  # from now on the scene stays, also while no page shows it
+        result = self._do(lambda scene: function(scene.plotter))
+        if self._pages:
+            self._awake().touch()
+        return result
+
+    def _do(self, function: Callable[[Any], _Result]) -> _Result:
+        return self._awake().do(function).result()
+
+    def _awake(self) -> SceneLoop:
+        self._ready()
+        with self._lock:
+            if self._loop is None:
+                self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
+                                       target_ms=self.target_ms, settle_ms=self.settle_ms)
+                self._loop.set_shows(self.shows)
+            return self._loop
+
+    def _make(self) -> Any:
+        volume, _, _ = self._ready()
+        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection,
+                                 "background": self._shade()}
+        scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
+        if notice:
+            self._say(notice)
+        self._path = scene.path
+        scene.set_camera(self.camera)
+        self._set_content(scene)
+        return scene
+
+    def _set_content(self, scene: Any) -> None:
+        volume, field, output = self._ready()
+        if scene.volume is not volume:
+            scene.set_volume(volume)
+        scene.set_field(field(), output)
+
+    def _change(self, key: str, function: Callable[[Any], None]) -> None:
+        loop = self._awake() if self._pages and self._content is not None else self._loop
+        if loop is not None:
+            loop.change(key, function, draw=bool(self._pages))
+
+    def _look(self, change: Any) -> None:
+        """A trait has another value."""
+        name, value, loop = change["name"], change["new"], self._loop
+        if name == "camera":
+            self._change("camera", lambda scene: scene.set_camera(value))
+        elif name == "projection":
+            self._change("projection", lambda scene: scene.set_projection(value))
+        elif name == "background":
+            self._change_page()
+        elif loop is not None and name == "shows":
+            loop.set_shows(value)
+            self._change("shows", lambda scene: scene.set_shows(value))
+        elif loop is not None:
+            setattr(loop, name, value)
+
+    def _shade(self) -> str:
+        return self._pages.theme if self.background == "auto" else self.background
+
+    def _size(self) -> tuple[int, int]:
+        """The largest of what the pages show, or what the traits say."""
+        return self._pages.size((self.width, self.height))
+
+    def _change_page(self) -> None:
+        size, background = self._size(), self._shade()
+
+        def resize(scene: Any) -> None:
+            scene.set_size(size)
+            scene.set_background(background)
+
+        self._change("page", resize)
+
+    def _rest(self) -> None:
+        with self._lock:
+            loop, self._loop = self._loop, None
+        self._frames.forget()
+        if loop is not None:
+            loop.close()
+
+    def close(self) -> None:
+        """End the thread that renders, give back its window, and leave the pages."""
+        self._stop_following()
+        self._rest()
+        super().close()
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        """The picture in full, (height, width, 3), rendered as the view renders; needs no page.
+
+        Parameters
+        ----------
+        size : (width, height) in pixels; default is that of the traits.
+        """
+        wanted = size or (self.width, self.height)
+
+        return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
+
+    async def screenshot(self, timeout: float = 10.0) -> Image:
+        """The picture that was last sent to the page, (height, width, 3); without a page the one of :meth:`still`."""
+        last = self._frames.last if self._pages else None
+        if last is not None:
+            return last.images[0]
+        return await asyncio.wait_for(asyncio.to_thread(self.still), timeout)
+
+    def stats(self) -> dict[str, Any]:
+        """What was measured and sent.
+
+        ``edit_ms`` (median of fitting and loading a deformation), ``frame_ms`` (of quick pictures), ``full_ms``,
+        ``frames``, ``scale`` (share of the full width that quick pictures have), ``path`` ("texture", "array" or
+        "core"), ``width``, ``height``, ``bytes_per_frame`` (of the last), ``frame_bytes`` and ``sent`` (of all).
+        """
+        with self._lock:
+            measured = self._loop.stats() if self._loop is not None else {}
+        width, height = self._size()
+        return {**measured, "path": self._path, "width": width, "height": height, **self._frames.stats()}
+
+    def preview_png(self) -> bytes:
+        """A small picture as a PNG: what is seen where no front end runs."""
+        return self._do(lambda scene: preview_png(scene, self.shows))
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        try:
+            if data is not None and self._content is not None:
+                data["image/png"] = self.preview_png()
+        except Exception:  # a picture for later readers must not keep the widget from being shown now
+            _LOG.exception("the preview of a volume view could not be drawn")
+        return bundle
+
+    # -- messages ------------------------------------------------------------------------------------------------------
+
+    def _deliver(self, frame: Frame) -> None:
+        view, number = self._shown_camera
+        self.send(*self._frames.pack(frame, camera=number, by=view))
+
+    def _say(self, notice: str) -> None:
+        self._notice = notice
+        self.send({"type": "notice", "text": notice})
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        for name, value in dict(sync_data).items():
+            with dropping("a trait"):
+                if name not in _OF_PAGE:
+                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
+                super().set_state({name: value})
+
+    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+        with dropping("a message"):
+            kind = content.get("type") if isinstance(content, dict) else None
+            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            if answer is None:
+                raise ValueError("unknown kind")
+            answer(self, text(content.get("view")), content)
+
+    def _resized(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.put(view, content)
+        self._change_page()
+        if content["type"] == "hello" and self._notice:
+            self.send({"type": "notice", "text": self._notice})
+
+    def _bye(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.drop(view)
+        if not self._pages and not self._has_guests:
+            self._rest()
+
+    def _camera(self, view: str, content: dict[str, Any]) -> None:
+        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
+
+        def turn(scene: Any) -> None:
+            scene.set_camera(camera)
+            self._shown_camera = (view, number)
+
+        self._change("camera", turn)
+
+    def _seen(self, view: str, content: dict[str, Any]) -> None:
+        if self._frames.seen(whole(content.get("seq"), 1, 2**53)) and self._loop is not None:
+            self._loop.touch()
+
+
+_ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
+    "hello": VolumeView._resized, "size": VolumeView._resized, "camera": VolumeView._camera, "seen": VolumeView._seen,
+    "bye": VolumeView._bye,
+}
+"""What is done about each kind of message."""
+
+
+def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
+    if isinstance(transfer, str) and transfer not in PRESETS and volume is not None:
+        preset(transfer, volume)  # says which there are
+
+
+def _none() -> None:
+    """No deformation."""
