@@ -47,5 +47,6 @@ from .warp import Warper as Warper
 from .warp import warp as warp
 from .warp import warp_picture as warp_picture
 from .warp import warp_points as warp_points
+from .widgets.studio import Studio as Studio
 
 __version__: str

@@ -6,6 +6,7 @@ its volume, its thread and its view behind each time.
 
 from __future__ import annotations
 
+import sys
 import weakref
 from collections import defaultdict
 from collections.abc import Callable
@@ -35,11 +36,8 @@ def close_earlier_of_this_cell(widget: Any) -> None:
 
 def _cell_and_run() -> tuple[str, str] | None:
     """Ids of the cell that runs and of its run, where the front end tells them."""
-    try:
-        from IPython.core.getipython import get_ipython
-    except ImportError:
-        return None
-    shell = get_ipython()
+    ipython = sys.modules.get("IPython")  # whoever runs cells has it; nobody else needs it
+    shell = ipython.get_ipython() if ipython is not None else None
     parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}
     cell = (parent.get("metadata") or {}).get("cellId")
     run = (parent.get("header") or {}).get("msg_id")
