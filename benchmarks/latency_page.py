@@ -25,41 +25,48 @@ _VIEW_BOX = """() => {
   return found && found.width > 0 ? { x: found.x, y: found.y, width: found.width, height: found.height } : null;
 }"""
 
-# The disc nearest the middle of the picture, where a drag moves what is seen.
-_DISC = """() => {
+# The point nearest the middle of the picture, where a drag moves what is seen.
+_POINT = """() => {
   const at = (e) => { const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; };
   const middle = at(document.querySelector(".dnb-editor .dnb-ed-canvas"));
-  const far = ([x, y]) => Math.hypot(x - middle[0], y - middle[1]);
-  return [...document.querySelectorAll(".dnb-editor .dnb-ed-disc")].map(at).sort((a, b) => far(a) - far(b))[0];
+  const far = (e) => { const [x, y] = at(e); return Math.hypot(x - middle[0], y - middle[1]); };
+  const disc = [...document.querySelectorAll(".dnb-editor .dnb-ed-disc")].sort((a, b) => far(a) - far(b))[0];
+  return disc.closest("[data-id]").dataset.id;
 }"""
 
 
 class Hand(ABC):
-    """What edits: places along a path, the handle held all the way."""
+    """What edits: takes a handle and moves it along a path around the place where it was first."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
         self.is_down = False
+        self.handle = page.locator(self.selector()).first
+        self.home = self.place()
 
     @abstractmethod
+    def selector(self) -> str:
+        """Which element is the handle."""
+
+    @abstractmethod
+    def away(self, step: float) -> tuple[float, float]:
+        """How far from its first place the handle is after a number of steps."""
+
     def place(self) -> tuple[float, float]:
         """Where the handle is on the screen."""
-
-    @abstractmethod
-    def at(self, step: float) -> tuple[float, float]:
-        """How far from where it was taken the handle is after a number of steps."""
+        box = self.handle.bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def take(self) -> None:
-        self.x, self.y = self.place()
-        self.page.mouse.move(self.x, self.y)
+        self.page.mouse.move(*self.place())
         self.page.mouse.down()
         self.is_down = True
 
     def move(self, step: float) -> None:
         if not self.is_down:
             self.take()
-        dx, dy = self.at(step)
-        self.page.mouse.move(self.x + dx, self.y + dy)
+        (x, y), (dx, dy) = self.home, self.away(step)
+        self.page.mouse.move(x + dx, y + dy)
 
     def release(self) -> None:
         if self.is_down:
@@ -70,23 +77,21 @@ class Hand(ABC):
 class PointHand(Hand):
     """Drags a control point of the editor in a circle."""
 
-    def place(self) -> tuple[float, float]:
-        x, y = self.page.evaluate(_DISC)
-        return x, y
+    def selector(self) -> str:
+        return f".dnb-editor [data-id='{self.page.evaluate(_POINT)}'] .dnb-ed-disc"
 
-    def at(self, step: float) -> tuple[float, float]:
-        return 24 * math.sin(step / 2.1), 18 * (1 - math.cos(step / 2.1)) + 4
+    def away(self, step: float) -> tuple[float, float]:
+        return 24 * math.cos(step / 2.1), 24 * math.sin(step / 2.1)
 
 
 class SliderHand(Hand):
-    """Drags the handle of the slider there and back."""
+    """Drags the handle of the slider there and back, never as far as its ends."""
 
-    def place(self) -> tuple[float, float]:
-        box = self.page.locator(".noUi-handle").first.bounding_box()
-        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    def selector(self) -> str:
+        return ".noUi-handle"
 
-    def at(self, step: float) -> tuple[float, float]:
-        return 60 * math.sin(step / 2.1 + 0.2) - 10, 0.0
+    def away(self, step: float) -> tuple[float, float]:
+        return 8 * abs((1.3 * step + 7) % 20 - 10) - 40, 0.0  # a zigzag: no step is small
 
 
 @dataclass
@@ -114,7 +119,7 @@ class Seat:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.add_init_script(path=HOOKS)
         self.seen = Seen()
-        self.typical = 400.0  # milliseconds of an edit, measured as they come
+        self.slowest = 400.0  # milliseconds of an edit so far
         own = f"{''.join(c for c in name.lower() if c.isalnum())}{size}"
         lab.address = f"/lab/workspaces/{own}/tree/{{name}}"  # else JupyterLab opens the others' notebooks as well
         lab.open_notebook(self.page, CASES[name](size), f"{own}.ipynb")
@@ -122,7 +127,9 @@ class Seat:
             await jupyterapp.commands.execute("notebook:hide-all-cell-code");
             jupyterapp.shell.collapseLeft();
         }""")
-        self._wait(lambda: bool(self.seen.view), patience, "it showed no picture")
+        self._wait(lambda: bool(self.seen.view or self._complaints()), patience, "it showed no picture")
+        if not self.seen.view:
+            raise RuntimeError(self.trouble())
         self.rest(1500)
         self.hand: Hand = (PointHand if self.page.query_selector(".dnb-editor") else SliderHand)(self.page)
         self.pid = int(lab.run(self.page, "import os; print(os.getpid())"))
@@ -137,9 +144,12 @@ class Seat:
 
     def trouble(self) -> str:
         """What the page and the notebook complain of."""
-        shown = self.page.evaluate("() => [...document.querySelectorAll('.jp-RenderedText[data-mime-type*=error]')]"
-                                   ".map((e) => e.textContent.slice(-300))")
-        return "; ".join([*self.errors[-2:], *shown]) or "(no error was shown)"
+        return "; ".join([*self.errors[-2:], *self._complaints()]) or "(no error was shown)"
+
+    def _complaints(self) -> list[str]:
+        """The last lines of what cells ended with."""
+        return list(self.page.evaluate("""() => [...document.querySelectorAll("[data-mime-type$='stderr']")]
+            .map((e) => e.textContent.trim().split("\\n").pop()).filter((line) => /Error/.test(line))"""))
 
     def collect(self) -> None:
         """Fetch what the hooks have noted."""
@@ -176,20 +186,21 @@ class Seat:
     def edit(self, step: float, patience: float = 20.0) -> tuple[float, float | None]:
         """Milliseconds from one movement of the held handle to new pixels: in the view, and in the editor."""
         if not self.hand.is_down:
+            self.fresh()
             self.hand.move(step - 0.5)
             self._wait(lambda: bool(self.seen.view), patience, "the first movement changed nothing")
-        self.rest(300)
+        self.rest(self._long_rest)  # a picture of the edit before must not be taken for one of this
         self.fresh()
         self.hand.move(step)
         self._wait(lambda: bool(self._after(self.seen.view)), patience, "an edit changed no pixel")
         view, editor = self._after(self.seen.view)[0], self._after(self.seen.editor)
-        self.typical += 0.3 * (view - self.typical)
+        self.slowest = max(self.slowest, view)
         return view, editor[0] if editor else None
 
     @property
     def _long_rest(self) -> float:
         """Milliseconds without a new picture after which none is on its way any more."""
-        return max(1200.0, 2.5 * self.typical)
+        return min(8000.0, max(1000.0, 1.5 * self.slowest))
 
     def _after(self, times: list[float]) -> list[float]:
         """Times since the first input."""
@@ -200,7 +211,7 @@ class Seat:
         """Milliseconds from a movement, after which the handle is let go, to the last picture."""
         if not self.hand.is_down:
             self.hand.take()
-        self.rest(300)
+        self.rest(self._long_rest)
         self.fresh()
         self.hand.move(step)
         self.hand.release()
@@ -212,7 +223,7 @@ class Seat:
         """Frames a second of a drag, and how long after its end the last picture came."""
         if not self.hand.is_down:
             self.hand.take()
-        self.rest(300)
+        self.rest(self._long_rest)
         self.fresh()
         start, k = time.perf_counter(), 0
         while (now := time.perf_counter() - start) < seconds:
