@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import ARGUMENTS, LivePage
-from scripts import chromium
+from browser.live_page import LivePage
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
@@ -25,21 +24,9 @@ PLANE = Plane.along(GRID, "+y")
 VIEW = "document.querySelector('.dnb-view').deformnb"
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
-        yield started
-        started.close()
-
-
 @pytest.fixture
 def page(browser: Any) -> Iterator[LivePage]:
+    """A page that must not complain."""
     opened = LivePage(browser)
     yield opened
     assert opened.errors == []

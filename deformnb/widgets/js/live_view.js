@@ -247,8 +247,8 @@ class LiveViewPage {
     const info = this.info, caster = this.caster;
     const frame = () => new Promise((resolve) => { setTimeout(resolve, 0); });
     const { low, high } = info.box;
-    const done = await caster.setVolume(this.values, { shape: info.shape, spacing: info.spacing, outside: info.outside,
-      isLabels: info.is_labels, grey: info.grey, box: { low, high }, ownBox: info.box },
+    const { shape, spacing, outside, grey, is_labels: isLabels } = info;
+    const done = await caster.setVolume(this.values, { shape, spacing, outside, isLabels, grey, box: { low, high }, ownBox: info.box },
     (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); });
     if (!done || caster !== this.caster) return;
     this.applyField();

@@ -85,8 +85,8 @@ vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   float key = max(.16 - dot(n, lamp), 0.) / 1.16, fill = max(-dot(n, fillLamp), 0.), shine = max(-dot(n, halfway), 0.);
   float s2 = shine * shine, s4 = s2 * s2, s8 = s4 * s4, s16 = s8 * s8;
   float gloss = .09 * s8 + .27 * s16 * s16;
-  float rim = 1. - .42 * (1. - facing) * (1. - facing);
-  vec3 diffuse = light * (.33 + vec3(.16, .18, .21) * fill) + vec3(.96, .92, .87) * key * (.42 + .58 * light);
+  float rim = 1. - .25 * (1. - facing) * (1. - facing);
+  vec3 diffuse = light * (.36 + vec3(.17, .19, .22) * fill) + vec3(.96, .92, .87) * key * (.42 + .58 * light);
   float sure = clamp(size * certain, 0., 1.); // where all is alike there is no surface to be lit
   vec3 surface = rgb * diffuse * rim + vec3(gloss * light);
   return mix(rgb * .8 * (.3 + .7 * light), surface, sure) * (1. - .22 * depth);
