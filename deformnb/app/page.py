@@ -118,9 +118,11 @@ def _control(v: Any, html: Any, name: str, control: AbstractControl) -> None:
         v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
                   title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
     elif isinstance(control, Formula):
-        v.VTextField(v_model_lazy=(name,), label=control.title, variant="outlined", title=control.hint,
+        # Half a formula is a wrong one: it is told when it is done.
+        v.VTextField(model_value=(name,), change=f"{name} = $event.target.value",
+                     label=control.title, variant="outlined", title=control.hint,
                      placeholder="sin(pi*z)", maxlength=200, classes="dnb-app-select", spellcheck="false",
-                     __properties=["title", "maxlength", "spellcheck", "v_model_lazy"], **common, **shown)
+                     __properties=["title", "maxlength", "spellcheck"], __events=["change"], **common, **shown)
     elif isinstance(control, Number):
         value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
         if control.unset:

@@ -108,11 +108,13 @@ function fitted(name, model, place) {
       model.update({ height: Math.max(120, Math.min(4096, Math.floor(height) - around)) });
     }
   };
-  const observer = new ResizeObserver(apply);
+  let frame = 0; // sizes are set after they were observed, or the browser complains of a loop
+  const later = () => { cancelAnimationFrame(frame); frame = requestAnimationFrame(apply); };
+  const observer = new ResizeObserver(later);
   observer.observe(place);
   if (place.firstElementChild) observer.observe(place.firstElementChild); // its bars may come to need another row
   apply();
-  return () => observer.disconnect();
+  return () => { observer.disconnect(); cancelAnimationFrame(frame); };
 }
 
 window.deformnb_app = {

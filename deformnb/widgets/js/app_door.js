@@ -11,4 +11,17 @@
   else if (window.sessionStorage.getItem(KEY)) searchParams.set("secret", window.sessionStorage.getItem(KEY));
   searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client asks a launcher, which we are not
   window.history.replaceState({}, document.title, `${address.pathname}${address.search}${address.hash}`);
+
+  // A client that is refused writes a bare line of its own into the page.
+  document.addEventListener("DOMContentLoaded", () => {
+    const app = document.getElementById("app"), text = "There is no session for this page. Start \"deformnb app\" and " +
+      "open the address that it prints: its password is another one at each start.";
+    new MutationObserver(() => {
+      if (app.childElementCount || !app.textContent) return;
+      const note = document.createElement("p");
+      note.textContent = text;
+      note.style.cssText = "max-width: 34em; margin: 20vh auto; padding: 0 1em; font: 17px/1.5 system-ui, sans-serif";
+      app.replaceChildren(note);
+    }).observe(app, { childList: true });
+  });
 })();

@@ -1,0 +1,420 @@
+"""The application in a real browser: a drag moves picture and volume, and what one sees is what the session says."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from running_app import RunningApp
+
+from deformnb.control_points import ControlPoints
+from deformnb.document import from_json
+from deformnb.session import Session
+from deformnb.volume import Grid, Volume
+
+pytestmark = pytest.mark.needs_browser
+
+PATIENCE = 30_000  # milliseconds, on a busy machine
+
+_FACTS = ".dnb-app-foot"
+_DRAWN = """() => {
+  const editor = document.querySelector('.dnb-editor')?.deformnb, live = document.querySelector('.dnb-view')?.deformnb;
+  return Boolean(editor?.painter.source && live?.caster?.isReady && live.field);
+}"""
+_VOLUME = """() => {
+  const page = document.querySelector('.dnb-view').deformnb;
+  page.loop.drawNow(4);
+  return page.canvas.toDataURL('image/png').split(',')[1];
+}"""
+_PICTURE = """() => {
+  document.querySelector('.dnb-editor').deformnb.drawNow();
+  return document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1];
+}"""
+
+
+def _cube() -> Volume:
+    voxels = np.zeros((28, 24, 32), np.uint8)
+    voxels[9:19, 6:18, 11:21] = 255
+    return Volume(voxels, Grid(voxels.shape), "cube.nii")
+
+
+@pytest.fixture(scope="module")
+def app() -> Iterator[RunningApp]:
+    with RunningApp(Session(_cube(), view="+y", transfer="bone")) as running:
+        yield running
+
+
+@pytest.fixture
+def fresh(app: RunningApp) -> RunningApp:
+    """The application as it was at the start."""
+    def begin() -> None:
+        session = app.desk.session
+        session.deformation = type(session.deformation)()
+        session._history = type(session._history)()
+        session.edit_step(0)
+        session.set_view("+y")
+        session.method = "mip"
+        app.desk.live.shows = "deformed"
+        app.desk.act("front")
+
+    app.desk.thread.call(begin).result(30)
+    return app
+
+
+class Tab:
+    """A tab of the browser that shows the application; none may complain or ask elsewhere."""
+
+    def __init__(self, browser: Any, app: RunningApp, *, viewer: str = "live", scheme: str = "light",
+                 init: str = "", size: tuple[int, int] = (900, 560)) -> None:
+        self.app = app  # the window is small, for a processor draws the volume here
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+        self.page = self.context.new_page()
+        self.errors: list[str] = []
+        self.elsewhere: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", self._heard)
+        self.page.on("request", self._asked)
+        if init:
+            self.page.add_init_script(init)
+        self.page.goto(app.server.url)
+        if viewer == "live":
+            self.drawn()
+
+    def _heard(self, message: Any) -> None:
+        if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
+            self.errors.append(message.text)
+
+    def _asked(self, request: Any) -> None:
+        if not request.url.startswith((f"http://{self.app.name}/", "blob:", "data:")):
+            self.elsewhere.append(request.url)
+
+    def drawn(self) -> None:
+        """Wait for the picture and the volume."""
+        self.page.wait_for_function(_DRAWN, timeout=PATIENCE)
+
+    def says(self, text: str, where: str = _FACTS) -> None:
+        """Wait until the page says it."""
+        self.page.wait_for_function("([where, text]) => document.querySelector(where)?.innerText.includes(text)",
+                                    arg=[where, text], timeout=PATIENCE)
+
+    def _image(self, script: str) -> NDArray[np.float64]:
+        from PIL import Image
+
+        data = base64.b64decode(self.page.evaluate(script))
+        return np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+
+    def volume(self) -> NDArray[np.float64]:
+        """What is drawn of the volume."""
+        return self._image(_VOLUME)
+
+    def picture(self) -> NDArray[np.float64]:
+        """What is drawn of the picture, without its net."""
+        return self._image(_PICTURE)
+
+    def point(self, k: int) -> tuple[float, float]:
+        """Where a point is in the page."""
+        box = self.page.locator(".dnb-ed-target .dnb-ed-disc").nth(k).bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def drag(self, k: int, dx: float, dy: float) -> None:
+        """Drag a point with the mouse."""
+        x, y = self.point(k)
+        mouse = self.page.mouse
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + dx / 2, y + dy / 2, steps=4)
+        mouse.move(x + dx, y + dy, steps=4)
+        mouse.up()
+
+    def add_in_the_middle(self) -> None:
+        box = self.page.locator(".dnb-ed-stage").bounding_box()
+        self.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        self.says("5 points")
+        # Without its net the picture's own pixels can be measured.
+        self.page.get_by_label("Net", exact=True).uncheck()
+        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_net')")
+
+    def close(self) -> None:
+        self.context.close()
+        assert self.errors == []
+        assert self.elsewhere == []
+
+
+@pytest.fixture
+def tab(browser: Any, fresh: RunningApp) -> Iterator[Tab]:
+    opened = Tab(browser, fresh)
+    yield opened
+    opened.close()
+
+
+def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the cube is in a picture: column and row of its middle, as shares of the height."""
+    bright = image > 150
+    assert bright.sum() > 200
+    rows, columns = np.nonzero(bright)
+    return np.array([columns.mean(), rows.mean()]) / image.shape[0]
+
+
+def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    flat, solid = tab.picture(), tab.volume()
+    tab.drag(4, 60, -30)
+    tab.says("1 moved")
+    for before, after in ((flat, tab.picture()), (solid, tab.volume())):
+        moved = _middle(after) - _middle(before)
+        assert moved[0] > 0.03  # to the right
+        assert moved[1] < -0.01  # and up
+    np.testing.assert_allclose(tab.app.desk.session.points.displacement[4] < 0, [True, False])  # backward: b is down
+    tab.page.get_by_role("button", name="Undo: ").click()
+    tab.says("0 moved")
+    assert np.abs(tab.picture() - flat).max() <= 2
+    assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
+    tab.page.get_by_role("button", name="Redo: ").click()
+    tab.says("1 moved")
+    assert _middle(tab.volume())[0] - _middle(solid)[0] > 0.03
+
+
+def test_the_volume_follows_while_the_mouse_is_down(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    before = tab.volume()
+    x, y = tab.point(4)
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x + 60, y, steps=5)
+    assert _middle(tab.volume())[0] - _middle(before)[0] > 0.03
+    assert not tab.app.desk.session.points.displacement.any()  # Python has not heard of it
+    tab.page.mouse.up()
+    tab.says("1 moved")
+
+
+def test_keys_of_the_editor_undo_what_the_session_did(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    tab.drag(4, 40, 0)
+    tab.says("1 moved")
+    tab.page.locator(".dnb-ed-stage").focus()
+    tab.page.keyboard.press("Control+z")
+    tab.says("0 moved")
+    tab.page.keyboard.press("Control+y")
+    tab.says("1 moved")
+
+
+def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    tab.drag(4, 60, 0)
+    tab.says("1 moved")
+    tab.page.get_by_label("Net", exact=True).uncheck()
+    flat, solid = tab.picture(), tab.volume()
+    assert tab.app.server.token not in tab.page.url  # out of sight of a classroom
+    tab.page.reload()
+    tab.drawn()
+    tab.says("1 moved")
+    assert tab.page.locator(".dnb-ed-target").count() == 5
+    assert np.abs(tab.picture() - flat).max() <= 2
+    assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
+
+
+def test_without_the_password_the_page_stays_empty(browser: Any, fresh: RunningApp) -> None:
+    for query in ("", "?secret=wslink-secret", "?secret=x&sessionURL=ws://evil.example/ws"):
+        context = browser.new_context()
+        page = context.new_page()
+        page.goto(f"http://{fresh.name}/index.html{query}")
+        page.get_by_text("There is no session for this page").wait_for(timeout=PATIENCE)
+        assert page.locator(".dnb-editor, .dnb-app-panel").count() == 0
+        context.close()
+
+
+def test_two_tabs_show_one_session(browser: Any, tab: Tab) -> None:
+    other = Tab(browser, tab.app)
+    tab.add_in_the_middle()
+    tab.drag(4, 60, 0)
+    other.says("5 points, 1 moved")
+    assert np.abs(_middle(tab.volume()) - _middle(other.volume())).max() < 0.002
+    other.page.get_by_role("button", name="Undo: ").click()
+    tab.says("0 moved")
+    assert tab.page.locator(".dnb-ed-target").count() == 5
+    other.close()
+
+
+def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    tab.drag(4, 40, 0)
+    tab.says("1 moved")
+    once = _middle(tab.volume())[0]
+    thumb = tab.page.get_by_role("slider", name="Strength")
+    thumb.focus()
+    thumb.press("Home")
+    tab.says("−1.00" if tab.page.locator("text=−1.00").count() else "-1.00", ".dnb-app-panel")
+    tab.app.settled()
+    tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('strength') === -1")
+    opposite = _middle(tab.volume())[0]
+    assert once - opposite > 0.03
+    assert tab.app.desk.session.step.strength == -1.0
+
+
+def test_a_menu_changes_the_kernel(tab: Tab) -> None:
+    tab.page.get_by_role("combobox", name="Kernel").focus()
+    tab.page.keyboard.press("Enter")
+    tab.page.get_by_role("option", name="Thin-plate spline").click()
+    tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('kernel') === 'thin_plate'",
+                               timeout=PATIENCE)
+    assert tab.app.desk.session.step.kernel == "thin_plate"
+    tab.page.get_by_role("button", name="Undo: change kernel").click()
+    tab.page.wait_for_function("document.querySelector('.dnb-app-panel').innerText.includes('Wendland C2')")
+
+
+def test_another_side_shows_another_picture(tab: Tab) -> None:
+    before = tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.model.get('raster').shape")
+    tab.page.get_by_role("combobox", name="Side").focus()
+    tab.page.keyboard.press("Enter")
+    tab.page.get_by_role("option", name="−z").click()
+    tab.page.wait_for_function("""(before) => {
+        const { painter, model } = document.querySelector('.dnb-editor').deformnb;
+        return model.get('raster').shape[0] !== before[0] && painter.source?.raster.shape[0] !== before[0]; }""",
+                               arg=before, timeout=PATIENCE)
+    assert before == [28, 32]
+    assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.model.get('raster').shape") == [24, 32]
+
+
+def test_a_formula_that_is_wrong_is_said_and_put_back(tab: Tab) -> None:
+    tab.page.get_by_role("combobox", name="Rule").focus()
+    tab.page.keyboard.press("Enter")
+    tab.page.get_by_role("option", name="Times a formula f(z)").click()
+    formula = tab.page.get_by_label("f(z)")
+    formula.fill("__import__('os')")
+    formula.press("Enter")
+    tab.says("the curve", ".dnb-app-error")
+    assert tab.app.desk.session.step.curve == "z"
+    formula.fill("sin(pi*z)")
+    formula.press("Enter")
+    tab.page.wait_for_function("!document.querySelector('.dnb-app-error')", timeout=PATIENCE)
+    assert tab.app.desk.session.step.curve == "sin(pi*z)"
+
+
+def test_the_session_is_saved_as_a_file(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    with tab.page.expect_download() as waiting:
+        tab.page.get_by_role("button", name="Save").click()
+    assert waiting.value.suggested_filename == "cube-session.json"
+    text = waiting.value.path().read_text(encoding="utf-8")
+    assert len(from_json(text).steps[0].points) == 5
+    assert json.loads(text)["volume"]["name"] == "cube.nii"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_a_small_projector_in_light_and_dark(browser: Any, fresh: RunningApp, scheme: str) -> None:
+    tab = Tab(browser, fresh, scheme=scheme, size=(1280, 800))
+    for name, option in (("Projection", "Slice"), ("Rule", "Times a formula f(z)")):  # what needs most room
+        tab.page.get_by_role("combobox", name=name).focus()
+        tab.page.keyboard.press("Enter")
+        tab.page.get_by_role("option", name=option).click()
+        tab.page.get_by_role("option").first.wait_for(state="hidden")
+    tab.page.get_by_label("f(z)").wait_for()
+    tab.page.get_by_role("slider", name="Slice at").wait_for()
+    parts = tab.page.evaluate("""() => [...document.querySelectorAll(
+      '.dnb-app-bar, .dnb-app-half, .dnb-app-panel, .dnb-app-foot, .dnb-editor, .dnb-view, .dnb-app-panel > *')].map(
+      (part) => { const { left, top, right, bottom } = part.getBoundingClientRect();
+        return [part.className, left, top, right, bottom]; })""")
+    assert len(parts) > 18
+    for name, left, top, right, bottom in parts:
+        assert left >= 0 and top >= 0 and right <= 1280 and bottom <= 800, name  # noqa: PT018
+    clipped = tab.page.evaluate("""() => ['.dnb-app-panel', '.dnb-app-half', 'html', '.dnb-app-foot'].flatMap(
+      (name) => [...document.querySelectorAll(name)].filter((part) => part.scrollHeight > part.clientHeight + 1
+      || part.scrollWidth > part.clientWidth + 1).map(() => name))""")
+    assert clipped == []
+    back = tab.page.evaluate("getComputedStyle(document.querySelector('.v-application')).backgroundColor")
+    shade = np.mean([float(n) for n in back.strip("rgba()").split(",")[:3]])
+    assert shade > 200 if scheme == "light" else shade < 60
+    editor = tab.page.evaluate("document.querySelector('.dnb-editor').classList.contains('dnb-ed-dark')")
+    assert editor is (scheme == "dark")
+    tab.page.get_by_role("button", name="Light or dark").click()
+    tab.page.wait_for_function(f"""document.querySelector('.dnb-editor').classList.contains('dnb-ed-dark')
+                               !== {str(scheme == 'dark').lower()}""")
+    tab.close()
+
+
+def test_everything_is_reached_by_tab(tab: Tab) -> None:
+    names = set()
+    tab.page.evaluate("document.activeElement.blur()")
+    for _ in range(60):
+        tab.page.keyboard.press("Tab")
+        names.add(tab.page.evaluate("""() => { const at = document.activeElement, of = at.closest('.v-input');
+          const label = of?.querySelector('label')?.innerText;
+          return at.getAttribute('aria-label') || at.title || label || at.innerText; }"""))
+    text = "\n".join(str(name) for name in names)
+    for wanted in ("From the picture's side", "Save", "Light or dark", "Add points", "control points", "Side", "Kernel",
+                   "Reach", "Strength", "Colours", "Show", "Volume as", "Net"):
+        assert wanted in text, wanted
+
+
+def _remote(tab: Tab) -> NDArray[np.float64] | None:
+    """The picture that was sent by VTK, if it is a full one."""
+    from PIL import Image
+
+    data = tab.page.evaluate("""() => {
+      const image = document.querySelector('.dnb-app-remote img'), canvas = document.createElement('canvas');
+      if (!image?.naturalWidth) return null;
+      Object.assign(canvas, { width: image.naturalWidth, height: image.naturalHeight });
+      canvas.getContext('2d').drawImage(image, 0, 0);
+      return canvas.toDataURL('image/png').split(',')[1];
+    }""")
+    return None if data is None else np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("L"), float)
+
+
+def _full(tab: Tab, previous: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """The next full picture of VTK that is another one."""
+    for _ in range(600):
+        now = _remote(tab)
+        if now is not None and now.shape[1] > 200 and (previous is None or not np.array_equal(now, previous)):
+            return now
+        tab.page.wait_for_timeout(100)
+    raise TimeoutError("VTK has sent no full picture")
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("how", ["asked for", "no WebGL2"])
+def test_vtk_draws_the_volume_where_the_page_does_not(browser: Any, how: str) -> None:
+    blind = """const found = HTMLCanvasElement.prototype.getContext;
+      HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+        return kind === 'webgl2' ? null : found.call(this, kind, ...rest); };"""
+    session = Session(_cube(), view="+y", transfer="bone")
+    with RunningApp(session, viewer="vtk" if how == "asked for" else "live") as app:
+        app.desk.thread.call(lambda: app.desk.act("front")).result(30)
+        tab = Tab(browser, app, viewer="vtk", init="" if how == "asked for" else blind)
+        tab.page.wait_for_selector(".dnb-ed-target", timeout=PATIENCE)
+        assert tab.page.locator(".dnb-view").count() == 0
+        before = _full(tab)
+        for k in range(4):
+            tab.drag(k, 40, 0)
+            tab.says(f"{k + 1} moved")
+        tab.page.wait_for_timeout(1500)
+        after = _full(tab, before)
+        assert _middle(after)[0] - _middle(before)[0] > 0.02
+        box = tab.page.locator(".dnb-app-remote").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        tab.page.mouse.move(x, y)
+        tab.page.mouse.down()
+        tab.page.mouse.move(x + 80, y + 60, steps=4)
+        tab.page.mouse.up()
+        turned = _full(tab, after)
+        assert np.abs(turned - after).mean() > 0.5
+        tab.close()
+
+
+def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:
+    tab = Tab(browser, fresh)
+    tab.close()
+    points = fresh.desk.session.points
+    moved = ControlPoints.from_arrays(points.source, points.source + np.array([3.0, 0.0]))
+    fresh.desk.thread.call(lambda: fresh.desk.session.edit_points(moved)).result(30)
+    fresh.desk.thread.call(fresh.desk._show).result(30)
+    tab = Tab(browser, fresh)
+    tab.says("4 points")
+    assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
+        float(moved.target[0, 0]))
+    tab.close()
