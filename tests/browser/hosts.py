@@ -41,6 +41,7 @@ class Host:
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.folder = folder
+        self.prepare()
         self.token = secrets.token_hex(16)
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
@@ -50,6 +51,9 @@ class Host:
         self.log = (folder / "server.log").open("wb")
         self.process = subprocess.Popen(command, env=self._environment(), cwd=folder, stdout=self.log,
                                         stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def prepare(self) -> None:
+        """Settings that are files."""
 
     def _environment(self) -> dict[str, str]:
         own = {name: str(self.folder / name.lower()) for name in
@@ -103,6 +107,9 @@ class Host:
         """A notebook with these cells in a page of a browser, all of them run."""
         raise NotImplementedError
 
+    def save(self, page: Any) -> None:
+        """Writes what the page shows to the notebook's file, where the host can."""
+
     def close(self) -> None:
         """Ends the server and its kernels."""
         for kind in (signal.SIGTERM, signal.SIGKILL):
@@ -140,6 +147,9 @@ class _Application(Host):
         """Runs all cells and waits for the last."""
         page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
 
+    def save(self, page: Any) -> None:
+        page.evaluate("() => jupyterapp.shell.currentWidget.context.save()")
+
     def run(self, page: Any, code: str) -> str:
         """What a new cell at the end of the notebook prints."""
         return str(page.evaluate("""async (code) => {
@@ -166,6 +176,12 @@ class Lab(_Application):
     options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
                "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
                "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate")
+
+
+    def prepare(self) -> None:
+        settings = self.folder / "jupyterlab_settings_dir" / "@jupyterlab" / "apputils-extension"
+        settings.mkdir(parents=True, exist_ok=True)  # it would ask whether it may fetch news
+        (settings / "notification.jupyterlab-settings").write_text('{"fetchNews": "false"}')
 
 
 class Notebook(_Application):
