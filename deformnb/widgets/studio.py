@@ -199,8 +199,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if self._pictured != self._picture_key():
             self._worker.latest("picture", self._weakly(Studio._show_picture))
         else:
+            self._show_field()  # first, or the view would take the points for those of the map before
             self._show_points()
-        self._show_field()
         self._show_depth()
         self._refresh_panels()
         self._worker.latest("status", self._weakly(Studio._show_status))
@@ -232,6 +232,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         picture = self.session.picture()
         if self._pictured is not None and self._pictured[2] != key[2]:
             self._turn_view()
+        self._show_field()
         with self.editor.hold_sync():  # a picture must never meet another one's points
             self._pictured = key
             self.editor.picture = picture
