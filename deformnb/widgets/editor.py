@@ -49,8 +49,8 @@ from deformnb.widgets.point_messages import (
     points_to_json,
 )
 
-_FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "paint.js", "handles.js",
-          "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
+_FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "elements.js", "paint.js",
+          "handles.js", "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -221,7 +221,3 @@ class EditorDrawing {
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }
 }
-
-function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
-}

@@ -1,17 +1,7 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
 // Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
 
-const SVG_SPACE = "http://www.w3.org/2000/svg";
-// JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
-const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
-
-function svgElement(tag, attributes, parent) {
-  const made = document.createElementNS(SVG_SPACE, tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  parent?.append(made);
-  return made;
-}
 
 function shownLength(value) {
   return String(Number(value.toFixed(Math.abs(value) >= 100 ? 0 : 1)));

@@ -106,11 +106,3 @@ function helpPanel(parent) {
   }
   return panel;
 }
-
-function pageElement(tag, className, parent, attributes = {}) {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  parent?.append(made);
-  return made;
-}
