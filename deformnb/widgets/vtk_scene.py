@@ -39,7 +39,7 @@ PROJECTIONS = ("shaded", "composite", "mip")
 # A perspective that bends as in raycast.js: the viewer stands this many heights of what is seen away.
 _STANDOFF = 1 / 0.7
 
-_HALF_VOXEL = np.full(3, 0.5)
+_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
 
 
 class VtkScene:
@@ -74,6 +74,7 @@ class VtkScene:
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
         self._map_size, self._space_size = int(map_size), int(space_size)
         self._plotter = new_plotter()
+        self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
         self._actor: Any = None
         self._warp: VolumeWarp | None = None
         self._maps: CardMaps | None = None
@@ -210,10 +211,10 @@ class VtkScene:
     @property
     def _has_overlay(self) -> bool:
         """Whether something lies on the picture instead of in space: it would be drawn once in every part."""
-        window = self._plotter.render_window
-        if window.GetRenderers().GetNumberOfItems() > 1:
-            return True
-        return any(r.GetActors2D().GetNumberOfItems() > 0 for r in self._plotter.renderers)
+        if self._plotter.render_window.GetRenderers().GetNumberOfItems() > self._renderers:
+            return True  # the corner with axes has one of its own
+        return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
+                   for renderer in self._plotter.renderers for prop in renderer.GetViewProps())
 
     def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
         """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
@@ -248,7 +249,7 @@ class VtkScene:
         around, start = _covering(self._volume, output)
         ready = for_vtk(around)
         self._output, self._lattice, self._first = output, ready.grid, start + 1
-        self._values, self._plain, self._shows_deformed = ready.values, None, False
+        self._values, self._plain, self._shows_deformed = ready.values, None, False if output is None else None
         self._maps = self._loaded = None
         self._close_actor()
         self._image = ready.to_pyvista()
@@ -261,7 +262,8 @@ class VtkScene:
             self._plotter.render_window.SetSize(8, 8)
             self._plotter.render_window.Render()  # makes the context that textures live in
             self._warp = VolumeWarp(self._actor, self._plotter.render_window)
-            self._warp.set_box(self._low - _HALF_VOXEL, self._high + _HALF_VOXEL, self._lattice)
+            margin = 0.5 if output is None else 0.0  # up to the centres of the background around the volume
+            self._warp.set_box(self._low - margin, self._high + margin, self._lattice)
         self._apply_looks()
 
     def _box(self, output: Grid | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -298,23 +300,27 @@ class VtkScene:
         """Other voxels in the memory that VTK has, which it sends to the card with the next picture."""
         if self._plain is None:
             self._plain = self._values.copy()  # only this way needs the voxels twice
+        # The voxels whose centres can be seen; around them lies background.
+        low = np.ceil(self._low - 1e-6).astype(int)[::-1]
+        high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
+        inside = tuple(map(slice, low, high))
+        self._values[...] = self._volume.background
         if field is None:
-            self._values[...] = self._plain
+            self._values[inside] = self._plain[inside]
         else:
-            # The voxels whose centres can be seen; around them lies background.
-            low = np.ceil(self._low - 1e-6).astype(int)[::-1]
-            high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
             part = self._volume.grid if self._output is None else self._lattice.crop(tuple(low), tuple(high - low))
-            if self._warper is None or self._warper.output != part:
-                self._warper = Warper(self._volume, output=part)
-            if isinstance(field, Extrusion) and field.is_replication:
-                axis = field.axis_of(self._volume.grid)
-                if axis is not None:
-                    self._warper.prepare(axis)
-            self._values[...] = self._volume.background
-            self._values[tuple(map(slice, low, high))] = self._warper(field).values
+            self._values[inside] = self._warper_for(part, field)(field).values
         self._image.GetPointData().GetScalars().Modified()
         self._image.Modified()
+
+    def _warper_for(self, part: Grid, field: AbstractField) -> Warper:
+        if self._warper is None or self._warper.output != part:
+            self._warper = Warper(self._volume, output=part)
+        if isinstance(field, Extrusion) and field.is_replication:
+            axis = field.axis_of(self._volume.grid)
+            if axis is not None:
+                self._warper.prepare(axis)
+        return self._warper
 
     def _close_actor(self) -> None:
         if self._warp is not None:

@@ -100,7 +100,7 @@ class VolumeWarp:
         self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
         self._bind()
         self._is_boxed = False
-        self._kind: tuple[str, bool, bool] | None = None
+        self._kind = ("", False, False)
         self._inject("none", False)
 
     def _set_plain(self) -> None:
@@ -140,6 +140,7 @@ class VolumeWarp:
         self._is_boxed = bool((low > 1e-6).any() or (high < n - 1 - 1e-6).any())
         self._uniforms.SetUniform3f("dnb_low", ((low - 1e-4 + 0.5) / n).tolist())
         self._uniforms.SetUniform3f("dnb_high", ((high + 1e-4 + 0.5) / n).tolist())
+        self._inject(*self._kind[:2])
 
     def set_strength(self, strength: float) -> None:
         """1 deforms, 0 shows the volume as it is, without another shader."""
