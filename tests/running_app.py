@@ -97,16 +97,21 @@ class Socket:
     async def answer(self, number: str) -> dict[str, Any]:
         """The answer to a call; what else is heard is kept in ``heard``."""
         while True:
-            message = await asyncio.wait_for(self.socket.receive(), PATIENCE)
-            if message.type != aiohttp.WSMsgType.BINARY:
-                raise ConnectionError(f"closed with code {self.socket.close_code}")
-            parts = [message.data]
-            while sum(len(p) - 12 for p in parts) < int.from_bytes(parts[0][8:12], "little"):
-                parts.append((await asyncio.wait_for(self.socket.receive(), PATIENCE)).data)
-            content = msgpack.unpackb(b"".join(p[12:] for p in parts))
+            content = await self.next()
             if content["id"] == number:
                 return content
             self.heard.append(content)
+
+    async def next(self) -> dict[str, Any]:
+        """The next message, whatever it is."""
+        message = await asyncio.wait_for(self.socket.receive(), PATIENCE)
+        if message.type != aiohttp.WSMsgType.BINARY:
+            raise ConnectionError(f"closed with code {self.socket.close_code}")
+        parts = [message.data]
+        while sum(len(p) - 12 for p in parts) < int.from_bytes(parts[0][8:12], "little"):
+            parts.append((await asyncio.wait_for(self.socket.receive(), PATIENCE)).data)
+        content: dict[str, Any] = msgpack.unpackb(b"".join(p[12:] for p in parts))
+        return content
 
     async def call(self, method: str, *args: Any) -> Any:
         """Call a procedure and return its result, or the error as a dictionary."""

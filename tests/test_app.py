@@ -224,15 +224,15 @@ def app() -> Iterator[RunningApp]:
 
 
 async def _hear(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """The first thing that is published to a page and wanted."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        for message in page.heard:
-            if wanted(message):
-                return message
-        await page.call("trame.lifecycle.update", "client_mounted")
-        await asyncio.sleep(0.02)
-    raise TimeoutError(f"not among {[m['id'] for m in page.heard]}")
+    """The first thing that is published to a page and wanted, waiting for it."""
+    for message in page.heard:
+        if wanted(message):
+            return message
+    while True:
+        message = await page.next()
+        page.heard.append(message)
+        if wanted(message):
+            return message
 
 
 def test_a_page_gets_all_of_a_widget(app: RunningApp) -> None:

@@ -66,12 +66,14 @@ class Bridge:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._root: Any = None
         self._waiting = 0
+        self.others: Callable[[], list[str]] = list  # pages but for the one whose message is being answered
         self._newest: dict[str, int] = {}  # number of the last value that a page has set a control to
         self._done: dict[str, int] = {}  # and of the one that the desk has come to
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
         desk.changed = self._tell
-        desk.remote = self._remote = RemoteView(desk.make_scene, desk.fail, self._picture, desk.session.volume.grid)
+        desk.remote = self._remote = RemoteView(desk.make_scene, desk.fail, self._picture, desk.session.volume.grid,
+                                                  desk.live.camera)
         with trame.state as state:
             state.update(desk.state())
 
@@ -174,8 +176,11 @@ class Bridge:
             value = self.desk.controls[name].checked(change.get("value"))
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
-            # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused.
+            # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
+            # who has spoken last when it sends, not now, and may so leave out another: hence twice.
             self._root.push_state_change({name: value}, skip_last_active_client=True)
+            for client in self.others():
+                self._root.publish("trame.state.topic", {name: value}, client_id=client)
             with self._trame.state as state:
                 state[name] = value
 

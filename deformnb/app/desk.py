@@ -42,8 +42,8 @@ class Desk:
 
     Examples
     --------
-    >>> from deformnb.datasets import PHANTOMS
-    >>> desk = Desk(Session(PHANTOMS["bar"](24), view="+y"))
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> desk = Desk(Session(PHANTOMS["bar"].make((12, 8, 16)), view="+y"))
     >>> desk.set("kernel", "gaussian")
     >>> desk.state()["kernel"], desk.state()["undo"]
     ('gaussian', 'change kernel')

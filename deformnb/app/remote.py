@@ -46,15 +46,17 @@ class RemoteView:
     fail : called with what is wrong if there can be no scene.
     push : called with a picture's bytes and what trame wants to know of them, in the thread of the scene.
     grid : whose box is seen.
+    camera : of the first picture.
     """
 
     def __init__(self, make_scene: Callable[[tuple[int, int]], Any], fail: Callable[[str], None],
-                 push: Callable[[bytes, dict[str, Any]], None], grid: Grid) -> None:
+                 push: Callable[[bytes, dict[str, Any]], None], grid: Grid,
+                 camera: dict[str, Any] | None = None) -> None:
         self._make_scene, self._fail, self._push, self._grid = make_scene, fail, push, grid
         self._thread = RenderThread("deformnb-remote", at_end=self._close_scene)
         self._scene: Any = None
         self._is_broken = False
-        self._camera = checked_camera({})
+        self._camera = checked_camera(camera or {})
         self._held: tuple[str, float, float] | None = None
 
     # -- what trame calls, in the thread of its loop -------------------------------------------------------------------

@@ -162,6 +162,8 @@ class AppServer:
         self._handlers = list(served._ws_handlers)
         self._guards = [MessageGuard(handler, self._answers(handler.functionMap), frozenset({"deformnb.message"}))
                         for handler in self._handlers]
+        self.bridge.others = lambda: [client for handler in self._handlers for client in handler.authentified_client_ids
+                                      if client != served.last_active_client_id]
         served.app.middlewares.append(gate(lambda: own_names(self.host, self.port),
                                            lambda: sum(len(h.connections) for h in self._handlers)))
         pages = _assets()
