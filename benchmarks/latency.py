@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import statistics
 import sys
 import tempfile
@@ -42,11 +43,15 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     chosen = [n for n in CASES if not options.views or any(part in n for part in options.views)]
     report: dict[str, Any] = {"load_before": os.getloadavg(), "sizes": {}}
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # server and browser must not outlive this
     _introduce()
     with tempfile.TemporaryDirectory() as folder:
         for size in options.sizes:
-            report["sizes"][size] = results = _measure_size(size, chosen, options, Path(folder))
-            print(_table(size, results), flush=True)
+            report["sizes"][size] = results = {name: {} for name in chosen}
+            try:
+                _measure_size(size, results, options, Path(folder))
+            finally:  # also what was measured before somebody stopped it
+                print(_table(size, results), flush=True)
     report["load_after"] = os.getloadavg()
     print(f"Load of the machine before and after: {report['load_before'][0]:.1f}, {report['load_after'][0]:.1f}")
     if options.json:
@@ -72,11 +77,10 @@ def _hosts() -> tuple[Any, list[str]]:
     return Lab, ARGUMENTS
 
 
-def _measure_size(size: int, names: list[str], options: argparse.Namespace, folder: Path) -> Results:
+def _measure_size(size: int, results: Results, options: argparse.Namespace, folder: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     make_lab, browser_arguments = _hosts()
-    results: Results = {name: {} for name in names}
     own = folder / str(size)
     own.mkdir()
     lab = make_lab(own)
@@ -90,7 +94,6 @@ def _measure_size(size: int, names: list[str], options: argparse.Namespace, fold
                 browser.close()
     finally:
         lab.close()
-    return results
 
 
 def _chromium() -> str | None:
