@@ -97,8 +97,6 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
                  method: str = "auto", map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
-        if method not in METHODS:
-            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self._method = method
         self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
         self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
@@ -113,6 +111,8 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
         self._frames = FrameSender()
         self._unfollow: Callable[[], None] | None = None
         super().__init__(**traits)
+        if method not in METHODS:
+            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
         self.observe(self._look, ["camera", "shows", "projection", "background", "target_ms", "settle_ms"])
         if volume is not None:

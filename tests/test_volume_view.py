@@ -1,0 +1,331 @@
+"""The volume view's Python: what is sent and refused, what an editor moves, threads, experts. No browser."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import io
+import json
+import logging
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.extrusion import Extrusion
+from deformnb.fields import Composed, Identity
+from deformnb.plane import Plane
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.refit import Refit
+from deformnb.widgets.view import AbstractView
+from deformnb.widgets.volume_view import VolumeView
+
+GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0))
+PLANE = Plane.along(GRID, "+y")
+PAGE = {"width": 96, "height": 72, "background": "dark"}
+
+
+def ball() -> Volume:
+    k = np.indices(GRID.shape)[::-1] - (np.array(GRID.shape[::-1]) - 1).reshape(3, 1, 1, 1) / 2
+    return Volume(np.clip(40 * (4.5 - np.sqrt((k**2).sum(axis=0))), 0, 200).astype(np.uint8), GRID, "ball")
+
+
+def points(moved: float = 0.0) -> ControlPoints:
+    source = np.array([[2.0, 2.0], [18.0, 3.0], [9.0, 12.0], [11.0, 7.0]])
+    return ControlPoints.from_arrays(source, source + np.array([moved, 0.0]))
+
+
+def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+class Recorded(VolumeView):
+    """A view whose messages are kept instead of sent."""
+
+    def send(self, content: Any, buffers: Any = None) -> None:
+        self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
+
+    def say(self, **content: Any) -> None:
+        self._handle_custom_msg({"view": "a", **content}, [])
+
+    @property
+    def frames(self) -> list[tuple[dict[str, Any], list[bytes]]]:
+        return [(c, b) for c, b in self.__dict__.get("out", []) if c["type"] == "frame"]
+
+    def see_all(self) -> None:
+        """A page that shows every frame, until the full one of the newest state is there."""
+        seen = len(self.frames)
+        until(lambda: self._step() and len(self.frames) > seen and self.frames[-1][0]["full"])
+
+    def _step(self) -> bool:
+        if self.frames:
+            self.say(type="seen", seq=self.frames[-1][0]["seq"])
+        return True
+
+
+@pytest.fixture
+def opened() -> Iterator[Callable[..., Recorded]]:
+    made: list[Recorded] = []
+
+    def make(volume: Volume | None = None, **options: Any) -> Recorded:
+        made.append(Recorded(volume or ball(), **{"transfer": "surface", "settle_ms": 20.0, "width": 96, "height": 72,
+                                                  **options}))
+        return made[-1]
+
+    yield make
+    for view in made:
+        view.close()
+
+
+def picture(jpeg: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB")).astype(int)
+
+
+def middle(image: np.ndarray) -> float:
+    return float(np.nonzero(image.max(axis=2) > 64)[1].mean())
+
+
+def test_the_view_keeps_the_contract_of_all_views() -> None:
+    view = Recorded()
+    assert isinstance(view, AbstractView)
+    for call in (view.still, lambda: view.show_deformation(None), lambda: view.call(lambda plotter: None)):
+        with pytest.raises(DeformError, match="no volume yet"):
+            call()
+    with pytest.raises(DeformError, match="unknown method"):
+        VolumeView(method="gpu")
+    with pytest.raises(DeformError, match="unknown transfer function"):
+        VolumeView(ball(), transfer="no")
+    view.close()
+
+
+@pytest.mark.needs_gl
+def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(opened: Any) -> None:
+    view = opened()
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    (first, (quick,)), *_, (last, (full,)) = view.frames
+    assert (first["full"], last["full"]) == (False, True)
+    assert picture(quick).shape[1] < 96
+    assert picture(full).shape == (72, 96, 3)
+    assert np.abs(picture(full) - view.still()).mean() < 3  # JPEG
+    view.set_camera((0, 1, 0))
+    view.see_all()
+    before = middle(picture(view.frames[-1][1][0]))
+    view.show_deformation(Deformation.on_picture(GRID, PLANE, points(3.0)))
+    view.see_all()
+    assert middle(picture(view.frames[-1][1][0])) > before + 4  # three lengths of two pixels and more
+    view.say(type="size", **{**PAGE, "width": 120})
+    view.see_all()
+    assert picture(view.frames[-1][1][0]).shape == (72, 120, 3)
+    stats = view.stats()
+    assert stats["path"] in ("texture", "array")
+    assert (stats["width"], stats["height"]) == (120, 72)
+    assert stats["bytes_per_frame"] == len(view.frames[-1][1][0])
+    assert stats["frames"] == stats["sent"] == len(view.frames)
+    assert min(stats["edit_ms"], stats["frame_ms"], stats["full_ms"]) > 0
+
+
+@pytest.mark.needs_gl
+def test_no_third_frame_is_sent_before_one_is_seen(opened: Any) -> None:
+    view = opened(settle_ms=60000.0)
+    view.say(type="hello", **PAGE)
+    until(lambda: len(view.frames) == 1)
+    for zoom in (1.1, 1.2):
+        view.set_camera(zoom=zoom)
+    until(lambda: len(view.frames) == 2)
+    view.set_camera(zoom=1.5)
+    until(lambda: view._frames._was_full)
+    assert len(view.frames) == 2
+    view.say(type="seen", seq=1)
+    until(lambda: len(view.frames) == 3)  # the last change is drawn at last
+
+
+@pytest.mark.needs_gl
+def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(opened: Any) -> None:
+    view = opened()
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    before = picture(view.frames[-1][1][0])
+    view.say(type="camera", camera={"direction": [1, 0, 0], "zoom": 2.0}, number=7)
+    view.see_all()
+    content, (jpeg,) = view.frames[-1]
+    assert (content["camera"], content["by"]) == (7, "a")
+    assert np.abs(picture(jpeg) - before).mean() > 5
+    assert view.camera["zoom"] == 1.0  # the trait changes when the page says that the movement has ended
+    view.set_state({"camera": {"direction": [1, 0, 0], "zoom": 2.0}})
+    assert view.camera["zoom"] == 2.0
+
+
+@pytest.mark.parametrize("message", [
+    None, [], "hello", {}, {"type": "nothing"}, {"type": []}, {"type": "hello", "view": 3},
+    {"type": "hello", "view": "a"},
+    {"type": "hello", "view": "a", "width": 1e3, "height": 5},
+    {"type": "size", "view": "a", "width": 9, "height": 10**9},
+    {"type": "camera", "view": "a", "number": 1}, {"type": "camera", "view": "a", "camera": {"zoom": -1}, "number": 1},
+    {"type": "camera", "view": "a", "camera": {"direction": [0, 0, 0]}, "number": 1},
+    {"type": "camera", "view": "a", "camera": {"evil": 1}, "number": 1}, {"type": "camera", "view": "a", "camera": {}},
+    {"type": "seen", "view": "a", "seq": "x"}, {"type": "_rest", "view": "a"},
+])
+def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, opened: Any) -> None:
+    view, before = opened(), threading.active_count()
+    with caplog.at_level(logging.WARNING):
+        view._handle_custom_msg(message, [])
+        view.set_state({"label": "x", "camera": {"zoom": 0}})
+    assert caplog.text.count("dropped") == 3
+    assert view.frames == []
+    assert threading.active_count() == before  # nothing was made for it
+    assert view.label == "Volume ball"
+
+
+def test_a_saved_notebook_holds_no_voxels_and_no_pictures(opened: Any) -> None:
+    state = {k: v for k, v in opened().get_state().items() if k not in ("_esm", "_css")}
+    assert len(json.dumps(state, default=str)) < 4000
+
+
+@pytest.mark.needs_gl
+def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
+    view = opened()
+    view.set_camera((0, 1, 0))
+    editor = Editor(None, points())
+    field = Deformation.on_picture(GRID, PLANE, points()).field(GRID)
+    view.follow(editor, field)
+    assert editor.live
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    before = middle(picture(view.frames[-1][1][0]))
+    for callback, _ in list(editor._callbacks):  # as the page's messages do
+        for k in range(5):
+            callback(points(0.6 * (k + 1)), "move")
+    view.see_all()
+    assert middle(picture(view.frames[-1][1][0])) > before + 4
+    view.follow(None, field)
+    assert not editor.live
+    editor.points = points(-3.0)
+    assert abs(middle(view.still((96, 72))) - before) < 0.5
+    view.follow(editor, field)
+    editor.points = points(3.0)
+    assert middle(view.still((96, 72))) > before + 4
+
+
+def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:
+    maps = (points(), points(1.0))
+    field = Deformation((Step(maps, PLANE, extrusion="interpolate", knots=(0.0, 1.0)),)).field(GRID)
+    assert isinstance(field, Extrusion)
+    settings = {"kernel": "wendland_c2", "support": None, "trend": "affine", "smoothing": 0.0, "strength": 1.0,
+                "lone_support": 5.0}
+    refit = Refit(Composed(Identity(), field), 1)
+    made = refit(points(2.0), settings)
+    assert isinstance(made, Composed)
+    assert isinstance(made.then, Extrusion)
+    assert made.then.maps[0] is field.maps[0]
+    np.testing.assert_allclose(made.then.maps[1].displacement([9.0, 9.0]), [-2.0, 0.0], atol=1e-9)
+    clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
+    assert refit(clash, settings) is made
+    np.testing.assert_allclose(refit(points(1.0), settings | {"strength": 2.0}).then.maps[1].displacement([9.0, 9.0]),
+                               [-2.0, 0.0], atol=1e-9)
+    for wrong in (Identity(), None):
+        with pytest.raises(DeformError, match="does not end with one"):
+            Refit(wrong, 0)
+    with pytest.raises(DeformError, match="there is no map 2"):
+        Refit(field, 2)
+
+
+@pytest.mark.needs_gl
+def test_experts_reach_the_plotter_in_its_thread(opened: Any) -> None:
+    import pyvista
+
+    view = opened()
+    before = view.still()
+    mesh = pyvista.Sphere(radius=4.0, center=GRID.center)
+    where = view.call(lambda plotter: plotter.add_mesh(mesh, color="red") and threading.current_thread())
+    assert where is not threading.current_thread()
+    assert np.abs(view.still().astype(int) - before).mean() > 1
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    view.say(type="bye")
+    assert np.abs(view.still().astype(int) - before).mean() > 1  # the mesh stays when the last page has gone
+    with pytest.raises(ZeroDivisionError):
+        view.call(lambda plotter: 1 / 0)
+
+
+@pytest.mark.needs_gl
+def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = opened()
+    view.say(type="hello", **PAGE)
+    view.see_all()
+
+    def broken() -> None:
+        raise DeformError("these maps are wrong")
+
+    view._put_field(broken)
+    until(lambda: ("notice", "these maps are wrong") in [(c["type"], c.get("text")) for c, _ in view.__dict__["out"]])
+    view.show_deformation(None)
+    view.see_all()
+    assert np.abs(picture(view.frames[-1][1][0]) - view.still()).mean() < 3
+
+
+@pytest.mark.needs_gl
+def test_twenty_pages_and_views_one_after_the_other_leave_no_thread() -> None:
+    before = threading.active_count()
+    for _ in range(20):
+        view = Recorded(ball(), transfer="surface", settle_ms=0.0)
+        view.say(type="hello", width=32, height=24, background="dark")
+        until(lambda view=view: bool(view.frames))
+        view.say(type="bye")  # the last page has gone: window and thread are given back
+        view.say(type="hello", width=32, height=24, background="dark")
+        seen = len(view.frames)
+        until(lambda view=view, seen=seen: len(view.frames) > seen)
+        view.close()
+    until(lambda: threading.active_count() <= before)
+    held = weakref.ref(view)
+    del view
+    until(lambda: gc.collect() >= 0 and held() is None)
+
+
+def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = (False, "no OpenGL library was found", "apt-get install libegl1 libgl1")
+    monkeypatch.setattr("deformnb.widgets.core_scene.gl_status", lambda: found)
+    view = opened()
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    assert view.stats()["path"] == "core"
+    notices = [c["text"] for c, _ in view.__dict__["out"] if c["type"] == "notice"]
+    assert "apt-get install libegl1 libgl1" in notices[0]
+    view.say(type="hello", **PAGE)  # a page that comes later is told too
+    assert sum(c["type"] == "notice" for c, _ in view.__dict__["out"]) == 2
+    with pytest.raises(DeformError, match="no plotter"):
+        view.call(lambda plotter: None)
+
+
+@pytest.mark.needs_gl
+def test_stills_screenshots_and_previews_need_no_page(opened: Any) -> None:
+    view = opened()
+    assert view.still((50, 40)).shape == (40, 50, 3)
+    assert asyncio.run(view.screenshot()).shape == (72, 96, 3)
+    bundle = view._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    png = np.asarray(Image.open(io.BytesIO(data["image/png"])))
+    assert png.shape == (420, 560, 3)
+    assert (png.max(axis=2) > 64).sum() > 5000
+    view.shows = "side_by_side"
+    view.show_deformation(Deformation.on_picture(GRID, PLANE, points(4.0)))
+    both = view.still((120, 60))
+    assert np.abs(both[:, :60].astype(int) - both[:, 60:]).mean() > 5
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    assert asyncio.run(view.screenshot()).shape == (72, 96, 3)
+    view.shows = "flicker"
+    view.see_all()
+    assert len(view.frames[-1][1]) == 2
