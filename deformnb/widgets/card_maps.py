@@ -144,4 +144,4 @@ def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | N
 
 def _equal(a: AbstractField, b: AbstractField) -> bool:
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
-    return a is b or (form == other_form and all(map(np.array_equal, leaves, others)))
+    return a is b or (str(form) == str(other_form) and all(map(np.array_equal, leaves, others)))

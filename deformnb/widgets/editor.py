@@ -48,6 +48,7 @@ from deformnb.widgets.point_messages import (
     message_from_page,
     points_to_json,
 )
+from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "elements.js", "paint.js",
           "handles.js", "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
@@ -332,14 +333,7 @@ class Editor(anywidget.AnyWidget):
         return f"Editor({len(self.points)} points, picture of {nu} x {nv})"
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        bundle = super()._repr_mimebundle_(**options)
-        data = bundle[0] if isinstance(bundle, tuple) else bundle
-        try:
-            if data is not None:
-                data["image/png"] = self.preview_png()
-        except Exception:  # a picture for later readers must not keep the widget from being shown now
-            _LOG.exception("the preview of an editor could not be drawn")
-        return bundle
+        return with_png(super()._repr_mimebundle_(**options), self.preview_png)
 
 
 def _is_movement(message: Message) -> bool:

@@ -37,6 +37,7 @@ from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_only_in
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
+from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta
 from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
@@ -256,13 +257,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
-        data = bundle[0] if isinstance(bundle, tuple) else bundle
-        try:
-            if data is not None and self._shown is not None:
-                data["image/png"] = self.preview_png()
-        except Exception:  # a picture for later readers must not keep the widget from being shown now
-            _LOG.exception("the preview of a live view could not be drawn")
-        return bundle
+        return bundle if self._shown is None else with_png(bundle, self.preview_png)
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.

@@ -7,7 +7,6 @@ document, and does whatever takes time in one thread of its own, the newest firs
 
 from __future__ import annotations
 
-import io
 import logging
 import threading
 import time
@@ -36,6 +35,8 @@ from deformnb.widgets.editor import Editor
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.static_picture import with_png
+from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_parts import arranged, make_view, side_by_side, status_text
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
@@ -386,15 +387,4 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        bundle = super()._repr_mimebundle_(**options)
-        data = bundle[0] if isinstance(bundle, tuple) else bundle
-        try:
-            if data is not None:
-                from PIL import Image
-
-                stream = io.BytesIO()
-                Image.fromarray(self.still()).save(stream, format="PNG")
-                data["image/png"] = stream.getvalue()
-        except Exception:  # a picture for later readers must not keep the studio from being shown now
-            _LOG.exception("the picture of a studio could not be drawn")
-        return bundle
+        return with_png(super()._repr_mimebundle_(**options), lambda: as_png(self.still()))

@@ -32,6 +32,7 @@ from deformnb.widgets.frames import FrameSender, drawn, preview_png
 from deformnb.widgets.pages import LARGEST, Pages, about
 from deformnb.widgets.refit import Refit, follow_editor
 from deformnb.widgets.scene_loop import Frame, SceneLoop
+from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
 from deformnb.widgets.view_messages import LONGEST_TEXT, dropping, text, whole
 
@@ -319,13 +320,7 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
-        data = bundle[0] if isinstance(bundle, tuple) else bundle
-        try:
-            if data is not None and self._content is not None:
-                data["image/png"] = self.preview_png()
-        except Exception:  # a picture for later readers must not keep the widget from being shown now
-            _LOG.exception("the preview of a volume view could not be drawn")
-        return bundle
+        return bundle if self._content is None else with_png(bundle, self.preview_png)
 
     # -- messages ------------------------------------------------------------------------------------------------------
 
