@@ -4,6 +4,6 @@ from .editor import Editor as Editor
 from .live_view import LiveView as LiveView
 from .standalone import standalone_html as standalone_html
 from .standalone import write_standalone as write_standalone
-from .transfer_editor import TransferEditor as TransferEditor
 from .studio import Studio as Studio
+from .transfer_editor import TransferEditor as TransferEditor
 from .volume_view import VolumeView as VolumeView
