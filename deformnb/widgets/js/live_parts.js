@@ -44,7 +44,7 @@ class Frames {
   }
 }
 
-/** Whether the page around is dark: by the colours of Jupyter and VS Code, else by the browser's preference. */
+/** Whether the page around is dark: by Jupyter's word, by the colours of VS Code, else by the browser's preference. */
 class PageTheme {
   constructor(root, changed) {
     this.probe = element("span", "dnb-paper", root, { hidden: "" });
@@ -57,6 +57,8 @@ class PageTheme {
   }
 
   get name() {
+    const told = document.body.dataset.jpThemeLight; // Jupyter's own word: in Voila the colours come after the widgets
+    if (told !== undefined) return told === "false" ? "dark" : "light";
     const [r, g, b, alpha = 1] = (getComputedStyle(this.probe).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
     const isDark = alpha > 0 && b !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
     return isDark ? "dark" : "light";
