@@ -78,7 +78,7 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     Axes and a mesh beside the volume, where VTK works::
 
-        view.call(lambda plotter: plotter.show_bounds(grid="back"))
+        view.call(lambda plotter: plotter.show_bounds(color="gray", font_size=10, use_3d_text=False))
         view.call(lambda plotter: plotter.add_mesh(mesh, color="red", opacity=0.5))
     """
 

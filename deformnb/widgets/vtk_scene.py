@@ -95,6 +95,7 @@ class VtkScene:
     @property
     def plotter(self) -> Any:
         """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
+        self._plotter.render_window.SetSize(*self._size)  # not that of a part, for sizes of letters
         return self._plotter
 
     @property
