@@ -26,9 +26,13 @@ from deformnb.trend import trend_named
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 
-# Where the points themselves say nothing of a reach (one point without trend), a quarter of the volume's diagonal is
-# a bump one can see and grab.
-_LONE_POINT_SHARE = 0.25
+
+def lone_support(grid: Grid) -> float:
+    """The reach of points that say nothing of it themselves, such as one point without trend.
+
+    A quarter of the volume's diagonal is a bump that one can see and grab.
+    """
+    return 0.25 * grid.diagonal
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ class Step:
 
     def _fit(self, points: ControlPoints, grid: Grid) -> RBFInterpolant:
         dragged = points if self.strength == 1 else points.blended(self.strength)
-        support = self.support or default_support(points) or _LONE_POINT_SHARE * grid.diagonal
+        support = self.support or default_support(points) or lone_support(grid)
         return fit_rbf(dragged, kernel=self.kernel, support=support, trend=self.trend, smoothing=self.smoothing)
 
     def field(self, grid: Grid) -> AbstractField:

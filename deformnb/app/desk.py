@@ -13,6 +13,7 @@ from typing import Any
 
 from deformnb.app.controls import ACTIONS, control_table
 from deformnb.app.remote import RemoteView, dragged
+from deformnb.deformation import lone_support
 from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
@@ -25,7 +26,6 @@ from deformnb.widgets.view import checked_camera
 
 _LOG = logging.getLogger(__name__)
 
-_LONE_POINT_SHARE = 0.25  # as in deformation.py
 _OF_THE_FIT = ("kernel", "support", "trend", "smoothing", "strength")
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
@@ -192,7 +192,7 @@ class Desk:
             if editor.picture is not picture:
                 editor.picture = picture
             with editor.hold_sync():
-                editor.lone_support = _LONE_POINT_SHARE * session.volume.grid.diagonal
+                editor.lone_support = lone_support(session.volume.grid)
                 for name in _OF_THE_FIT:
                     setattr(editor, name, getattr(session.step, name))
                 editor.points = session.points

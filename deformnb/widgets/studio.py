@@ -20,7 +20,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.deformation import Deformation
+from deformnb.deformation import Deformation, lone_support
 from deformnb.errors import DeformError
 from deformnb.exports import export
 from deformnb.opening import as_deformation, as_volume, best_view
@@ -42,8 +42,6 @@ from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 
 _LOG = logging.getLogger(__name__)
-
-_LONE_POINT_SHARE = 0.25  # as in deformation.py
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -117,7 +115,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         editor = Editor(session.picture(), session.points, kernel=step.kernel, support=step.support, trend=step.trend,
                         smoothing=step.smoothing, strength=step.strength, height=height,
                         label=f"Picture of {session.volume.name or 'the volume'}", history=session.history)
-        editor.lone_support = _LONE_POINT_SHARE * session.volume.grid.diagonal
+        editor.lone_support = lone_support(session.volume.grid)
         self._pictured = self._picture_key()
         return editor
 
@@ -238,7 +236,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._pictured = key
             self.editor.picture = picture
             self._show_points()
-            self.editor.lone_support = _LONE_POINT_SHARE * self.session.volume.grid.diagonal
+            self.editor.lone_support = lone_support(self.session.volume.grid)
         self._times["picture_ms"] = (time.perf_counter() - start) * 1e3
 
     def _show_points(self) -> None:
