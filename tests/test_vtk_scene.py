@@ -22,7 +22,7 @@ from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 from deformnb.widgets import vtk_scene, vtk_warp
 from deformnb.widgets.core_scene import CoreScene, make_scene
-from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.worker import Worker
 from deformnb.widgets.vtk_scene import VtkScene, texture_works
 
 pytestmark = pytest.mark.needs_gl
@@ -296,7 +296,7 @@ def test_bad_input_is_refused_and_loses_nothing(scene: Any) -> None:
 def test_updates_from_many_threads_are_never_black() -> None:
     volume = shape_without_symmetry()
     made: list[VtkScene] = []
-    thread = RenderThread(at_end=lambda: made.pop().close())
+    thread = Worker(at_end=lambda: made.pop().close())
     thread.call(lambda: made.append(VtkScene(volume, SIZE, transfer="surface"))).result(60)
     images: list[np.ndarray] = []
 
@@ -324,7 +324,7 @@ def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> No
     volume = replace(shape_without_symmetry(), name="")
     for _ in range(20):
         made: list[VtkScene] = []
-        thread = RenderThread(at_end=lambda made=made: made.pop().close())
+        thread = Worker(at_end=lambda made=made: made.pop().close())
         thread.call(lambda made=made: made.append(VtkScene(volume, (40, 30), transfer="surface"))).result(60)
         assert thread.call(lambda made=made: made[0].render()).result(60).max() > 64
         thread.close(30)

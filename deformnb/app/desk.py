@@ -21,8 +21,8 @@ from deformnb.session import Session
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.point_labels import edit_label
-from deformnb.widgets.render_thread import RenderThread
 from deformnb.widgets.view import checked_camera
+from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ class Desk:
     def __init__(self, session: Session, viewer: str = "live") -> None:
         self.session, self.viewer = session, viewer
         self.controls = control_table(session.volume.grid.diagonal)
-        self.thread = RenderThread("deformnb-desk")
+        self.thread = Worker("deformnb-desk")
         self.error = ""
         self.milliseconds = 0.0
         self.changed: Callable[[], None] = lambda: None

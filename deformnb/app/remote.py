@@ -17,9 +17,9 @@ import numpy as np
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.volume import Grid
-from deformnb.widgets.render_thread import RenderThread
 from deformnb.widgets.stills import seen_height
 from deformnb.widgets.view import checked_camera
+from deformnb.widgets.worker import Worker
 
 AREA = "volume"
 """Name of the area in the page."""
@@ -53,7 +53,7 @@ class RemoteView:
                  push: Callable[[bytes, dict[str, Any]], None], grid: Grid,
                  camera: dict[str, Any] | None = None) -> None:
         self._make_scene, self._fail, self._push, self._grid = make_scene, fail, push, grid
-        self._thread = RenderThread("deformnb-remote", at_end=self._close_scene)
+        self._thread = Worker("deformnb-remote", at_end=self._close_scene)
         self._scene: Any = None
         self._is_broken = False
         self._camera = checked_camera(camera or {})

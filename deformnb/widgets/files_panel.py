@@ -17,7 +17,7 @@ from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session import Session
 from deformnb.widgets.controls import Guard, Panel, row
 from deformnb.widgets.hand_over import HandOver
-from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.worker import Worker
 
 _PAGE = (".html",)
 
@@ -43,7 +43,7 @@ class FilesPanel(Panel):
         self._folder = Path(folder)
         self._write_page = write_page
         self._stop = threading.Event()
-        self._thread = RenderThread("deformnb-files")
+        self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))

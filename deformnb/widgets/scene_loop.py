@@ -18,8 +18,8 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from deformnb.errors import DeformError
-from deformnb.widgets.render_thread import RenderThread
 from deformnb.widgets.view import Image
+from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
@@ -83,7 +83,7 @@ class SceneLoop:
         self.target_ms, self.settle_ms, self.longest_ms = target_ms, settle_ms, longest_ms
         self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
         self._holder = _Holder()
-        self._thread = RenderThread(at_end=self._holder.close)
+        self._thread = Worker(at_end=self._holder.close)
         self._lock = threading.Lock()
         self._changes: dict[str, Callable[[Any], None]] = {}
         self._shows = "deformed"

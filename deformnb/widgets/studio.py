@@ -34,12 +34,12 @@ from deformnb.widgets.depth_keys import DepthKeys
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
-from deformnb.widgets.render_thread import RenderThread
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_parts import arranged, make_view, side_by_side, status_text
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
+from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                                transfer=transfer)
         self.deformation = self.session.deformation
         self._panels: list[Panel] = []
-        self._worker = RenderThread("deformnb-studio")
+        self._worker = Worker("deformnb-studio")
         self._times: dict[str, float] = {}
         self._count = {"edits": 0, "refused": 0, "late": 0}
         self._pictured: Any = None

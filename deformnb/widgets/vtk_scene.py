@@ -1,6 +1,6 @@
 """A volume, its deformation, a camera and colours as a scene of VTK, without a widget: for views, servers and movies.
 
-All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.render_thread`). The voxels go
+All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.worker`). The voxels go
 to the card once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
 of VTK cannot, the core warps the voxels and they are written over the old ones in place.
 """

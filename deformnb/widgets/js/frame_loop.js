@@ -3,6 +3,8 @@
 // What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
+const PIECE_MS = 14; // of a quick picture: a page that draws a picture beside it waits for one piece only
+const MOST_PIECES = 3;
 const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
 
 class FrameLoop {
@@ -22,6 +24,9 @@ class FrameLoop {
     this.drawn = {}; // by layer: "coarse" or "full", whichever is up to date
     this.parts = 1; // pictures side by side
     this.after = [];
+    this.rush = null; // the quick picture under way, in pieces
+    this.rushMs = 0; // what the card needed for the last one
+    this.change = null; // what comes with the next quick picture
     this.times = { drag: [], full: 0, passes: 0, frames: 0 };
     this.waiting = 0;
     this.closed = false;
@@ -35,6 +40,12 @@ class FrameLoop {
     this.work = null;
     this.drawn = {};
     this.#plan(0);
+  }
+
+  /** Changes what is drawn, but never within a picture; of several changes meanwhile the last one counts. */
+  apply(change) {
+    if (this.rush) this.change = change;
+    else change();
   }
 
   /** The finger is lifted: nothing has changed, but the full picture may begin. */
@@ -60,7 +71,8 @@ class FrameLoop {
   #step() {
     if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
     const { settle } = this.options(), idle = performance.now() - this.moved;
-    if (this.wanted) this.#quick();
+    if (this.rush) this.#piece();
+    else if (this.wanted) this.#quick();
     else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
     else if (this.#refine()) return;
   }
@@ -85,24 +97,52 @@ class FrameLoop {
 
   #quick() {
     this.wanted = false;
-    const [w, h] = this.size, { target } = this.options();
+    this.#settle();
+    const [w, h] = this.size;
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
-    const start = performance.now();
+    const count = Math.max(1, Math.min(MOST_PIECES, Math.round(this.rushMs / PIECE_MS)));
+    const rows = Math.max(4, Math.ceil(height / count)), pieces = [];
     for (const picture of this.#seen(width, height)) {
       if (picture.layer !== this.layer) continue;
-      // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
-      this.#cast("coarse", width, height, picture, { coarseness: this.scale < 0.5 ? 1.6 : 1.15 });
+      for (let y = 0; y < height; y += rows) {
+        pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
+      }
     }
-    this.drawn[this.layer] = "coarse";
-    this.#present();
+    // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
+    const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
+    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now(), spent: 0 };
+    this.#piece();
+  }
+
+  #piece() {
+    const { rush } = this, { picture, tile } = rush.pieces.shift(), start = performance.now();
+    this.#cast("coarse", ...rush.size, picture, { coarseness: rush.coarseness, tile });
+    if (rush.pieces.length === 0) {
+      this.drawn[rush.layer] = "coarse";
+      this.#present();
+    }
     this.#when(() => {
-      const ms = performance.now() - start;
-      this.times.drag = [...this.times.drag.slice(-49), ms];
-      this.times.frames += 1;
-      const change = Math.sqrt((0.75 * target) / Math.max(ms, 1));
-      this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
-      for (const tell of this.after.splice(0)) tell();
+      rush.spent += performance.now() - start;
+      if (rush.pieces.length === 0 && this.rush === rush) this.#rushed(rush);
     });
+  }
+
+  #rushed(rush) {
+    this.rush = null;
+    this.rushMs = rush.spent;
+    const ms = performance.now() - rush.start, { target } = this.options();
+    this.times.drag = [...this.times.drag.slice(-49), ms];
+    this.times.frames += 1;
+    const change = Math.sqrt((0.75 * target) / Math.max(ms, 1));
+    this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+    for (const tell of this.after.splice(0)) tell();
+  }
+
+  /** What was asked to change while a picture was being drawn changes now. */
+  #settle() {
+    const { change } = this;
+    this.change = null;
+    if (change) change();
   }
 
   #begin(pass) {
@@ -131,6 +171,7 @@ class FrameLoop {
 
   /** Draws pieces of the full picture for about TILE_MS; false when nothing is left to do. */
   #refine() {
+    this.#settle();
     if (!this.work) this.#begin(0);
     const { work } = this, [w, h] = work.size;
     if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return true; }
@@ -184,6 +225,8 @@ class FrameLoop {
 
   /** The full picture at once, for a screenshot: the page waits. */
   drawNow(passes = 2) {
+    this.rush = null;
+    this.#settle();
     const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => p.layer === this.layer);
     for (const picture of pictures) {
       for (let pass = 0; pass < passes; pass++) this.#cast("full", w, h, picture, { pass });

@@ -296,7 +296,10 @@ class LiveViewPage {
   planarFromLink(planar) {
     if (!this.field) this.field = { box: null, space: null };
     this.field.planar = planar;
-    if (this.caster && this.caster.volume) { this.caster.setPlanar(planar); this.touch(this.link.isMoving); }
+    const { caster, loop } = this;
+    if (!caster || !caster.volume || !loop) return;
+    loop.apply(() => caster.setPlanar(planar));
+    this.touch(this.link.isMoving);
   }
 
   receiveStill(png) {

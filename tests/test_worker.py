@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pytest
 
 from deformnb.errors import DeformError
-from deformnb.widgets.render_thread import RenderThread
+from deformnb.widgets.worker import Worker
 
 
 def until(condition: Callable[[], bool], timeout: float = 20.0) -> None:
@@ -23,7 +23,7 @@ def until(condition: Callable[[], bool], timeout: float = 20.0) -> None:
 
 
 def test_everything_is_done_by_one_thread_in_the_order_in_which_it_came() -> None:
-    thread, done = RenderThread(), []
+    thread, done = Worker(), []
     futures = [thread.call(lambda k=k: done.append((k, threading.current_thread()))) for k in range(20)]
     for future in futures:
         future.result(20)
@@ -33,7 +33,7 @@ def test_everything_is_done_by_one_thread_in_the_order_in_which_it_came() -> Non
 
 
 def test_the_newest_job_of_a_name_is_done_and_those_before_it_are_not() -> None:
-    thread, gate, done = RenderThread(), threading.Event(), []
+    thread, gate, done = Worker(), threading.Event(), []
     thread.call(gate.wait)
     for k in range(5):
         thread.latest("a", lambda k=k: done.append(("a", k)))
@@ -47,7 +47,7 @@ def test_the_newest_job_of_a_name_is_done_and_those_before_it_are_not() -> None:
 
 
 def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
-    thread, done = RenderThread(), []
+    thread, done = Worker(), []
     thread.at_rest(0.02, lambda: done.append("rest"))
     until(lambda: done == ["rest"])
     thread.at_rest(30.0, lambda: done.append("never"))
@@ -59,20 +59,20 @@ def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
 
 
 def test_an_exception_goes_to_who_waits_and_the_thread_goes_on(caplog: pytest.LogCaptureFixture) -> None:
-    thread = RenderThread()
+    thread = Worker()
     with pytest.raises(ZeroDivisionError):
         thread.call(lambda: 1 // 0).result(20)
     with caplog.at_level(logging.ERROR):
         thread.latest("a", lambda: 1 // 0)  # type: ignore[arg-type, return-value]
         assert thread.call(lambda: 5).result(20) == 5
         assert thread.call(lambda: 6).result(20) == 6
-        until(lambda: "a job of the render thread failed" in caplog.text)
+        until(lambda: "a job of a worker failed" in caplog.text)
     thread.close()
 
 
 def test_the_end_cancels_what_waits_and_comes_behind_the_work_of_now() -> None:
     gate, ended = threading.Event(), threading.Event()
-    thread = RenderThread(at_end=ended.set)
+    thread = Worker(at_end=ended.set)
     under_way, waiting = thread.call(gate.wait), thread.call(lambda: 1)
     until(under_way.running)
     start = time.monotonic()
@@ -94,7 +94,7 @@ def test_without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job() -
             """A job."""
 
     before, owner = threading.active_count(), Owner()
-    thread = RenderThread()
+    thread = Worker()
     thread.call(owner.work).result(20)
     held = weakref.ref(owner)
     del owner
@@ -106,6 +106,6 @@ def test_without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job() -
 
 def test_a_thread_that_never_worked_was_never_started() -> None:
     before = threading.active_count()
-    thread = RenderThread(at_end=lambda: pytest.fail("nothing was begun"))
+    thread = Worker(at_end=lambda: pytest.fail("nothing was begun"))
     assert threading.active_count() == before
     thread.close()

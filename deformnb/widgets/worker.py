@@ -1,4 +1,4 @@
-"""One thread for everything that VTK does: an OpenGL context belongs to the thread that made it.
+"""A thread of one's own, for what takes time, and for VTK, whose OpenGL context belongs to the thread that made it.
 
 Callbacks of widgets come from whatever thread a front end likes. What they want done is queued here: calls in the
 order in which they came, then the newest job of each name, then what waits for a rest.
@@ -26,7 +26,7 @@ _Result = TypeVar("_Result")
 _PATIENCE_AT_EXIT = 5.0
 
 
-class RenderThread:
+class Worker:
     """A thread that does one thing after the other, started by the first of them.
 
     It holds nothing of whoever made it: when the last reference to this object goes, the thread ends.
@@ -38,13 +38,13 @@ class RenderThread:
 
     Examples
     --------
-    >>> thread = RenderThread()
-    >>> thread.call(lambda: 6 * 7).result()
+    >>> worker = Worker()
+    >>> worker.call(lambda: 6 * 7).result()
     42
-    >>> thread.close()
+    >>> worker.close()
     """
 
-    def __init__(self, name: str = "deformnb-render", at_end: Callable[[], None] | None = None) -> None:
+    def __init__(self, name: str = "deformnb-worker", at_end: Callable[[], None] | None = None) -> None:
         self._queue = _Queue(at_end)
         self._name = name
         self._starting = threading.Lock()
@@ -178,13 +178,13 @@ def _work(queue: _Queue) -> None:
         try:
             work()
         except Exception:  # of a job, whose owner should have caught it: the next one must still be done
-            _LOG.exception("a job of the render thread failed")
+            _LOG.exception("a job of a worker failed")
         del work  # else the thread holds the owner of its last job while it waits
     if queue.at_end is not None:
         try:
             queue.at_end()
         except Exception:
-            _LOG.exception("the render thread could not put its things away")
+            _LOG.exception("a worker could not put its things away")
         queue.at_end = None
     _RUNNING.pop(threading.current_thread(), None)
 
