@@ -4,7 +4,8 @@
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PIECE_MS = 14; // of a quick picture: a page that draws a picture beside it waits for one piece only
-const MOST_PIECES = 3;
+const QUICK_SHARE = 0.7; // of the cost of a full picture's pixel: a quick one has fewer samples on a ray
+const MOST_PIECES = 4; // each waits for its turn at the card: many small ones take longer than they save
 const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
 
 class FrameLoop {
@@ -25,7 +26,6 @@ class FrameLoop {
     this.parts = 1; // pictures side by side
     this.after = [];
     this.rush = null; // the quick picture under way, in pieces
-    this.rushMs = 0; // what the card needed for the last one
     this.change = null; // what comes with the next quick picture
     this.times = { drag: [], full: 0, passes: 0, frames: 0 };
     this.waiting = 0;
@@ -100,7 +100,8 @@ class FrameLoop {
     this.#settle();
     const [w, h] = this.size;
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
-    const count = Math.max(1, Math.min(MOST_PIECES, Math.round(this.rushMs / PIECE_MS)));
+    const expected = QUICK_SHARE * this.pixelCost * width * height;
+    const count = Math.max(1, Math.min(MOST_PIECES, Math.round(expected / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count)), pieces = [];
     for (const picture of this.#seen(width, height)) {
       if (picture.layer !== this.layer) continue;
@@ -110,26 +111,24 @@ class FrameLoop {
     }
     // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
-    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now(), spent: 0 };
+    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now() };
     this.#piece();
   }
 
   #piece() {
-    const { rush } = this, { picture, tile } = rush.pieces.shift(), start = performance.now();
+    const { rush } = this, { picture, tile } = rush.pieces.shift();
     this.#cast("coarse", ...rush.size, picture, { coarseness: rush.coarseness, tile });
     if (rush.pieces.length === 0) {
       this.drawn[rush.layer] = "coarse";
       this.#present();
     }
     this.#when(() => {
-      rush.spent += performance.now() - start;
       if (rush.pieces.length === 0 && this.rush === rush) this.#rushed(rush);
     });
   }
 
   #rushed(rush) {
     this.rush = null;
-    this.rushMs = rush.spent;
     const ms = performance.now() - rush.start, { target } = this.options();
     this.times.drag = [...this.times.drag.slice(-49), ms];
     this.times.frames += 1;
