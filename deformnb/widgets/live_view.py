@@ -42,9 +42,9 @@ from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta
 from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
 
-_FILES = ("rbf_solve.js", "rbf.js", "link.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js", "camera.js",
-          "frame_loop.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js", "hands.js",
-          "live_view.js")
+_FILES = ("rbf_solve.js", "rbf.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js",
+          "camera.js", "frame_loop.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
+          "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -36,7 +36,7 @@ from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
 from deformnb.widgets.view_messages import LONGEST_TEXT, dropping, text, whole
 
-_FILES = ("camera.js", "live_parts.js", "orientation.js", "hands.js", "volume_view.js")
+_FILES = ("elements.js", "camera.js", "live_parts.js", "orientation.js", "hands.js", "volume_view.js")
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
@@ -55,6 +55,7 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     background : "dark", "light" or "auto", which is the page's.
     shows : a name of :data:`~deformnb.widgets.view.SHOWS`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
+    fill : True takes the size of the box it stands in instead.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
     method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
@@ -92,6 +93,7 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     camera = CameraTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=LARGEST).tag(sync=True)
     height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
+    fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
     target_ms = traitlets.Float(250.0, min=5.0, max=5000.0)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)

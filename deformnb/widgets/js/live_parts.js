@@ -1,29 +1,31 @@
-// Small parts of the live view's page: elements, captions and letters of directions, the page's theme, the turns of
+// Small parts of a view's page: its size, captions and letters of directions, the page's theme, the turns of
 // a picture that flickers.
 
 const VIEW_NAMES = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
 const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right", S: "from above",
   I: "from below" };
-// JupyterLab's own keys (x cuts the cell) stay away from a focused element with this.
-const KEEPS_KEYS = { "data-lm-suppress-shortcuts": "true" };
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
-function element(tag, className, parent, attributes = {}) {
-  const made = document.createElement(tag);
-  made.className = className;
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  parent.append(made);
-  return made;
+/** Gives a view's root the size that its model asks for, as far as there is room; returns its pixels. */
+function sized(root, host, model) {
+  const width = model.get("width"), height = model.get("height");
+  root.style.width = `${width}px`;
+  root.style.setProperty("--dnb-shape", `${width} / ${height}`);
+  root.style.maxHeight = `${height}px`;
+  root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // the size of the box it stands in instead
+  host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
+  const ratio = Math.min(2, window.devicePixelRatio || 1), box = root.getBoundingClientRect();
+  return [(box.width || width) * ratio, (box.height || height) * ratio].map(Math.round);
 }
 
 /** A caption and four letters of directions over each picture that is seen: one, or two side by side. */
 class Frames {
   constructor(root) {
     this.frames = [0, 1].map(() => {
-      const frame = element("div", "dnb-frame", root, { "aria-hidden": "true" });
-      return { frame, caption: element("div", "dnb-caption", frame),
-        letters: ["left", "right", "top", "bottom"].map((side) => element("span", `dnb-letter dnb-${side}`, frame)) };
+      const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
+      return { frame, caption: pageElement("div", "dnb-caption", frame),
+        letters: ["left", "right", "top", "bottom"].map((side) => pageElement("span", `dnb-letter dnb-${side}`, frame)) };
     });
   }
 
@@ -47,7 +49,7 @@ class Frames {
 /** Whether the page around is dark: by Jupyter's word, by the colours of VS Code, else by the browser's preference. */
 class PageTheme {
   constructor(root, changed) {
-    this.probe = element("span", "dnb-paper", root, { hidden: "" });
+    this.probe = pageElement("span", "dnb-paper", root, { hidden: "" });
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     this.changed = changed;
     this.dark.addEventListener("change", changed);

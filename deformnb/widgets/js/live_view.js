@@ -23,13 +23,13 @@ class LiveViewPage {
 
   #build(el) {
     this.host = el;
-    this.root = element("div", "dnb-view", el);
-    this.canvas = element("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...KEEPS_KEYS });
+    this.root = pageElement("div", "dnb-view", el);
+    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
-    this.badge = element("div", "dnb-badge", this.root);
-    this.progress = element("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
-    this.notice = element("div", "dnb-notice", this.root, { role: "status", hidden: "" });
+    this.badge = pageElement("div", "dnb-badge", this.root);
+    this.progress = pageElement("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
+    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new PageTheme(this.root, () => this.setBackground());
     this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
     this.setBackground();
@@ -39,14 +39,7 @@ class LiveViewPage {
   }
 
   size() {
-    const width = this.model.get("width"), height = this.model.get("height");
-    this.root.style.width = `${width}px`;
-    this.root.style.setProperty("--dnb-shape", `${width} / ${height}`);
-    this.root.style.maxHeight = `${height}px`;
-    this.root.classList.toggle("dnb-fill", Boolean(this.model.get("fill")));
-    this.host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
-    const ratio = Math.min(2, window.devicePixelRatio || 1), box = this.root.getBoundingClientRect();
-    const w = Math.max(1, Math.round((box.width || width) * ratio)), h = Math.max(1, Math.round((box.height || height) * ratio));
+    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.max(1, n));
     if (this.canvas.width === w && this.canvas.height === h) return;
     this.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
     if (this.loop) { this.loop.again(); this.touch(); }
@@ -141,7 +134,7 @@ class LiveViewPage {
   /** No WebGL: a message and a picture that Python renders, anew for every button pressed. */
   fall(text) {
     this.say(text);
-    if (!this.still) this.still = element("img", "dnb-still", this.root, { alt: this.model.get("label") || "Volume" });
+    if (!this.still) this.still = pageElement("img", "dnb-still", this.root, { alt: this.model.get("label") || "Volume" });
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
     this.askStill();

@@ -7,11 +7,11 @@ const FLAT = 0.985; // a face that is seen as straight as this hides the others
 class OrientationCube {
   /** parent: the element around it; choose(view) is called with the name of a view, home() with nothing. */
   constructor(parent, choose, home) {
-    this.root = element("div", "dnb-compass", parent);
-    this.svg = this.#svg("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
+    this.root = pageElement("div", "dnb-compass", parent);
+    this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
     this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
     this.arrows = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) => {
-      const arrow = this.#svg("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
+      const arrow = svgElement("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
         transform: `translate(50 50) rotate(${(-Math.atan2(y, x) * 180) / Math.PI})` }, this.svg);
       arrow.addEventListener("click", () => { if (arrow.view) choose(arrow.view); });
       return { arrow, x, y };
@@ -19,18 +19,11 @@ class OrientationCube {
     this.#buttons(choose, home);
   }
 
-  #svg(tag, attributes, parent) {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-    parent.append(made);
-    return made;
-  }
-
   #face(view, letter, choose) {
-    const group = this.#svg("g", { class: "dnb-face", "data-view": view }, this.svg);
-    this.#svg("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
-    const sheet = this.#svg("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
-    const text = this.#svg("text", { "text-anchor": "middle", y: 4.4 }, group);
+    const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
+    svgElement("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
+    const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
+    const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group);
     text.textContent = letter;
     group.addEventListener("click", () => choose(view));
     return { view, group, sheet };
@@ -38,16 +31,16 @@ class OrientationCube {
 
   // The same for the keyboard and for screen readers: out of sight until one of them has the focus.
   #buttons(choose, home) {
-    this.bar = element("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
+    this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
     const add = (text, title, label, action, parent) => {
-      const button = element("button", "dnb-button", parent, { type: "button", title, "aria-label": label, ...KEEPS_KEYS });
+      const button = pageElement("button", "dnb-button", parent, { type: "button", title, "aria-label": label, ...OWN_KEYS });
       button.textContent = text;
       button.addEventListener("click", action);
     };
     for (const [view, letter] of Object.entries(VIEW_NAMES)) {
       add(letter, `${VIEW_TITLES[letter]} (${view})`, `view ${VIEW_TITLES[letter]}`, () => choose(view), this.bar);
     }
-    add("\u27f2", "reset (0 or double click)", "reset the view", home, element("div", "dnb-home", this.root));
+    add("\u27f2", "reset (0 or double click)", "reset the view", home, pageElement("div", "dnb-home", this.root));
   }
 
   /** views: direction and up of each view; camera: direction, up and right. All in space. */

@@ -23,12 +23,12 @@ class VolumeViewPage {
   }
 
   #build(el) {
-    this.root = element("div", "dnb-view dnb-volume", el);
-    this.canvas = element("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...KEEPS_KEYS });
+    this.root = pageElement("div", "dnb-view dnb-volume", el);
+    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
-    this.waiting = element("div", "dnb-waiting", this.root, { role: "status" });
-    this.notice = element("div", "dnb-notice", this.root, { role: "status", hidden: "" });
+    this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
+    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new PageTheme(this.root, () => this.size());
     this.flicker = new Flicker(this.root, () => { this.caption(); this.paint(); });
     this.wait("Preparing the picture \u2026");
@@ -42,7 +42,7 @@ class VolumeViewPage {
     this.on("change:camera", () => this.readCamera());
     this.on("change:shows", () => this.setShows());
     this.on("change:label", () => this.caption());
-    for (const name of ["width", "height", "background"]) this.on(`change:${name}`, () => this.size());
+    for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
     this.hands = new Hands(this);
   }
 
@@ -69,15 +69,10 @@ class VolumeViewPage {
 
   size() {
     if (this.closed) return;
-    const width = this.model.get("width"), height = this.model.get("height"), wanted = this.model.get("background");
-    this.root.style.width = `${width}px`;
-    this.root.style.setProperty("--dnb-shape", `${width} / ${height}`);
-    this.root.style.maxHeight = `${height}px`;
-    this.host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
+    const wanted = this.model.get("background");
     this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
-    const ratio = Math.min(2, window.devicePixelRatio || 1), box = this.root.getBoundingClientRect();
-    const pixels = (css) => Math.min(4096, Math.max(16, Math.round(css * ratio)));
-    const now = { width: pixels(box.width || width), height: pixels(box.height || height), background: this.theme.name };
+    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
+    const now = { width: w, height: h, background: this.theme.name };
     const said = JSON.stringify(now);
     if (said === this.sized) return;
     this.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
