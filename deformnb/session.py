@@ -25,7 +25,7 @@ from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
 from deformnb.script import as_python
-from deformnb.step_changes import complete_change, points_between
+from deformnb.step_changes import complete_change, points_between, turned, untouched_step
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Volume
 from deformnb.warp import warp
@@ -94,7 +94,7 @@ class Session(traitlets.HasTraits):
         self._transfer: tuple[Any, TransferFunction] | None = None
         self._reference: VolumeReference | None = None
         self.volume = volume
-        self._home = view if isinstance(view, Plane) else Plane.along(volume.grid, _checked_view(view))
+        self._home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(**traits)
         first = self._checked(deformation or Deformation())
         self._show(_State(first, len(first.steps) - 1, 0))
@@ -120,7 +120,11 @@ class Session(traitlets.HasTraits):
     @property
     def view(self) -> str | None:
         """The side of the picture by name, None for an oblique plane."""
-        return next((v for v in VIEWS if Plane.along(self.volume.grid, v) == self.plane), None)
+        return self.view_of(self.plane)
+
+    def view_of(self, plane: Plane | None) -> str | None:
+        """The name of a plane's side, None for an oblique plane and for none."""
+        return next((v for v in VIEWS if Plane.along(self.volume.grid, v) == plane), None)
 
     def edit_points(self, points: ControlPoints, label: str = "move points", kind: str | None = None) -> None:
         """Other control points in the place of those being edited.
@@ -159,22 +163,36 @@ class Session(traitlets.HasTraits):
             self.notice = notice
 
     def set_view(self, view: str | Plane) -> None:
-        """Look from another side: the plane of the step, or, once something was dragged on it, a new step after it.
+        """Look from another side: back at the step made from there, or else on a new one after all others.
 
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
-        picture shows what the steps before have made.
+        picture shows what the steps before have made. A step as it began is turned instead of kept.
         """
-        plane = view if isinstance(view, Plane) else Plane.along(self.volume.grid, _checked_view(view))
+        plane = view if isinstance(view, Plane) else Plane.along(self.volume.grid, view)
         with self._lock:
             if plane == self.plane:
                 return
-            step = replace(Step((self._anchors(plane),), plane), kernel=self.step.kernel, trend=self.step.trend)
-            if self.step.plane is not None and not any(m.displacement.any() for m in self.step.maps):
-                self._become(self.deformation.with_step(self.index, step), "turn the picture", key=0)
-            else:
-                last = len(self.deformation.steps)
-                self._become(self.deformation.then(step), "deform on another picture", index=last, key=0)
+            new = replace(self._untouched(plane), kernel=self.step.kernel, trend=self.step.trend)
+            deformation, index, notice = turned(self.deformation, self.index, new, self._untouched(self.plane))
             self.depth = 0.0
+            self._become(deformation, "turn the picture", index=index, key=0)
+            self.notice = notice
+
+    def add_step(self) -> None:
+        """One more step after all others, on the same side."""
+        with self._lock:
+            last = len(self.deformation.steps)
+            self._become(self.deformation.then(self._untouched(self.plane)), "add a step", index=last, key=0)
+            self.notice = f"Step {last + 1} begins: what is dragged now is done after step {last}."
+
+    def remove_step(self) -> None:
+        """Without the step that is edited; of the only one, only its drags go."""
+        with self._lock:
+            if len(self.deformation.steps) == 1:
+                self.reset()
+                return
+            left = self.deformation.without_step(self.index)
+            self._become(left, f"remove step {self.index + 1}", index=max(0, self.index - 1), key=0)
 
     def edit_step(self, index: int, key: int = 0) -> None:
         """Choose the step, and its set of points, that is edited."""
@@ -210,14 +228,8 @@ class Session(traitlets.HasTraits):
         with self._lock:
             self._become(replace(self.deformation, steps=(self._untouched(self.plane),)), "reset", index=0, key=0)
 
-    def _anchors(self, plane: Plane) -> ControlPoints:
-        """A point in each corner of the picture: what is dragged inside then bends the rest and moves no border."""
-        corners = plane.to_plane(self.volume.grid.corners(centres=True))[:, :2]
-        (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
-        return ControlPoints.from_arrays([[a0, b0], [a1, b0], [a1, b1], [a0, b1]])
-
     def _untouched(self, plane: Plane) -> Step:
-        return Step((self._anchors(plane),), plane)
+        return untouched_step(plane, self.volume.grid)
 
     def _become(self, deformation: Deformation, label: str, kind: str | None = None, *, index: int | None = None,
                 key: int | None = None) -> None:
@@ -226,6 +238,7 @@ class Session(traitlets.HasTraits):
         after = _State(deformation, before.step if index is None else index, before.key if key is None else key)
         if after == before:
             return
+        self.notice = ""  # what was said of the edit before
         self._history.record(before, label, kind)
         self._show(after)
 
@@ -330,8 +343,7 @@ class Session(traitlets.HasTraits):
     @property
     def depth_range(self) -> tuple[float, float]:
         """Where slices may lie, from the middle of the volume."""
-        low, high = self.plane.depth_range(self.volume.grid)
-        return low, high
+        return self.plane.depth_range(self.volume.grid)
 
     # -- results -------------------------------------------------------------------------------------------------------
 
@@ -366,7 +378,7 @@ class Session(traitlets.HasTraits):
         return replace(self.deformation, volume=self._reference)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the document as JSON, whole or not at all."""
+        """Write the document as JSON."""
         write_deformation(self.document(), path)
 
     def open(self, path: str | PathLike[str]) -> None:
@@ -385,9 +397,3 @@ class Session(traitlets.HasTraits):
     def code(self, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
         """The document as a Python script; see :func:`deformnb.script.as_python`."""
         return as_python(self.deformation, self.volume.grid, volume=volume)
-
-
-def _checked_view(view: str) -> str:
-    if view not in VIEWS:
-        raise DeformError(f"unknown view {view!r}; choose one of {', '.join(VIEWS)}.")
-    return view

@@ -1,4 +1,4 @@
-"""What one change of a step brings along: a kernel its trend, a rule of extrusion its sets of points."""
+"""What one change brings along: a kernel its trend, a rule of extrusion its points, a turn of the picture a step."""
 
 from __future__ import annotations
 
@@ -6,12 +6,21 @@ from dataclasses import replace
 from typing import Any
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Step
+from deformnb.deformation import Deformation, Step
 from deformnb.kernels import kernel_named
+from deformnb.plane import Plane
 from deformnb.trend import TRENDS, trend_named
+from deformnb.volume import Grid
 
 # Depths that the points are spread to when the rule "interpolate" is chosen: front, middle, back.
 _FIRST_KNOTS = (0.0, 0.5, 1.0)
+
+
+def untouched_step(plane: Plane, grid: Grid) -> Step:
+    """What a picture begins with: a point in each corner, so that what is dragged inside moves no border."""
+    corners = plane.to_plane(grid.corners(centres=True))[:, :2]
+    (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+    return Step((ControlPoints.from_arrays([[a0, b0], [a1, b0], [a1, b1], [a0, b1]], names=["corner"] * 4),), plane)
 
 
 def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -> str:
@@ -28,6 +37,8 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
     elif rule != "interpolate" and step.extrusion == "interpolate":
         fields.setdefault("knots", ())
         fields.setdefault("maps", (points,))
+        if any(m != points for m in step.maps):
+            return "The key picture that was being edited stays; undo brings the others back."
     kernel = kernel_named(fields.get("kernel", step.kernel))
     trend = trend_named(fields.get("trend", step.trend))
     if kernel.order <= trend.order:
@@ -53,3 +64,29 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
         return nearer
     return replace(nearer, source=(1 - t) * before.source + t * after.source,
                    target=(1 - t) * before.target + t * after.target)
+
+
+def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> tuple[Deformation, int, str]:
+    """The document and the step to edit once the picture is turned, and what has to be said about it.
+
+    A side that has a step already leads back to it. Else the step being edited is turned if it is as it began, and a
+    new one comes after all others if it is not.
+
+    Parameters
+    ----------
+    index : of the step that was being edited.
+    new : a step on the other side, without drags; untouched : what the one being edited began as.
+    """
+    steps = list(deformation.steps)
+    is_used = steps[index].maps != untouched.maps
+    there = max((k for k, step in enumerate(steps) if step.plane == new.plane and k != index), default=None)
+    if there is not None:
+        if not is_used:
+            del steps[index]
+            there -= there > index
+        notice = f"Back at step {there + 1}, which was made from this side."
+        return replace(deformation, steps=tuple(steps)), there, notice
+    if not is_used:
+        return deformation.with_step(index, new), index, ""
+    count = len(steps)
+    return deformation.then(new), count, f"Step {count + 1} begins: what is dragged now is done after step {count}."

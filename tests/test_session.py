@@ -239,6 +239,49 @@ def test_turning_an_untouched_picture_moves_its_plane_and_a_used_one_begins_a_st
     assert_array_equal(session.picture().values, project(session.volume, "+z", "mip").values)
 
 
+def test_a_side_leads_back_to_its_step_and_leaves_no_empty_one(session: Session) -> None:
+    session.edit_points(dragged(session))
+    first = session.view
+    session.set_view("+z")
+    assert "Step 2 begins" in session.notice
+    session.set_view("-x")  # nothing was done on it
+    assert [session.view_of(s.plane) for s in session.deformation.steps] == [first, "-x"]
+    session.edit_points(dragged(session))
+    assert session.notice == ""
+    session.set_view(first or "")
+    assert (session.index, len(session.deformation.steps)) == (0, 2)
+    assert "Back at step 1" in session.notice
+    session.set_view("+z")
+    session.set_view(first or "")
+    assert [session.view_of(s.plane) for s in session.deformation.steps] == [first, "-x"]
+
+
+def test_steps_can_be_added_and_removed(session: Session) -> None:
+    session.edit_points(dragged(session))
+    kept = session.deformation
+    session.add_step()
+    assert session.index == 1
+    session.edit_points(dragged(session, 0.3))
+    session.remove_step()
+    assert session.deformation == kept
+    session.remove_step()
+    assert not session.points.displacement.any()
+    session.undo()
+    assert session.deformation == kept
+
+
+def test_key_pictures_that_are_left_are_spoken_of(session: Session) -> None:
+    session.change(extrusion="interpolate")
+    session.change(extrusion="replicate")
+    assert session.notice == ""
+    session.change(extrusion="interpolate")
+    session.edit_points(dragged(session))
+    session.change(extrusion="replicate")
+    assert "undo brings the others back" in session.notice
+    session.undo()
+    assert len(session.step.maps) == 3
+
+
 def test_the_picture_is_made_once_for_each_question(session: Session) -> None:
     first = session.picture()
     session.edit_points(dragged(session))  # the picture shows what is before the step

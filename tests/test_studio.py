@@ -194,6 +194,9 @@ def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
         found["Kernel"].value = kernel
         assert (studio.session.step.kernel, studio.editor.kernel) == (kernel, kernel)
         assert found["Trend"].value == studio.session.step.trend == studio.editor.trend
+        offered = {value for _, value in found["Trend"].options}
+        assert offered == {t.name for t in TRENDS.values() if t.order >= KERNELS[kernel].order}
+    found["Kernel"].value = "wendland_c2"
     for trend in TRENDS:
         found["Trend"].value = trend
         assert studio.editor.trend == trend
@@ -280,7 +283,8 @@ def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
     studio.wait()
     drag(studio, a_drag(studio))
     found = controls(studio)
-    assert [text for text, _ in found["Step"].options] == ["1: 5 points", "2: 5 points"]
+    words = SIDES[studio.session.view_of(studio.deformation.steps[0].plane) or ""].split(" (")[0]
+    assert [text for text, _ in found["Step"].options] == [f"1: {words}, 1 dragged", "2: from below, 1 dragged"]
     found["Step"].value = "0"
     studio.wait()
     assert studio.session.index == 0
@@ -288,8 +292,43 @@ def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
     found["Step"].value = "1"
     studio.wait()
     assert studio.view.editor is studio.editor
-    found["step is done"].value = False
+    found["in use"].value = False
     assert_array_equal(studio.result().values, Deformation(studio.deformation.steps[:1]).apply(studio.volume).values)
+
+
+def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    assert "Step 2 begins" in studio._notice.value
+    for _ in range(3):  # each changes the words of the menu of steps
+        drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
+        drag(studio, a_drag(studio))
+        assert studio.session.index == 1
+        assert controls(studio)["Step"].value == "1"
+    assert len(studio.deformation.steps) == 2
+
+
+def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    studio.view.set_camera((0, 1, 0))
+    studio.export_html(tmp_path / "last.html")
+    controls(studio)["Step"].value = "0"
+    studio.wait()
+    studio.view.set_camera((0, 1, 0))
+    studio.export_html(tmp_path / "first.html")
+    assert (tmp_path / "first.html").read_bytes() == (tmp_path / "last.html").read_bytes()
+
+
+def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
+    assert "corners" in studio._notice.value
+    studio._say("<img src=x onerror=alert(1)>", is_error=True)
+    assert "<img" not in studio._notice.value
+    drag(studio, a_drag(studio))
+    assert "img" not in studio._notice.value
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

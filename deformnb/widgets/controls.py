@@ -6,6 +6,7 @@ edit never comes back as another one.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
+from deformnb.deformation import Step, lone_support
 from deformnb.degenerate import default_support
 from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
@@ -32,6 +34,11 @@ SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the 
 _OBLIQUE = ("oblique", "")
 _STYLE = {"description_width": "84px"}
 _RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
+_HINTS = {
+    "replicate": "Every slice behind the picture is deformed like the picture.",
+    "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
+    "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
+}
 # Support radii that a slider offers, in parts of the picture's diagonal.
 _SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
 
@@ -56,10 +63,10 @@ class Control:
     read: Callable[[], Any]
     write: Callable[[Any], None]
 
-    def bind(self, guard: Guard) -> None:
+    def bind(self, guard: Guard, is_refreshing: Callable[[], bool]) -> None:
         """Let the widget edit the session; a refused value goes back to what the session holds."""
         def changed(change: Any) -> None:
-            if change["new"] == self.read():
+            if is_refreshing() or change["new"] == self.read():
                 return
             guard(lambda: self.write(change["new"]))
             self.refresh()
@@ -76,6 +83,19 @@ def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = ""
     """A menu of (words, value)."""
     return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description, layout=wide(),
                         style=_STYLE)
+
+
+def button(text: str, tooltip: str, action: Callable[[], Any]) -> ipw.Button:
+    """A button that does something."""
+    made = ipw.Button(description=text, tooltip=tooltip, layout=ipw.Layout(width="auto"))
+    made.on_click(lambda _: action())
+    return made
+
+
+def fill(widget: ipw.Dropdown, options: list[tuple[str, str]]) -> None:
+    """Give a menu other options, if they are others."""
+    if list(widget.options) != options:
+        widget.options = options
 
 
 def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
@@ -105,12 +125,13 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
+        self._refreshing: int | None = None  # the thread that does it: new options of a menu choose the first of them
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
         """Bind one more widget; returns it."""
         control = Control(widget, read, write)
         control.refresh()
-        control.bind(self.guard)
+        control.bind(self.guard, lambda: self._refreshing == threading.get_ident())
         self.controls.append(control)
         return widget
 
@@ -121,8 +142,16 @@ class Panel:
 
     def refresh(self) -> None:
         """Show what the session holds."""
-        for control in self.controls:
-            control.refresh()
+        self._refreshing = threading.get_ident()
+        try:
+            self.arrange()
+            for control in self.controls:
+                control.refresh()
+        finally:
+            self._refreshing = None
+
+    def arrange(self) -> None:
+        """Show or hide what depends on the session, and fill the menus."""
 
     def close(self) -> None:
         """Stop what the panel does on its own."""
@@ -147,11 +176,13 @@ class PicturePanel(Panel):
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
-        self._step = self.add(menu("Step", [("1", "0")], "Steps are done one after the other"),
+        self._step = self.add(menu("Step", [("1", "0")], "Steps are done one after the other; choose the one to edit"),
                               lambda: str(session.index), lambda value: session.edit_step(int(value)))
-        enabled = self.of_step(ipw.Checkbox(description="step is done", indent=False, layout=wide()), "enabled")
-        self._steps = row(self._step, enabled)
-        self.box = ipw.VBox([row(side, method), row(density, self._depth), self._steps])
+        enabled = self.of_step(ipw.Checkbox(description="in use", indent=False, layout=ipw.Layout(width="80px"),
+                                            tooltip="A step that is not in use stays in the list"), "enabled")
+        more = button("New step", "Deform once more, after all other steps", lambda: guard(session.add_step))
+        less = button("Delete step", "Take this step away; can be undone", lambda: guard(session.remove_step))
+        self.box = ipw.VBox([row(side, method), row(self._step, enabled, more, less), row(density, self._depth)])
         self.refresh()
 
     def _held_depth(self) -> float:
@@ -159,26 +190,22 @@ class PicturePanel(Panel):
         value = self.session.depth
         return value if slot is None else float(np.clip(value, slot.min, slot.max))
 
-    def refresh(self) -> None:
+    def arrange(self) -> None:
         low, high = self.session.depth_range
-        step = max((high - low) / 200, 1e-6)
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
-            self._depth.min, self._depth.max, self._depth.step = low, high, step
+            self._depth.min, self._depth.max, self._depth.step = low, high, max((high - low) / 200, 1e-6)
         self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
-        sides = [(text, name) for name, text in SIDES.items()] + ([_OBLIQUE] if self.session.view is None else [])
-        if list(self._side.options) != sides:
-            self._side.options = sides
-        steps = [(_step_title(k, s), str(k)) for k, s in enumerate(self.session.deformation.steps)]
-        if list(self._step.options) != steps:
-            self._step.options = steps  # which chooses the first: the session's own comes back below
-        self._steps.layout.display = "" if len(steps) > 1 or not self.session.step.enabled else "none"
-        super().refresh()
+        fill(self._side, [(text, name) for name, text in SIDES.items()]
+             + ([_OBLIQUE] if self.session.view is None else []))
+        fill(self._step, [(_step_title(k, s, self.session.view_of(s.plane)), str(k))
+                          for k, s in enumerate(self.session.deformation.steps)])
 
 
-def _step_title(number: int, step: Any) -> str:
-    count = len(step.maps[0])
-    return f"{number + 1}: {step.name or f'{count} points'}{'' if step.enabled else ' (off)'}"
+def _step_title(number: int, step: Step, view: str | None) -> str:
+    where = "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
+    moved = sum(int(m.displacement.any(axis=1).sum()) for m in step.maps)
+    return f"{number + 1}: {step.name or where}, {moved} dragged{'' if step.enabled else ', not in use'}"
 
 
 class MapPanel(Panel):
@@ -188,32 +215,36 @@ class MapPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        kernel = self.of_step(menu("Kernel", [(k.title, k.name) for k in KERNELS.values()]), "kernel")
-        trend = self.of_step(menu("Trend", [(t.title, t.name) for t in TRENDS.values()],
-                                  "What the points do as a whole, before the rest bends"), "trend")
+        kernel = self.of_step(menu("Kernel", [(k.title, k.name) for k in KERNELS.values()],
+                                   "How the pull of a point fades with distance; Wendland kernels end at the support"),
+                              "kernel")
+        self._trend = self.of_step(menu("Trend", [(t.title, t.name) for t in TRENDS.values()],
+                                        "What all points do together (shift, turn, stretch), before the rest bends"),
+                                   "trend")
         low, high = (np.log10(share * session.volume.grid.diagonal) for share in (_SMALLEST_SUPPORT, _LARGEST_SUPPORT))
-        self._support = ipw.FloatLogSlider(min=low, max=high, step=0.01, description="Support",
-                                           layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
-                                           style=_STYLE, readout_format=".3g", tooltip="How far a point reaches")
+        self._support = ipw.FloatLogSlider(
+            min=low, max=high, step=0.01, description="Support", style=_STYLE, readout_format=".3g",
+            layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
+            tooltip="How far a point reaches, as a length in the volume")
         self.add(self._support, self._shown_support,
-                 lambda value: session.change(kind="support", support=float(value)) if not self._auto.value else None)
+                 lambda value: session.change(kind="support", support=float(value)))
         self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: session.step.support is None,
                  lambda on: session.change(support=None if on else float(self._support.value)))
         smoothing = self.of_step(slider("Smoothing", 0.0, 2.0, 0.01, "0 meets every point; more is smoother"),
                                  "smoothing")
-        reach = ipw.HBox([self._support, self._auto], layout=wide())
-        self.box = ipw.VBox([row(kernel, trend), row(reach, smoothing)])
+        reach = ipw.HBox([self._support, self._auto], layout=wide(flex="1 1 320px"))
+        self.box = ipw.VBox([row(kernel, self._trend), row(reach, smoothing)])
         self.refresh()
 
     def _shown_support(self) -> float:
-        support = self.session.step.support or default_support(self.session.points)
-        low, high = 10**self._support.min, 10**self._support.max
-        return float(np.clip(self._support.value if support is None else support, low, high))
+        step, low, high = self.session.step, 10**self._support.min, 10**self._support.max
+        support = step.support or default_support(self.session.points) or lone_support(self.session.volume.grid)
+        return float(np.clip(support, low, high))
 
-    def refresh(self) -> None:
-        super().refresh()
-        self._support.disabled = self.session.step.support is None
+    def arrange(self) -> None:
+        least = KERNELS[self.session.step.kernel].order
+        fill(self._trend, [(t.title, t.name) for t in TRENDS.values() if t.order >= least])
 
 
 class LookPanel(Panel):
@@ -241,16 +272,15 @@ class DepthPanel(Panel):
         rule = self.of_step(menu("Extrusion", [(f"{name}: {_RULES.get(name, name)}", name) for name in EXTRUSIONS]),
                             "extrusion")
         self.curve, self.keys = curve, keys
-        self._hint = ipw.Label("Every slice behind the picture is deformed like the picture.")
+        self._hint = ipw.Label()
         self.box = ipw.VBox([row(rule), self._hint, curve, keys], layout=ipw.Layout(max_width="720px"))
         self.refresh()
 
-    def refresh(self) -> None:
-        super().refresh()
-        step = self.session.step
-        self._hint.layout.display = "" if step.extrusion == "replicate" else "none"
-        self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
-        self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
+    def arrange(self) -> None:
+        rule = self.session.step.extrusion
+        self._hint.value = _HINTS[rule]
+        self.curve.layout.display = "" if rule == "modulate" else "none"
+        self.keys.layout.display = "" if rule == "interpolate" else "none"
 
 
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
@@ -265,8 +295,7 @@ def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
                          style={"description_width": "44px"}, layout=ipw.Layout(width="190px"),
                          tooltip="; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()))
     panel.add(shows, lambda: view.shows, lambda value: setattr(view, "shows", value))
-    reset = ipw.Button(description="Reset", tooltip="The volume as it was; can be undone",
-                       layout=ipw.Layout(width="80px"))
-    reset.on_click(lambda _: guard(session.reset))
+    reset = button("Reset", "The volume as it was, without points and steps; can be undone",
+                   lambda: guard(session.reset))
     panel.box = ipw.HBox([strength, shows, reset], layout=ipw.Layout(flex_flow="row wrap", align_items="center"))
     return panel, panel.box

@@ -15,7 +15,7 @@ from deformnb.document import LONGEST, from_json
 from deformnb.errors import Cancelled, DeformError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session import Session
-from deformnb.widgets.controls import Guard, Panel, row
+from deformnb.widgets.controls import Guard, Panel, button, row
 from deformnb.widgets.hand_over import HandOver
 from deformnb.widgets.worker import Worker
 
@@ -43,6 +43,7 @@ class FilesPanel(Panel):
         self._folder = Path(folder)
         self._write_page = write_page
         self._stop = threading.Event()
+        self._writing = ""
         self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
@@ -51,13 +52,13 @@ class FilesPanel(Panel):
         self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
                              placeholder="file name", tooltip="The end of the name chooses the kind of file")
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
-        self.write = self._button("Write", "Write it into the folder of the notebook", lambda: self._start(False))
-        self.download = self._button("Download", "Write it and hand it to the browser", lambda: self._start(True))
-        self.cancel = self._button("Cancel", "Stop; no half file is left", self._stop.set)
+        self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
+        self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
+        self.cancel = self._acting("Cancel", "Stop; no half file is left", self._stop.set)
         self.upload = ipw.FileUpload(accept=".json", description="Open session", layout=ipw.Layout(width="auto"),
                                      tooltip="Go on with a saved session; can be undone")
         self.upload.observe(lambda change: self._open(change["new"]), "value")
-        self.copy = self._button("Copy as Python", "The document as a script", self._copy)
+        self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
         self.said = ipw.Label("")
         self.hand_over = HandOver()
@@ -65,23 +66,25 @@ class FilesPanel(Panel):
         writing = [self.kind, self.name, self.write, self.download, self.cancel, self.bar]
         self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.said), self.hand_over])
 
-    def _button(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
-        button = ipw.Button(description=text, tooltip=tooltip, layout=ipw.Layout(width="auto"))
-        button.on_click(lambda _: self.guard(action))
-        return button
+    def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
+        return button(text, tooltip, lambda: self.guard(action))
 
     # -- writing -------------------------------------------------------------------------------------------------------
 
     def _start(self, downloads: bool) -> None:
         path = self._folder / plain_name(self.name.value)
         if not path.name.lower().endswith(_PAGE):
-            export_for(path)  # refuses a suffix that says nothing, before anything begins
+            try:
+                export_for(path)  # refuses a suffix that says nothing, before anything begins
+            except DeformError as error:
+                self.said.value = ""
+                raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, dict(self._view.camera))
         self._stop.clear()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
         self.bar.value, self.bar.layout.visibility = 0.0, "visible"
-        self.said.value = f"Writing {path.name} ..."
+        self._writing = self.said.value = f"Writing {path.name} ..."
         self._thread.call(lambda: self._do(path, frozen, downloads))
 
     def _do(self, path: Path, frozen: Frozen, downloads: bool) -> None:
@@ -108,6 +111,7 @@ class FilesPanel(Panel):
             raise Cancelled("stopped in the studio.")
         if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
             self.bar.value = share
+            self.said.value = f"{self._writing} {share:.0%}"
 
     def _idle(self) -> None:
         self.write.disabled = self.download.disabled = False
@@ -129,6 +133,7 @@ class FilesPanel(Panel):
         self.said.value = "Opened."
 
     def _copy(self) -> None:
+        self.said.value = ""
         self.hand_over.copy(self.session.code())
 
     def close(self) -> None:
@@ -151,7 +156,7 @@ def plain_name(text: str) -> str:
     'fish.json'
     """
     name = text.strip()
-    if not name or name.startswith(".") or any(c in "/\\:" or ord(c) < 32 for c in name) or len(name) > 200:
+    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name) or len(name) > 200:
         raise DeformError(f"{name[:60]!r} is no plain file name; write one such as fish.json, without a folder.")
     return name
 

@@ -7,6 +7,7 @@ document, and does whatever takes time in one thread of its own, the newest firs
 
 from __future__ import annotations
 
+import html
 import logging
 import threading
 import time
@@ -31,17 +32,18 @@ from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell,
 from deformnb.widgets.controls import DepthPanel, LookPanel, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.curve_editor import CurveEditor
 from deformnb.widgets.depth_keys import DepthKeys
-from deformnb.widgets.editor import Editor
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
-from deformnb.widgets.studio_parts import arranged, make_view, side_by_side, status_text
+from deformnb.widgets.studio_parts import arranged, last_step, make_editor, make_view, side_by_side, status_text
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
+
+_WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -93,11 +95,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._worker = Worker("deformnb-studio")
         self._times: dict[str, float] = {}
         self._count = {"edits": 0, "refused": 0, "late": 0}
-        self._pictured: Any = None
         self.view = make_view(view, given, self.session.transfer_function, height)
-        self.editor = self._make_editor(height)
+        self.editor = make_editor(self.session, height)
+        self._pictured = self._picture_key()
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
-        self._notice = ipw.Label("", layout=ipw.Layout(flex="2 1 auto", min_width="0"))
+        self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
         self._panels = self._make_panels(folder)
         super().__init__(arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
                          layout=ipw.Layout(width="100%", max_width="1600px"))
@@ -106,21 +108,14 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._turn_view()
         self._show_field()
         self._show_status()
+        if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
+            self._say(_WELCOME)
         self._worker.latest("warm up", self.session.warm_up)
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
-    def _make_editor(self, height: int) -> Editor:
-        session, step = self.session, self.session.step
-        editor = Editor(session.picture(), session.points, kernel=step.kernel, support=step.support, trend=step.trend,
-                        smoothing=step.smoothing, strength=step.strength, height=height,
-                        label=f"Picture of {session.volume.name or 'the volume'}", history=session.history)
-        editor.lone_support = lone_support(session.volume.grid)
-        self._pictured = self._picture_key()
-        return editor
-
     def _make_panels(self, folder: str | PathLike[str]) -> list[Panel]:
-        session, guard = self.session, self._guarded
+        session, guard = self.session, self._edited
         self._curve = CurveEditor(session.step.curve)
         self._keys = DepthKeys(session.step.knots or (0.0, 1.0))
         self._opacity = TransferEditor(session.volume, session.transfer)
@@ -151,6 +146,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
         return weakly(self, method, lambda studio: not studio._worker.is_closed)
 
+    def _edited(self, action: Callable[[], None]) -> bool:
+        """Do what a user asked for; what was said of the edit before goes."""
+        self._say("")
+        return self._guarded(action)
+
     def _guarded(self, action: Callable[[], None]) -> bool:
         """Do something that may go wrong, and say it in the page if it does."""
         try:
@@ -165,8 +165,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return True
 
     def _say(self, text: str, *, is_error: bool = False) -> None:
-        self._notice.value = text
-        self._notice.style.text_color = "var(--jp-error-color1, #c62828)" if is_error else None
+        colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
+        shown = f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>'
+        self._notice.value = shown if text else ""
 
     def _points_changed(self, _change: Any) -> None:
         points = self.editor.points
@@ -174,13 +175,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             return
         if self._pictured != self._picture_key():  # a drag on a picture that is being replaced
             self._count["late"] += 1
-            self._worker.latest("picture", self._weakly(Studio._show_picture))
+            self._ask_for_picture()
             return
         start = time.perf_counter()
         made = self.editor.edit_under_way
         kind = "nudge" if made is not None and made.kind == "nudge" else None
         label = edit_label(self.session.points, points)
-        done = self._guarded(lambda: self.session.edit_points(points, label, kind))
+        done = self._edited(lambda: self.session.edit_points(points, label, kind))
         if not done:
             self._count["refused"] += 1
             self.editor.points = self.session.points
@@ -196,7 +197,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _document_changed(self, _change: Any) -> None:
         self._say(self.session.notice)
         if self._pictured != self._picture_key():
-            self._worker.latest("picture", self._weakly(Studio._show_picture))
+            self._ask_for_picture()
         else:
             self._show_field()  # first, or the view would take the points for those of the map before
             self._show_points()
@@ -220,11 +221,17 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _picture_changed(self, _change: Any = None) -> None:
         self._refresh_panels()
         if self._pictured != self._picture_key():
-            self._worker.latest("picture", self._weakly(Studio._show_picture))
+            self._ask_for_picture()
+
+    def _ask_for_picture(self) -> None:
+        self.editor.waiting = "The picture is being made"  # no gesture shall be made on the old one
+        self._worker.latest("picture", self._weakly(Studio._show_picture))
 
     def _show_picture(self) -> None:
         key = self._picture_key()
         self._guarded(lambda: self._set_picture(key))
+        if key == self._picture_key():
+            self.editor.waiting = ""
 
     def _set_picture(self, key: Any) -> None:
         start = time.perf_counter()
@@ -288,17 +295,17 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _curve_changed(self, change: Any) -> None:
         if self.session.step.extrusion == "modulate" and change["new"] != self.session.step.curve:
-            self._guarded(lambda: self.session.change(curve=change["new"], kind="curve"))
+            self._edited(lambda: self.session.change(curve=change["new"], kind="curve"))
 
     def _keys_changed(self, edit: Any, phase: str) -> None:
         if phase != "end" or self.session.step.extrusion != "interpolate":
             return
         if edit.kind == "select":
-            self._guarded(lambda: self.session.edit_step(self.session.index, edit.selected))
+            self._edited(lambda: self.session.edit_step(self.session.index, edit.selected))
             return
         way = {"add": "added", "remove": "removed"}.get(edit.kind)
         options = {way: edit.index} if way else {}
-        self._guarded(lambda: self.session.edit_keys(edit.knots, selected=edit.selected, **options))
+        self._edited(lambda: self.session.edit_keys(edit.knots, selected=edit.selected, **options))
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
         self._guarded(lambda: self.session.set_trait("transfer", transfer))
@@ -309,9 +316,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _show_status(self) -> None:
         self._status.value = status_text(self.session, self._times.get("edit_ms"))
-        notes = self.session.notes()
-        if notes and not self._notice.value:
-            self._say("; ".join(notes))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 
@@ -351,7 +355,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Write one offline file in which the volume still deforms, without a kernel."""
         from deformnb.widgets.standalone import write_standalone
 
-        write_standalone(path, self.editor, self.view, title=title or self.volume.name, about=about)
+        editor, view = last_step(self.session, self.editor, self.view)
+        try:
+            write_standalone(path, editor, view, title=title or self.volume.name, about=about)
+        finally:
+            close_all(editor)
+            close_all(view)
 
     def stats(self) -> dict[str, Any]:
         """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures."""

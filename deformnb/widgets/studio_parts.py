@@ -10,10 +10,12 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.deformation import lone_support
 from deformnb.errors import DeformError
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.controls import Panel
+from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.view import AbstractView
 
@@ -36,6 +38,32 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
     raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
 
 
+def make_editor(session: Session, height: int) -> Editor:
+    """An editor of the step that a session edits, whose undo is the session's."""
+    step = session.step
+    editor = Editor(session.picture(), session.points, kernel=step.kernel, support=step.support, trend=step.trend,
+                    smoothing=step.smoothing, strength=step.strength, height=height,
+                    label=f"Picture of {session.volume.name or 'the volume'}", history=session.history)
+    editor.lone_support = lone_support(session.volume.grid)
+    return editor
+
+
+def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
+    """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows."""
+    whole = Session(session.volume, session.deformation)
+    whole.method = session.method
+    used = [k for k, step in enumerate(whole.deformation.steps) if step.enabled and step.plane is not None]
+    whole.edit_step(used[-1] if used else 0)
+    shown = make_editor(whole, editor.height)
+    shown.density, shown.theme = editor.density, editor.theme
+    live = LiveView(session.volume, transfer=session.transfer_function, width=view.width, height=view.height)
+    live.camera, live.shows = dict(view.camera), view.shows
+    if view.has_trait("projection"):
+        live.projection = view.projection
+    live.follow(shown, whole.field(), whole.key)
+    return shown, live
+
+
 def arranged(editor: Any, view: Any, panels: Sequence[Panel], line: list[Any]) -> list[Any]:
     """Picture and volume side by side, the first panel below, the others in tabs, and a line for words."""
     half = {"flex": "1 1 320px", "min_width": "0"}
@@ -48,7 +76,9 @@ def arranged(editor: Any, view: Any, panels: Sequence[Panel], line: list[Any]) -
     head, *others = panels
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
                    layout=ipw.Layout(width="100%"))
-    return [pictures, head.box, tabs, ipw.HBox(line, layout=ipw.Layout(width="100%", grid_gap="16px"))]
+    words = ipw.HBox(line, layout=ipw.Layout(width="100%", flex_flow="row wrap", align_items="center",
+                                             grid_gap="0 24px"))
+    return [pictures, head.box, tabs, words]
 
 
 def status_text(session: Session, edit_ms: float | None) -> str:
