@@ -41,6 +41,11 @@ SAME_DISPLACEMENT = 1e-9
 # Ratio of singular values of the centred points below which they lie on a line or in a plane (independent of the axes).
 FLAT = 1e-7
 
+# What a trend shortens more than this it collapses; ratios beyond would be rounding.
+_COLLAPSED = 1e-6
+# Pairs of crossing points this many quarters of an octave (8 times) behind the worst are not named.
+_FAR_BEHIND = 12
+
 
 @dataclass(frozen=True, eq=False)
 class PreparedPoints:
@@ -196,6 +201,7 @@ def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int
 
     Beside the trend the displacement changes by more than the distance. Head on the map must fold between them; four
     points turned by 90 degrees within a fixed ring also come here, and may not fold (det J down to 0.18 was seen).
+    The worst come first to be named: two points piled on one place bend the trend until others seem to cross as well.
     """
     x = ready.targets @ linear.T
     y = ready.targets + ready.displacements
@@ -206,6 +212,11 @@ def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int
     first, second = np.repeat(np.arange(len(x)), neighbours - 1), near[:, 1:].ravel()
     along = x[first] - x[second]
     beside = y[first] - y[second] - along
-    crossed = np.linalg.norm(beside, axis=1) > np.linalg.norm(along, axis=1)
-    pairs = {(min(i, j), max(i, j)) for i, j in zip(first[crossed].tolist(), second[crossed].tolist(), strict=True)}
-    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(pairs)[:most]]
+    gap = np.linalg.norm(ready.targets[first] - ready.targets[second], axis=1)
+    ratio = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(along, axis=1), _COLLAPSED * gap)
+    # In quarters of an octave: neither rounding nor a small move changes who is named.
+    degree = np.round(4 * np.log2(np.maximum(ratio, 1.0)))
+    pairs = {(min(i, j), max(i, j)): d for i, j, d, r in zip(
+        first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True) if r > 1}
+    worst = sorted(pairs, key=lambda pair: (-pairs[pair], pair))[:most]
+    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - _FAR_BEHIND]

@@ -75,13 +75,17 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
     off = some.edit(3, active=False).edit(7, active=False)
     same = some.add(some.source[2], some.target[2], name="twin")
     crossing = ControlPoints.from_arrays([[0, 0], [100, 0], [0, 90], [100, 90]], [[100, 0], [0, 0], [0, 90], [100, 90]])
+    corners = [[0, 0], [500, 0], [500, 195], [0, 195]]
+    piled = ControlPoints.from_arrays([*corners, [145, 98], [254, 98], [361, 98]],
+                                      [*corners, [259, 98], [254, 98], [361, 98]])
     nearly = ControlPoints.from_arrays([[0, 0], [100, 0.01], [200, 0], [300, 0.1]],
                                        [[0, 0], [100, 9], [200, 40], [300, 90]])
     found |= {
         "none": (ControlPoints.empty(), {}), "all switched off": (some.edit(0, active=False).take([0]), {}),
         "at rest": (some.reset(), {}), "some off": (off, {}), "merged": (same, {}),
         "merged with smoothing": (some.add(some.source[2], some.target[2] + 0.0), {"smoothing": 1.0}),
-        "far away": (shifted(some, [1e6, -1e6]), {}), "crossing": (crossing, {}), "nearly a line": (nearly, {}),
+        "far away": (shifted(some, [1e6, -1e6]), {}), "crossing": (crossing, {}), "piled": (piled, {}),
+        "nearly a line": (nearly, {}),
         "one source": (ControlPoints.from_arrays(np.full((4, 2), 9.0), some.target[:4]), {"trend": "similarity"}),
         "one source rigid": (ControlPoints.from_arrays(np.full((4, 2), 9.0), some.target[:4]), {"trend": "rigid"}),
         "one target": (ControlPoints.from_arrays([[9, 9]] * 3, [[4, 5]] * 3), {}),

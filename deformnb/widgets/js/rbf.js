@@ -8,6 +8,7 @@
 //
 // points: [{id, name, source: [a, b], target: [a, b], active, weight}]
 // settings: {kernel, support, trend, smoothing, strength, lone_support, previous}; all may be left out.
+// fit.notes are for people; those of them in fit.doubts say that the map may fold, which is not measured here.
 // All arithmetic is in float64, as in the package; a test compares the two for every kernel and trend.
 
 class RbfError extends Error {}
@@ -22,6 +23,7 @@ const RBF_RESIDUAL = 1e-7;
 const RBF_ROUNDING = 1e-10;
 const RBF_STEEP = 10;
 const RBF_NO_ANGLE = 1e-6;
+const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
 
 // profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.kernels.
 const RBF_KERNELS = {
@@ -244,7 +246,7 @@ function rbfIdentity(ready, kernel, trend, support) {
     centers[2 * k + 1] = (q.x[1] - ready.origin[1]) / support;
   });
   return { count: ready.n, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
-    constant: [0, 0], origin: ready.origin, support, kernel, trend, notes: ready.notes, ids: ready.ids };
+    constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
 }
 
 function rbfSolvePrepared(ready, kernel, smoothing, previous) {
@@ -263,8 +265,11 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
       "Wendland kernel, or a little smoothing.");
   }
   const map = [[1 + linear[0][0], linear[0][1]], [linear[1][0], 1 + linear[1][1]]];
+  const crossed = rbfCrossingPairs(ready, map).map(
+    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`);
   return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r), notes: [...ready.notes, ...rbfWarnings(ready, map)] };
+    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, map)],
+    doubts: crossed };
 }
 
 // Positions of the neighbours of a point, nearest first, itself left out.
@@ -294,8 +299,7 @@ function rbfClosest(ready) {
 }
 
 function rbfWarnings(ready, map) {
-  const notes = rbfCrossingPairs(ready, map).map(
-    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`);
+  const notes = [];
   if (ready.trend === "affine" && rbfSpectralNorm(map) > RBF_STEEP) {
     notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
       "in one plane; the trend similarity would not");
@@ -316,20 +320,22 @@ function rbfWarnings(ready, map) {
 function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
-  const moved = merged.map((q) => [
-    q.d[0] + q.x[0] - map[0][0] * q.x[0] - map[0][1] * q.x[1],
-    q.d[1] + q.x[1] - map[1][0] * q.x[0] - map[1][1] * q.x[1]]);
+  const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
   const pairs = new Map();
   for (let i = 0; i < n; i++) {
     for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
       const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
-      const along = Math.hypot(map[0][0] * gap[0] + map[0][1] * gap[1], map[1][0] * gap[0] + map[1][1] * gap[1]);
+      const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
+        Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
       const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
-      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j)]);
+      // In quarters of an octave, as in deformnb.degenerate: neither rounding nor a small move changes who is named.
+      const degree = Math.round(4 * Math.log2(beside / along));
+      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
   }
-  const sorted = [...pairs.entries()].sort((p, q) => p[0] - q[0]).slice(0, most);
-  return sorted.map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
+  const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
+  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - RBF_FAR_BEHIND).sort(([p], [q]) => p - q)
+    .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------
