@@ -323,14 +323,15 @@ def test_the_page_changes_only_what_is_its_own(picture: Picture, points: Control
     editor = Editor(picture, points)
     editor.set_state({"kernel": "gaussian", "raster": {}, "image": "", "uid": "other", "live": True, "next_id": 2,
                       "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True,
-                      "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}})
+                      "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}, "waiting": "x"})
+    assert editor.waiting == ""
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
     assert editor.raster["shape"] == [30, 40]
     assert (editor.selected, editor.show_net, editor.show_radius) == ([], True, True)
     assert "took_over" not in editor._esm
     assert (editor.points, editor.seen, editor.history) == (points, {}, {})
     editor.set_state("nonsense")
-    assert len(caplog.records) == 13
+    assert len(caplog.records) == 14
 
 
 # ---- fit and picture -------------------------------------------------------------------------------------------------

@@ -107,8 +107,10 @@ class Editor(anywidget.AnyWidget):
     others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then tells what the page asks for. ``uid`` names the editor in its page, where
-    other widgets find its live points without the kernel (see link.js).
+    "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
+    such as another picture: while it is not empty the page dims the picture, shows that text over it and takes no edit
+    and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
+    editor in its page, where other widgets find its live points without the kernel (see link.js).
 
     Raises
     ------
@@ -145,6 +147,7 @@ class Editor(anywidget.AnyWidget):
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
+    waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)
     live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
     uid = traitlets.Unicode().tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)

@@ -20,6 +20,7 @@ class EditorPage extends EditorDrawing {
     this.handles = new Handles(this.svg);
     this.gestures = new Gestures(this);
     this.#listen();
+    this.guard(() => this.showWaiting());
     this.guard(() => this.layout());
     this.loadPicture();
   }
@@ -33,6 +34,8 @@ class EditorPage extends EditorDrawing {
     this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application", ...OWN_KEYS });
     this.canvas = pageElement("canvas", "dnb-ed-canvas", this.stage, { "aria-hidden": "true" });
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
+    const veil = pageElement("div", "dnb-ed-veil", this.stage);
+    this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" }); // there from the start: so it is read out
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name of the point", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", this.stage, { hidden: "", "aria-hidden": "true" });
@@ -58,6 +61,7 @@ class EditorPage extends EditorDrawing {
     on("change:raster", () => this.loadPicture());
     on("change:height", () => this.layout());
     on("change:theme", () => this.applyTheme());
+    on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
     for (const name of ["density", "show_net", "show_radius", "read_only", "history"]) on(`change:${name}`, () => this.invalidate());
@@ -149,6 +153,24 @@ class EditorPage extends EditorDrawing {
     this.guard(() => this.layout());
   }
 
+  get isWaiting() { return Boolean(this.model.get("waiting")); }
+
+  get isLocked() { return this.isWaiting || this.model.get("read_only"); }
+
+  // While Python makes another picture, nothing here can be edited; a hand that is at it is as if it had not begun.
+  showWaiting() {
+    const { isWaiting } = this;
+    if (isWaiting) {
+      this.gestures.cancel();
+      this.endRename(false);
+      this.setAdding(false);
+    }
+    this.stage.classList.toggle("dnb-ed-waiting", isWaiting);
+    this.stage.setAttribute("aria-busy", String(isWaiting));
+    setText(this.wait, this.model.get("waiting") || "");
+    this.invalidate();
+  }
+
   get box() {
     const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
@@ -159,7 +181,7 @@ class EditorPage extends EditorDrawing {
   // The next list of points, unless it cannot be fitted while the present one can: then it is said why. `kind` is
   // what Python hears; edits with the same `join` in quick succession are undone as one.
   edit(points, kind = "move", join = null) {
-    if (this.model.get("read_only") || samePoints(points, this.points)) return false;
+    if (this.isLocked || samePoints(points, this.points)) return false;
     if (!this.error && !this.accepts(points)) return false;
     if (JSON.stringify(points).length > LONGEST_EDIT) {
       this.say("These are too many points to send at once. Remove some, or edit in Python.");
@@ -180,12 +202,12 @@ class EditorPage extends EditorDrawing {
   }
 
   stepHistory(way) {
-    if (this.drag0 || this.model.get("read_only") || !this.sender.step(way)) return;
+    if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
     this.speak(way === "undo" ? "undone" : "redone");
   }
 
   beginDrag() {
-    if (this.model.get("read_only")) return;
+    if (this.isLocked) return;
     this.drag0 = this.points;
     this.wasTold = false;
   }
@@ -239,7 +261,8 @@ class EditorPage extends EditorDrawing {
   addInMiddle() { this.addAt([this.view.width / 2, this.view.height / 2]); }
 
   remove(ids) {
-    const at = this.points.findIndex((p) => p.id === ids[0]), hadFocus = this.svg.contains(document.activeElement);
+    const at = this.points.findIndex((p) => p.id === ids[0]);
+    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
     if (!ids.length || !this.edit(removedPoints(this.points, ids), "remove")) return;
     this.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     const next = this.points[Math.min(at, this.points.length - 1)];
@@ -250,7 +273,7 @@ class EditorPage extends EditorDrawing {
 
   rename(id) {
     const p = this.points.find((q) => q.id === id);
-    if (!p || this.model.get("read_only")) return;
+    if (!p || this.isLocked) return;
     const { k, x, y, width, height } = this.view;
     this.renamed = id;
     this.input.hidden = false;
@@ -264,10 +287,10 @@ class EditorPage extends EditorDrawing {
 
   endRename(isKept) {
     if (this.input.hidden) return;
-    const id = this.renamed;
+    const id = this.renamed, hadFocus = this.root.getRootNode().activeElement === this.input;
     this.input.hidden = true;
     if (isKept) this.guard(() => this.edit(renamedPoint(this.points, id, this.input.value), "rename"));
-    this.handles.focus(id);
+    if (!this.handles.focus(id) && hadFocus) this.focusStage(); // the point may be gone meanwhile
   }
 
   // ---- selection and commands ---------------------------------------------------------------------------------------
@@ -313,7 +336,7 @@ class EditorPage extends EditorDrawing {
   }
 
   setAdding(isAdding) {
-    this.isAdding = isAdding && !this.model.get("read_only");
+    this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
     this.invalidate();

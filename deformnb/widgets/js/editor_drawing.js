@@ -5,6 +5,9 @@ const REST = 120; // milliseconds after which the full picture is drawn
 const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page has laid the editor out
 
+const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on the way back from this picture to the " +
+  "original. 1 keeps them; below 0 the picture folds over itself";
+
 // What is said of a kernel that does not answer, by the sender's status.
 const SILENCE = {
   busy: "The kernel is busy; the volume in Python follows later",
@@ -103,7 +106,8 @@ class EditorDrawing {
     const painted = performance.now();
     if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
     const drawn = performance.now();
-    this.handles.update(this.points, this.selected, this.view, this.shownRadius());
+    const reach = this.reach(), radius = this.model.get("show_radius") ? reach : 0;
+    if (this.handles.update(this.points, this.selected, this.view, radius, reach)) this.focusStage();
     this.describe();
     const end = performance.now();
     Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
@@ -142,8 +146,9 @@ class EditorDrawing {
     this.painter.drawNet(this.view, this.net.lines, this.colours.net);
   }
 
-  shownRadius() {
-    if (!this.model.get("show_radius") || !this.fit) return 0;
+  // How far a point reaches, in units of the picture; 0 where nothing tells.
+  reach() {
+    if (!this.fit?.count) return 0;
     const { order } = RBF_KERNELS[this.fit.kernel];
     return order === 2 || this.fit.kernel === "linear" ? 0 : this.fit.support; // those kernels know no radius
   }
@@ -191,10 +196,13 @@ class EditorDrawing {
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
       : selected.size ? `${selected.size} selected` : "";
     setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
-      : "No points yet: double click the picture to take hold of it");
+      : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
     if (fit && !this.folds) this.folds = foldsOf(fit, this.box, fit.count > 200 ? 9 : this.isMoving ? 17 : 33);
-    this.#describeFolds(this.folds ?? { least: 1, share: 0 });
-    const notes = [this.error, ...(this.error ? [] : fit?.notes ?? [])].filter(Boolean).join("; ");
+    const folds = this.folds ?? { least: 1, share: 0 };
+    this.#describeFolds(folds);
+    // The fit only suspects a fold; the page has looked.
+    const remarks = (fit?.notes ?? []).filter((note) => folds.least <= 0 || !fit.doubts.includes(note));
+    const notes = this.error || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
     this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
@@ -202,7 +210,7 @@ class EditorDrawing {
       net: this.model.get("show_net"), radius: this.model.get("show_radius"), help: !this.help.hidden });
     this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
-      pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.model.get("read_only") });
+      pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
   }
 
   #describeFolds({ least, share }) {
@@ -211,13 +219,15 @@ class EditorDrawing {
     this.foldFact.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
     const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
     setText(this.foldFact, this.points.length ? `${words} (${value})` : "");
+    setAttributes(this.foldFact, { title: this.points.length ? FOLD_TIP : "" });
   }
 
   // What can be done next, where there is nothing to remark.
   #advice() {
     if (this.model.get("read_only")) return "These points are shown only";
-    if (this.points.length === 0) return "Three or more points bend the picture; one moves it, two turn and scale it";
-    if (this.selected.size === 0) return "Drag a disc to move what lies under it; ? lists all keys";
+    const isUntouched = this.points.every((p) => p.source.every((value, k) => value === p.target[k]));
+    const start = isUntouched ? "Double-click adds a point. " : "";
+    if (this.selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }
 }

@@ -46,6 +46,7 @@ class Gestures {
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
   down(event) {
+    if (this.page.isWaiting) return;
     this.pointers.set(event.pointerId, this.place(event));
     this.kind = event.pointerType || "mouse";
     this.page.svg.setPointerCapture(event.pointerId);
@@ -112,6 +113,9 @@ class Gestures {
       if (!g.isPress) this.page.endDrag(isCancelled);
       else if (g.was && !g.isNew) this.page.select(g.adds ? [...this.page.selected].filter((id) => id !== g.id) : [g.id]);
     } else if (g.isPress && !isCancelled && !g.adds && g.from) this.page.select([]);
+    else if (g.kind === "band" && !g.isPress && !isCancelled && this.page.selected.size === 0 && !this.page.isLocked) {
+      this.page.hint("Double-click adds a point to drag", 5000);
+    }
   }
 
   // Escape during a drag: as if it had not begun.
@@ -142,6 +146,7 @@ class Gestures {
   }
 
   doubleClick(event) {
+    if (this.page.isWaiting) return;
     const grabbed = this.idAt(event);
     if (grabbed) this.page.rename(grabbed.id);
     else this.page.addAt(this.place(event));
@@ -207,7 +212,7 @@ class Gestures {
     if (key === " ") { this.space(true); return true; }
     if (key === "Enter") {
       if (focused) page.toggleSelected(focused.id);
-      else page.addInMiddle();
+      else if (!page.isLocked) page.addInMiddle();
       return true;
     }
     if (key === "Escape") {

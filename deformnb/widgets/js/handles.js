@@ -17,6 +17,13 @@ function pointLabel(p) {
   return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}`;
 }
 
+// What is shown where the mouse rests on a point.
+function pointTip(p, reach) {
+  const place = (at) => at.map(shownLength).join(", "), by = p.target.map((value, k) => value - p.source[k]);
+  const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
+  return `${p.name || `point ${p.id}`}: ${drag}${p.active ? reach ? `; reaches ${shownLength(reach)}` : "" : "; switched off"}`;
+}
+
 class Handles {
   constructor(svg) {
     this.svg = svg;
@@ -27,11 +34,14 @@ class Handles {
     this.byId = new Map();
   }
 
-  // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none.
-  update(points, selected, view, radius) {
-    const seen = new Set(points.map((p) => p.id));
+  // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
+  // told in the tips. True if the focus was on a point that is gone: the browser would give it to the body.
+  update(points, selected, view, radius, reach) {
+    const seen = new Set(points.map((p) => p.id)), focused = this.svg.getRootNode().activeElement;
+    let isFocusLost = false;
     for (const [id, parts] of this.byId) {
       if (seen.has(id)) continue;
+      isFocusLost ||= parts.target === focused;
       for (const part of [parts.arrow, parts.source, parts.target, parts.radius]) part.remove();
       this.byId.delete(id);
     }
@@ -40,7 +50,9 @@ class Handles {
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
       this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
         ? radius : 0);
+      setText(parts.tip, pointTip(p, reach));
     });
+    return isFocusLost;
   }
 
   #make(id) {
@@ -54,6 +66,7 @@ class Handles {
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
     const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "0", role: "button",
       "aria-roledescription": "control point", ...OWN_KEYS }, this.points);
+    const tip = svgElement("title", {}, target);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
     svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
     svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
@@ -61,7 +74,7 @@ class Handles {
     svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
     svgElement("text", { class: "dnb-ed-name" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts = { arrow, source, target, radius, text: null };
+    const parts = { arrow, source, target, radius, tip };
     this.byId.set(id, parts);
     return parts;
   }
@@ -71,7 +84,7 @@ class Handles {
     for (const p of points) {
       const parts = this.byId.get(p.id) ?? this.#make(p.id);
       if (this.points.lastChild === parts.target) continue;
-      const focused = parts.target === document.activeElement;
+      const focused = parts.target === this.svg.getRootNode().activeElement;
       this.points.append(parts.source, parts.target);
       if (focused) parts.target.focus();
     }
@@ -135,7 +148,11 @@ class Handles {
     for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
   }
 
-  focus(id) { this.byId.get(id)?.target.focus({ preventScroll: true }); }
+  // Whether there is such a point.
+  focus(id) {
+    this.byId.get(id)?.target.focus({ preventScroll: true });
+    return this.byId.has(id);
+  }
 
   blink(ids) {
     for (const id of ids) {

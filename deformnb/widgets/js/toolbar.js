@@ -20,7 +20,7 @@ const ICONS = {
 
 // command, label, tip, whether it stays pressed, what it needs: points, a selection, or history
 const GROUPS = [
-  [["add", "Add", "Add points: click where (A, or double click)", true],
+  [["add", "Add", "Add points: click where (A, or double-click)", true],
     ["remove", "Delete", "Delete the selected points (Del)", false, "selection"],
     ["rename", "Rename", "Name the selected point (F2)", false, "one"],
     ["switch", "On/off", "Switch the selected points on or off (O)", false, "selection"],
@@ -33,14 +33,17 @@ const GROUPS = [
 ];
 
 const HELP = [
-  ["Double click, A + click", "add a point"], ["Drag a disc", "move where the feature goes"],
-  ["Drag a ring", "change where it was taken"], ["Alt + drag", "move both"],
-  ["Right click, Del", "delete"], ["Shift + click, band", "select several"],
-  ["Tab", "next point"], ["Arrows, with Shift", "move by 1 or 10 pixels"], ["Enter", "select; add in the middle"],
-  ["F2, double click a point", "rename"], ["O", "on or off"], ["Home", "put back"],
-  ["Ctrl + Z, Ctrl + Y", "undo, redo"], ["Ctrl + A, Esc", "select all, none"],
-  ["Wheel, pinch, +, -", "zoom"], ["Space or middle + drag", "move the view"], ["0", "whole picture"],
-  ["N, R, C", "grid, radius, before"],
+  ["Double-click, A", "add a point"], ["Drag a disc", "move a feature"], ["Drag a ring", "where it was taken"],
+  ["Alt + drag", "move both"],
+  ["Del, right click", "delete"], ["Home", "put back"], ["O", "switch on or off"],
+  ["F2, double-click", "rename a point"], ["Shift + click, band", "select several"],
+  ["Ctrl + A, Esc", "select all, none"],
+  ["Tab", "next point"], ["Arrows", "move by 1 pixel"],
+  ["Shift + arrows", "move by 10 pixels"], ["Enter on a point", "select it"],
+  ["Enter on the picture", "add a point in the middle"],
+  ["Ctrl + Z, Ctrl + Y", "undo, redo"],
+  ["Wheel, pinch, +, -", "zoom"], ["Space, middle drag", "move the view"],
+  ["0", "whole picture"], ["N, R, C", "grid, radius, before"],
 ];
 
 class Toolbar {
@@ -98,11 +101,11 @@ class Toolbar {
 function helpPanel(parent) {
   const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
     tabindex: "-1", ...OWN_KEYS });
-  const list = pageElement("dl", "", panel);
+  const list = pageElement("div", "dnb-ed-entries", panel, { role: "list", "aria-label": "Keys" });
   for (const [keys, what] of HELP) {
-    const row = pageElement("div", "", list);
-    pageElement("dt", "", row).textContent = keys;
-    pageElement("dd", "", row).textContent = what;
+    const row = pageElement("div", "dnb-ed-entry", list, { role: "listitem", "aria-label": `${keys}: ${what}` });
+    pageElement("span", "", row).textContent = keys;
+    pageElement("span", "", row).textContent = what;
   }
   return panel;
 }
