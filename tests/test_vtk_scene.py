@@ -22,8 +22,8 @@ from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 from deformnb.widgets import vtk_scene, vtk_warp
 from deformnb.widgets.core_scene import CoreScene, make_scene
-from deformnb.widgets.worker import Worker
 from deformnb.widgets.vtk_scene import VtkScene, texture_works
+from deformnb.widgets.worker import Worker
 
 pytestmark = pytest.mark.needs_gl
 

@@ -15,7 +15,7 @@ from deformnb import ControlPoints, Deformation, Grid, Volume
 from deformnb.widgets import LiveView
 k = np.indices((40, 40, 40)) - 19.5
 volume = Volume(np.clip(300 - 20 * np.sqrt((k ** 2).sum(axis=0)), 0, 255).astype(np.uint8), Grid((40, 40, 40)))
-view = LiveView(volume, transfer="surface", width=320, height=240, settle_ms=50)
+view = LiveView(volume, transfer="surface", width=320, height=240, settle_ms=50, background="dark")
 view
 """
 DEFORM = """

@@ -250,6 +250,7 @@ def test_what_python_shows_is_seen_until_the_editor_moves(page: LivePage) -> Non
     view, editor = followed(page)
     start = column(page.pixels())
     view.show_deformation(extrusion(6.0))  # a slider, say
+    page.wait(f"{LINK}.expected === null")
     assert column(page.pixels()) - start > 9
     editor.points = moved(2.0)
     page.wait(f"{LINK}.count > 0")
@@ -261,6 +262,7 @@ def test_another_map_is_followed_without_a_wrong_picture_in_between(page: LivePa
     both = Deformation((Step((moved(0.0), moved(6.0)), PLANE, extrusion="interpolate", knots=(0.0, 1.0),
                              trend="translation"),)).field(GRID)
     view.show_deformation(both)
+    page.wait(f"{LINK}.expected === null")  # it comes when the one before is on the screen
     expected = page.pixels().astype(int)
     count = page.page.evaluate(f"{LINK}.count")
     view.follow(editor, both, 1)  # the editor still holds the points of map 0

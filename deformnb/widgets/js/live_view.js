@@ -279,20 +279,22 @@ class LiveViewPage {
   }
 
   applyField() {
-    if (!this.caster || !this.caster.volume || !this.field) return;
-    this.caster.setPlanar(this.field.planar);
-    this.caster.setSpace(this.field.space);
-    this.caster.volume.box = this.field.box || this.info.box;
+    const { caster, loop } = this;
+    if (!caster || !caster.volume || !this.field || !loop) return;
+    loop.apply(() => { // the field of then, which may be a newer one
+      if (!caster.volume) return;
+      caster.setPlanar(this.field.planar);
+      if (caster.space !== this.field.space) caster.setSpace(this.field.space); // an editor moves the planar part only
+      caster.volume.box = this.field.box || this.info.box;
+    });
   }
 
   /** New maps from the editor in this page: no byte goes to Python. */
   planarFromLink(planar) {
     if (!this.field) this.field = { box: null, space: null };
     this.field.planar = planar;
-    const { caster, loop } = this;
-    if (!caster || !caster.volume || !loop) return;
-    loop.apply(() => caster.setPlanar(planar));
-    this.touch(this.link.isMoving);
+    this.applyField();
+    if (this.caster && this.caster.volume) this.touch(this.link.isMoving);
   }
 
   receiveStill(png) {
