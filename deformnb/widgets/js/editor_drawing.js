@@ -135,13 +135,14 @@ class EditorDrawing {
   }
 
   drawNet(fit) {
-    const cells = this.model.get("density"), wanted = Math.min(8, Math.max(1, Math.floor(8e4 / (cells * cells *
-      Math.max(1, fit?.count ?? 1)) * (this.isMoving ? 1 : 4)))), parts = fit?.count ? Math.max(this.isMoving ? 1 : 2, wanted) : 1;
+    const cells = this.model.get("density"), count = fit?.count ?? 0, { isMoving } = this;
+    const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
+    const parts = count ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
     const key = [fit, cells, parts, String(this.box)];
     if (!this.net || key.some((value, k) => value !== this.net.key[k])) {
       const still = { count: 0, centers: [], coefficients: [], linear: [[0, 0], [0, 0]], constant: [0, 0], origin: [0, 0],
         support: 1, kernel: "wendland_c2" };
-      this.net = { key, lines: deformedNet(fit ?? still, this.box, cells, parts, 0.05 / this.view.k) };
+      this.net = { key, lines: deformedNet(fit ?? still, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k) };
     }
     this.painter.drawNet(this.view, this.net.lines, this.colours.net);
   }

@@ -3,9 +3,10 @@
 // What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
-const PIECE_MS = 14; // of a quick picture: a page that draws a picture beside it waits for one piece only
-const QUICK_SHARE = 0.7; // of the cost of a full picture's pixel: a quick one has fewer samples on a ray
-const MOST_PIECES = 4; // each waits for its turn at the card: many small ones take longer than they save
+const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside it waits for one piece only // of a quick picture: a page that draws a picture beside it waits for one piece only
+const REST_SHARE = 0.6; // a renderer without a card takes the processors from the page that moves the points: so it rests
+const MOST_REST = 60;
+const MOST_PIECES = 3; // each waits for its turn at the card: many small ones take longer than they save
 const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
 
 class FrameLoop {
@@ -25,6 +26,8 @@ class FrameLoop {
     this.drawn = {}; // by layer: "coarse" or "full", whichever is up to date
     this.parts = 1; // pictures side by side
     this.after = [];
+    this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
+    this.rest = 0; // milliseconds until the next quick picture
     this.rush = null; // the quick picture under way, in pieces
     this.change = null; // what comes with the next quick picture
     this.times = { drag: [], full: 0, passes: 0, frames: 0 };
@@ -100,8 +103,7 @@ class FrameLoop {
     this.#settle();
     const [w, h] = this.size;
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
-    const expected = QUICK_SHARE * this.pixelCost * width * height;
-    const count = Math.max(1, Math.min(MOST_PIECES, Math.round(expected / PIECE_MS)));
+    const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count)), pieces = [];
     for (const picture of this.#seen(width, height)) {
       if (picture.layer !== this.layer) continue;
@@ -111,18 +113,19 @@ class FrameLoop {
     }
     // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
-    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now() };
+    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now(), spent: 0 };
     this.#piece();
   }
 
   #piece() {
-    const { rush } = this, { picture, tile } = rush.pieces.shift();
+    const { rush } = this, { picture, tile } = rush.pieces.shift(), start = performance.now();
     this.#cast("coarse", ...rush.size, picture, { coarseness: rush.coarseness, tile });
     if (rush.pieces.length === 0) {
       this.drawn[rush.layer] = "coarse";
       this.#present();
     }
     this.#when(() => {
+      rush.spent += performance.now() - start;
       if (rush.pieces.length === 0 && this.rush === rush) this.#rushed(rush);
     });
   }
@@ -132,9 +135,12 @@ class FrameLoop {
     const ms = performance.now() - rush.start, { target } = this.options();
     this.times.drag = [...this.times.drag.slice(-49), ms];
     this.times.frames += 1;
-    const change = Math.sqrt((0.75 * target) / Math.max(ms, 1));
+    const [width, height] = rush.size;
+    this.quickCost = rush.spent / (width * height);
+    const change = Math.sqrt((0.6 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
     this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
     for (const tell of this.after.splice(0)) tell();
+    if (this.caster.isSoftware) this.rest = Math.min(MOST_REST, REST_SHARE * ms);
   }
 
   /** What was asked to change while a picture was being drawn changes now. */
@@ -217,7 +223,9 @@ class FrameLoop {
       gl.deleteSync(this.sync);
       this.sync = null;
       done();
-      this.#plan(0);
+      const { rest } = this;
+      this.rest = 0;
+      this.#plan(rest);
     };
     setTimeout(look, 1);
   }

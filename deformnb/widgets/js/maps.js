@@ -66,8 +66,16 @@ function netLines(box, cells) {
   return lines;
 }
 
+// Moves a place along with its image, by the Jacobian that the last look of mapWithSlope has left.
+function follow(at, da, db, [, , j00, j01, j10, j11]) {
+  const det = j00 * j11 - j01 * j10, isFlat = !(Math.abs(det) > 1e-3);
+  at[0] += isFlat ? da : (j11 * da - j01 * db) / det;
+  at[1] += isFlat ? db : (j00 * db - j10 * da) / det;
+}
+
 // The net as it lies on the deformed picture: each line as runs of places, broken where the map folds.
-// `parts` pieces of a line per cell; each place is found from the one before it, so Newton needs two steps.
+// `parts` pieces of a line per cell; each place is found from the one before it and the slope there, so that Newton has
+// a step to do at most.
 function deformedNet(fit, box, cells, parts, tolerance) {
   const work = new Float64Array(6), at = new Float64Array(2);
   return netLines(box, cells).map(({ from, to, pieces, isEdge }) => {
@@ -75,10 +83,8 @@ function deformedNet(fit, box, cells, parts, tolerance) {
     let run = null, a = from[0], b = from[1];
     for (let k = 0; k <= n; k++) {
       const share = k / n, x = from[0] + (to[0] - from[0]) * share, y = from[1] + (to[1] - from[1]) * share;
-      if (run) {
-        at[0] += x - a;
-        at[1] += y - b;
-      } else {
+      if (run) follow(at, x - a, y - b, work);
+      else {
         const [da, db] = rbfAt(fit, x, y);
         at[0] = x - da;
         at[1] = y - db;
