@@ -3,7 +3,7 @@
 // What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
-const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside it waits for one piece only // of a quick picture: a page that draws a picture beside it waits for one piece only
+const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside it waits for one piece only
 const REST_SHARE = 0.6; // a renderer without a card takes the processors from the page that moves the points: so it rests
 const MOST_REST = 60;
 const MOST_PIECES = 3; // each waits for its turn at the card: many small ones take longer than they save
