@@ -73,7 +73,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     >>> studio = Studio(PHANTOMS["bar"].make((24, 24, 48)))
     >>> studio.editor.points = studio.editor.points.add([20.0, 10.0], [20.0, 13.0])
     >>> studio.deformation.steps[0].points.names
-    ('', '', '', '', '')
+    ('corner', 'corner', 'corner', 'corner', '')
     >>> studio.undo()
     >>> len(studio.editor.points)
     4
