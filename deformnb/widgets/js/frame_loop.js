@@ -137,7 +137,7 @@ class FrameLoop {
     this.times.frames += 1;
     const [width, height] = rush.size;
     this.quickCost = rush.spent / (width * height);
-    const change = Math.sqrt((0.6 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
+    const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
     this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
     for (const tell of this.after.splice(0)) tell();
     if (this.caster.isSoftware) this.rest = Math.min(MOST_REST, REST_SHARE * ms);
