@@ -144,4 +144,5 @@ def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | N
 
 def _equal(a: AbstractField, b: AbstractField) -> bool:
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
-    return a is b or (str(form) == str(other_form) and all(map(np.array_equal, leaves, others)))
+    same_form = form == other_form  # type: ignore[operator]  # jax's stub of it says nothing of equality
+    return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))

@@ -186,9 +186,7 @@ class PicturePanel(Panel):
         self.refresh()
 
     def _held_depth(self) -> float:
-        slot = self._depth if hasattr(self, "_depth") else None
-        value = self.session.depth
-        return value if slot is None else float(np.clip(value, slot.min, slot.max))
+        return float(np.clip(self.session.depth, *self.session.depth_range))
 
     def arrange(self) -> None:
         low, high = self.session.depth_range

@@ -30,7 +30,6 @@ from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField
-from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
@@ -39,7 +38,7 @@ from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
-from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta
+from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
 
 _FILES = ("rbf_solve.js", "rbf.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js",
@@ -221,19 +220,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
 
     def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
                    zoom: float | None = None, *, perspective: bool | None = None) -> None:
-        camera = dict(self.camera)
-        if direction is not None:
-            plane = Plane.through((0, 0, 0), direction, up)  # refuses what is no direction
-            camera |= {"direction": list(plane.normal), "up": [-c for c in plane.v], "pan": [0.0, 0.0]}
-        elif up is not None:
-            camera["up"] = [-c for c in Plane.through((0, 0, 0), camera["direction"], up).v]
-        if zoom is not None:
-            if not (np.isfinite(zoom) and zoom > 0):
-                raise DeformError(f"zoom must be a positive number, got {zoom}.")
-            camera["zoom"] = float(zoom)
-        if perspective is not None:
-            camera["perspective"] = bool(perspective)
-        self.camera = camera
+        self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 

@@ -36,14 +36,20 @@ from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
-from deformnb.widgets.studio_parts import arranged, last_step, make_editor, make_view, side_by_side, status_text
+from deformnb.widgets.studio_parts import (
+    WELCOME,
+    arranged,
+    last_step,
+    make_editor,
+    make_view,
+    side_by_side,
+    status_text,
+)
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
-
-_WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -91,6 +97,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
                                transfer=transfer)
         self.deformation = self.session.deformation
+        self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
         self._worker = Worker("deformnb-studio")
         self._times: dict[str, float] = {}
@@ -109,7 +116,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._show_field()
         self._show_status()
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
-            self._say(_WELCOME)
+            self._say(WELCOME)
         self._worker.latest("warm up", self.session.warm_up)
 
     # -- the parts -----------------------------------------------------------------------------------------------------
@@ -195,6 +202,10 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._say(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
 
     def _document_changed(self, _change: Any) -> None:
+        now = (self.session.deformation, self.session.index, self.session.key)
+        if now == self._shown:  # the session tells of each of the three
+            return
+        self._shown = now
         self._say(self.session.notice)
         if self._pictured != self._picture_key():
             self._ask_for_picture()

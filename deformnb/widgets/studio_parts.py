@@ -19,6 +19,9 @@ from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.view import AbstractView
 
+WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
+"""What a studio says before anything was dragged."""
+
 VIEW_KINDS = ("live", "vtk")
 """Views by name: rendered in the browser, or by VTK in Python."""
 
