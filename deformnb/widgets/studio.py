@@ -28,6 +28,7 @@ from deformnb.opening import as_deformation, as_volume, best_view
 from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.volume import Volume
+from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import DepthPanel, LookPanel, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.curve_editor import CurveEditor
@@ -36,15 +37,6 @@ from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
-from deformnb.widgets.studio_parts import (
-    WELCOME,
-    arranged,
-    last_step,
-    make_editor,
-    make_view,
-    side_by_side,
-    status_text,
-)
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
@@ -102,13 +94,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._worker = Worker("deformnb-studio")
         self._times: dict[str, float] = {}
         self._count = {"edits": 0, "refused": 0, "late": 0}
-        self.view = make_view(view, given, self.session.transfer_function, height)
-        self.editor = make_editor(self.session, height)
+        self.view = parts.make_view(view, given, self.session.transfer_function, height)
+        self.editor = parts.make_editor(self.session, height)
         self._pictured = self._picture_key()
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
         self._panels = self._make_panels(folder)
-        super().__init__(arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
+        super().__init__(parts.arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
                          layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
@@ -116,7 +108,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._show_field()
         self._show_status()
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
-            self._say(WELCOME)
+            self._say(parts.WELCOME)
         self._worker.latest("warm up", self.session.warm_up)
 
     # -- the parts -----------------------------------------------------------------------------------------------------
@@ -326,7 +318,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             panel.refresh()
 
     def _show_status(self) -> None:
-        self._status.value = status_text(self.session, self._times.get("edit_ms"))
+        self._status.value = parts.status_text(self.session, self._times.get("edit_ms"))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 
@@ -366,7 +358,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Write one offline file in which the volume still deforms, without a kernel."""
         from deformnb.widgets.standalone import write_standalone
 
-        editor, view = last_step(self.session, self.editor, self.view)
+        editor, view = parts.last_step(self.session, self.editor, self.view)
         try:
             write_standalone(path, editor, view, title=title or self.volume.name, about=about)
         finally:
@@ -398,7 +390,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def still(self, width: int = 1120) -> NDArray[np.uint8]:
         """Picture and volume side by side, (height, width, 3): what is seen where no front end runs."""
-        return side_by_side(self.editor, self.view, width)
+        return parts.side_by_side(self.editor, self.view, width)
 
     def __repr__(self) -> str:
         z, y, x = self.volume.shape
