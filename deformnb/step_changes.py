@@ -16,10 +16,13 @@ from deformnb.volume import Grid
 _FIRST_KNOTS = (0.0, 0.5, 1.0)
 
 
-def untouched_step(plane: Plane, grid: Grid) -> Step:
-    """What a picture begins with: a point in each corner, so that what is dragged inside moves no border."""
-    corners = plane.to_plane(grid.corners(centres=True))[:, :2]
-    (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+def untouched_step(plane: Plane | None, grid: Grid) -> Step:
+    """What a picture, or a box (plane None), begins with: a point in each corner, so that no drag moves the border."""
+    corners = grid.corners(centres=True)
+    if plane is None:
+        return Step((ControlPoints.from_arrays(corners, names=["corner"] * 8),))
+    flat = plane.to_plane(corners)[:, :2]
+    (a0, b0), (a1, b1) = flat.min(axis=0), flat.max(axis=0)
     return Step((ControlPoints.from_arrays([[a0, b0], [a1, b0], [a1, b1], [a0, b1]], names=["corner"] * 4),), plane)
 
 

@@ -1,0 +1,256 @@
+"""The document being edited: each edit makes the next immutable one, or raises and leaves everything as it was.
+
+Undo is the list of old documents. What is edited is one step of the document and one of its sets of points; both go
+along with undo. It may be called from any thread; observers are called in the thread of the edit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import traitlets
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.history import History
+from deformnb.plane import Plane
+from deformnb.step_changes import complete_change, untouched_step
+from deformnb.volume import Volume
+
+_NAMES = {"kernel": "kernel", "support": "support radius", "trend": "trend", "smoothing": "smoothing",
+          "extrusion": "extrusion", "curve": "curve", "knots": "keys", "strength": "strength", "enabled": "switch",
+          "maps": "points", "plane": "plane", "name": "name", "cuts": "cuts", "parts": "rigid parts",
+          "cut_rule": "rule of the cuts"}
+
+
+class _State(NamedTuple):
+    deformation: Deformation
+    step: int
+    key: int
+
+
+class EditedDocument(traitlets.HasTraits):
+    """A deformation of a volume, which of its steps is edited, and the way back.
+
+    Parameters
+    ----------
+    volume : what is deformed; never changed.
+    deformation : to go on with; default is one step with a point in each corner of the picture that holds it still.
+    home : plane of the first picture.
+    traits : first values of the traits below, and of those of a subclass.
+
+    Attributes
+    ----------
+    deformation : the document, observable; setting it is an edit that can be undone.
+    index : the step that is edited.
+    key : its set of control points that is edited, for the rule "interpolate".
+    history : what "undo" and "redo" would do, in words.
+    notice : the last thing worth saying, such as a trend that was changed along with a kernel.
+    """
+
+    deformation = traitlets.Instance(Deformation)
+    index = traitlets.Int(0)
+    key = traitlets.Int(0)
+    history = traitlets.Dict()
+    notice = traitlets.Unicode("")
+
+    def __init__(self, volume: Volume, deformation: Deformation | None, home: Plane, **traits: Any) -> None:
+        self._lock = threading.RLock()
+        self._history = History()
+        self._is_checked = False  # while a document is set that has been checked
+        self._field: tuple[Deformation, AbstractField] | None = None
+        self._home = home
+        self.volume = volume
+        super().__init__(**traits)
+        first = self._checked(deformation or Deformation())
+        self._show(_State(first, len(first.steps) - 1, 0))
+
+    # -- what is edited ------------------------------------------------------------------------------------------------
+
+    @property
+    def step(self) -> Step:
+        """The step that is edited."""
+        return self.deformation.steps[min(self.index, len(self.deformation.steps) - 1)]
+
+    @property
+    def points(self) -> ControlPoints:
+        """The control points that are edited."""
+        step = self.step
+        return step.maps[min(self.key, len(step.maps) - 1)]
+
+    @property
+    def plane(self) -> Plane:
+        """Where the picture lies; for points in space, where the first picture lay."""
+        return self.step.plane or self._home
+
+    def edit_step(self, index: int, key: int = 0) -> None:
+        """Choose the step, and its set of points, that is edited."""
+        if not 0 <= index < len(self.deformation.steps):
+            raise DeformError(f"there is no step {index}; there are {len(self.deformation.steps)}.")
+        if not 0 <= key < len(self.deformation.steps[index].maps):
+            raise DeformError(f"step {index} has no set of points {key}.")
+        with self._lock, self.hold_trait_notifications():
+            self.index, self.key = index, key
+
+    # -- edits ---------------------------------------------------------------------------------------------------------
+
+    def edit_document(self, deformation: Deformation, label: str, index: int | None = None,
+                      kind: str | None = None) -> None:
+        """Any other document in the place of this one, as one edit that can be undone.
+
+        Parameters
+        ----------
+        label : what was done, for the history.
+        index : the step that is edited afterwards; None stays at its place in the list, if there is one.
+        kind : edits of one kind in quick succession are one step of undo; None never joins.
+
+        Raises
+        ------
+        DeformError
+            If it cannot be fitted; everything stays as it was.
+        """
+        with self._lock:
+            self._become(deformation, label, kind, index=index)
+
+    def edit_points(self, points: ControlPoints, label: str = "move points", kind: str | None = None) -> None:
+        """Other control points in the place of those being edited.
+
+        Parameters
+        ----------
+        label : what was done, for the history.
+        kind : edits of one kind in quick succession are one step of undo; None never joins.
+
+        Raises
+        ------
+        DeformError
+            If they cannot be fitted; everything stays as it was.
+        """
+        with self._lock:
+            step = self.step.with_points(points, min(self.key, len(self.step.maps) - 1))
+            self._become(self.deformation.with_step(self.index, step), label, kind)
+
+    def change(self, label: str = "", kind: str | None = None, **fields: Any) -> None:
+        """Change fields of the step being edited, such as ``kernel="gaussian"``.
+
+        A kernel that needs a richer trend gets it, with a notice. The rule "interpolate" spreads the points to three
+        depths at first; leaving it keeps those being edited.
+
+        Raises
+        ------
+        DeformError
+            If that makes no deformation; everything stays as it was.
+        """
+        with self._lock:
+            notice = complete_change(self.step, self.points, fields)
+            label = label or "change " + " and ".join(_NAMES.get(name, name) for name in list(fields)[:1])
+            step = replace(self.step, **fields)
+            self._become(self.deformation.with_step(self.index, step), label, kind)
+            self.notice = notice
+
+    def reset(self) -> None:
+        """The volume as it was, seen from the same side."""
+        with self._lock:
+            self._become(replace(self.deformation, steps=(self._untouched(self.plane),)), "reset", index=0, key=0)
+
+    def _untouched(self, plane: Plane | None) -> Step:
+        return untouched_step(plane, self.volume.grid)
+
+    def _become(self, deformation: Deformation, label: str, kind: str | None = None, *, index: int | None = None,
+                key: int | None = None) -> None:
+        deformation = self._checked(deformation)
+        before = self._state
+        at = before.step if index is None else index
+        if index is None:
+            at = min(at, len(deformation.steps) - 1)
+        elif not 0 <= at < len(deformation.steps):
+            raise DeformError(f"there is no step {index} to edit; the document has {len(deformation.steps)}.")
+        last_key = len(deformation.steps[at].maps) - 1
+        after = _State(deformation, at, min(before.key if key is None else key, last_key))
+        if after == before:
+            return
+        self.notice = ""  # what was said of the edit before
+        self._history.record(before, label, kind)
+        self._show(after)
+
+    @property
+    def _state(self) -> _State:
+        return _State(self.deformation, self.index, self.key)
+
+    def _show(self, state: _State) -> None:
+        """Set what has been checked, all at once: observers see no mixture."""
+        self._is_checked = True
+        try:
+            with self.hold_trait_notifications():
+                self.deformation, self.index, self.key = state
+                self.history = self._history.labels()
+        finally:
+            self._is_checked = False
+
+    def _checked(self, deformation: Any) -> Deformation:
+        if not isinstance(deformation, Deformation):
+            raise DeformError(f"a session holds a Deformation, got {type(deformation).__name__}.")
+        if not deformation.steps:
+            deformation = replace(deformation, steps=(self._untouched(self._home),))
+        self._field = (deformation, deformation.field(self.volume.grid))  # refuses what cannot be fitted
+        return deformation
+
+    @traitlets.validate("deformation")
+    def _valid_deformation(self, proposal: Any) -> Deformation:
+        if self._is_checked:
+            return proposal["value"]
+        with self._lock:  # set from outside: an edit like any other
+            deformation = self._checked(proposal["value"])
+            self._history.record(self._state, "change by code")
+        return deformation
+
+    @traitlets.observe("deformation")
+    def _fit_the_rest(self, _change: Any) -> None:
+        if not self._is_checked:
+            self.index = min(self.index, len(self.deformation.steps) - 1)
+            self.key = min(self.key, len(self.step.maps) - 1)
+            self.history = self._history.labels()
+
+    # -- the way back --------------------------------------------------------------------------------------------------
+
+    def undo(self) -> str:
+        """Take back the last edit; returns what it was, empty if there is none."""
+        return self._travel("undo")
+
+    def redo(self) -> str:
+        """Do again what was taken back; returns what it was, empty if there is nothing."""
+        return self._travel("redo")
+
+    def _travel(self, way: str) -> str:
+        with self._lock:
+            found = self._history.step(way, self._state)
+            if found is None:
+                return ""
+            self._show(found[0])
+            return found[1]
+
+    # -- results -------------------------------------------------------------------------------------------------------
+
+    def field(self) -> AbstractField:
+        """The backward displacement in space of the whole document."""
+        with self._lock:
+            assert self._field is not None
+            if self._field[0] is not self.deformation:
+                self._field = (self.deformation, self.deformation.field(self.volume.grid))
+            return self._field[1]
+
+    def warm_up(self) -> None:
+        """Compile what the first drag needs, so that it need not wait; changes nothing."""
+        points, step = self.points, self.step
+        place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
+        moved = points.add(place, [c + 0.01 * self.volume.grid.diagonal for c in place])
+        with contextlib.suppress(DeformError):  # the first edit will say it
+            replace(step, maps=(moved,) * len(step.maps)).field(self.volume.grid)
+
+    def notes(self) -> tuple[str, ...]:
+        """Remarks of the fits, each once."""
+        return self.deformation.notes(self.volume.grid)
