@@ -1,6 +1,8 @@
 """Control points as the plain JSON that the page holds, and back, with everything checked.
 
 ``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0}, ...]``
+
+Points in space have three coordinates each.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ _LOG = logging.getLogger(__name__)
 _LARGEST_ID = 2**53 - 1
 _LONGEST_NAME = 200
 _LONGEST_SENDER = 40
+_COUNTS = {2: "two", 3: "three"}
 
 
 def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
@@ -42,8 +45,8 @@ def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
     ]
 
 
-def points_from_json(data: Any, next_id: int = 0) -> ControlPoints:
-    """Control points on a picture from the page's list; ids below ``next_id`` are not given again.
+def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints:
+    """Control points of so many coordinates from the page's list; ids below ``next_id`` are not given again.
 
     Raises
     ------
@@ -52,8 +55,8 @@ def points_from_json(data: Any, next_id: int = 0) -> ControlPoints:
     """
     if not isinstance(data, list) or len(data) > LARGEST_SET:
         raise DeformError(f"control points must be a list of at most {LARGEST_SET} points.")
-    rows = [_row(item) for item in data]
-    places = np.array([[r["source"], r["target"]] for r in rows], dtype=np.float64).reshape(-1, 2, 2)
+    rows = [_row(item, dim) for item in data]
+    places = np.array([[r["source"], r["target"]] for r in rows], dtype=np.float64).reshape(-1, 2, dim)
     return ControlPoints(
         places[:, 0].copy(), places[:, 1].copy(), tuple(r["id"] for r in rows), tuple(r["name"] for r in rows),
         np.array([r["active"] for r in rows], dtype=bool), np.array([r["weight"] for r in rows], dtype=np.float64),
@@ -61,7 +64,7 @@ def points_from_json(data: Any, next_id: int = 0) -> ControlPoints:
     )
 
 
-def _row(item: Any) -> dict[str, Any]:
+def _row(item: Any, dim: int) -> dict[str, Any]:
     if not isinstance(item, dict):
         raise DeformError(f"a control point must be an object, got {type(item).__name__}.")
     row = {"name": "", "active": True, "weight": 1.0, **item}
@@ -72,8 +75,8 @@ def _row(item: Any) -> dict[str, Any]:
         raise DeformError(f"control point {number} needs a text as name and true or false as switch.")
     for what in ("source", "target"):
         place = row.get(what)
-        if not isinstance(place, list) or len(place) != 2 or not all(_is_number(v) for v in place):
-            raise DeformError(f"the {what} of control point {number} must be two numbers.")
+        if not isinstance(place, list) or len(place) != dim or not all(_is_number(v) for v in place):
+            raise DeformError(f"the {what} of control point {number} must be {_COUNTS[dim]} numbers.")
     if not _is_number(row["weight"]):
         raise DeformError(f"the weight of control point {number} must be a number.")
     return row
@@ -124,8 +127,11 @@ class RefusedMessage(Message):
     reason: str
 
 
-def message_from_page(content: Any, next_id: int) -> Message | None:
-    """What a custom message says; None, and a line in the log, where it does not even say who sent it."""
+def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
+    """What a custom message says to an editor of such points.
+
+    None, and a line in the log, where it does not even say who sent it.
+    """
     try:
         sender, seq = _header(content)
     except DeformError as error:
@@ -136,7 +142,7 @@ def message_from_page(content: Any, next_id: int) -> Message | None:
             if content.get("way") not in ("undo", "redo"):
                 raise DeformError("a step of the history goes by undo or redo.")
             return HistoryMessage(sender, seq, content["way"])
-        return _edit(content, sender, seq, next_id)
+        return _edit(content, sender, seq, next_id, dim)
     except DeformError as error:
         _LOG.warning("an edit was refused: %s", error)
         return RefusedMessage(sender, seq, str(error))
@@ -151,7 +157,7 @@ def _header(content: Any) -> tuple[str, int]:
     return sender, seq
 
 
-def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int) -> EditMessage:
+def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int) -> EditMessage:
     _check_size(content, LONGEST_EDIT)
     phase, kind, joins = content.get("phase"), content.get("kind"), content.get("joins", False)
     if phase not in ("move", "end") or kind not in KINDS or not isinstance(joins, bool):
@@ -159,7 +165,8 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int) -> EditM
     least = content.get("next_id", 0)
     if not _is_id(least):
         raise DeformError("the next id of an edit must be a whole number from 0.")
-    return EditMessage(sender, seq, phase, kind, joins, points_from_json(content.get("points"), max(least, next_id)))
+    points = points_from_json(content.get("points"), max(least, next_id), dim)
+    return EditMessage(sender, seq, phase, kind, joins, points)
 
 
 def checked_state(state: Any) -> dict[str, Any]:

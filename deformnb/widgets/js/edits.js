@@ -1,5 +1,6 @@
 // Edits of a list of control points and their undo. Pure functions of plain lists; no DOM.
-// A point is {id, name, source: [a, b], target: [a, b], active, weight}; no edit changes an object it was given.
+// A point is {id, name, source: [a, b], target: [a, b], active, weight}, with three coordinates in space; no edit
+// changes an object it was given.
 
 function samePoints(p, q) {
   return p === q || JSON.stringify(p) === JSON.stringify(q);
@@ -7,7 +8,7 @@ function samePoints(p, q) {
 
 // Any list of point-like objects as full points; what is no point is left out.
 function cleanPoints(list) {
-  const good = (place) => Array.isArray(place) && place.length === 2 && place.every(Number.isFinite);
+  const good = (place) => Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
   const seen = new Set();
   return (Array.isArray(list) ? list : []).filter((p) => {
     if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;

@@ -1,0 +1,224 @@
+"""What the editors of control points have in common: the points and their settings, callbacks, and talk with the page.
+
+Messages by the page:
+
+- ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
+  "points": [...]}``
+- ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
+
+Messages to the page: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
+``{"type": "error", "message": text}``.
+
+Points go to Python by these messages alone and to the page by the trait alone; the trait ``seen`` tells each window
+which of its messages the points include (see sender.js).
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+
+from deformnb.control_points import ControlPoints
+from deformnb.errors import DeformError
+from deformnb.kernels import kernel_named
+from deformnb.trend import trend_named
+from deformnb.widgets.point_messages import (
+    EditMessage,
+    HistoryMessage,
+    Message,
+    RefusedMessage,
+    checked_state,
+    message_from_page,
+    points_to_json,
+)
+
+_LOG = logging.getLogger(__name__)
+
+# Windows that have shown an editor and may still have an edit on its way.
+_WINDOWS = 8
+
+EditCallback = Callable[[ControlPoints, str], None]
+"""Called with the points and "move" or "end"."""
+
+DetailCallback = Callable[[EditMessage], None]
+"""Called with all that the page says of an edit."""
+
+HistoryCallback = Callable[[str], None]
+"""Called with "undo" or "redo"."""
+
+
+class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
+    """Control points of one dimension; in the page a plain list."""
+
+    def __init__(self, dim: int) -> None:
+        super().__init__(ControlPoints.empty(dim))
+        self.info_text = f"control points of dimension {dim}"
+        self._dim = dim
+        self.tag(sync=True, to_json=lambda value, widget: points_to_json(value))
+
+    def validate(self, obj: Any, value: Any) -> ControlPoints:
+        if not isinstance(value, ControlPoints):
+            raise DeformError(f"the points of an editor must be ControlPoints, got {type(value).__name__}.")
+        if value.dim != self._dim and self._dim == 2:
+            raise DeformError("an editor shows points on a picture, with two coordinates; these lie in space.")
+        if value.dim != self._dim:
+            raise DeformError("an editor in space needs points with three coordinates; these lie on a picture.")
+        return value
+
+
+class EditedPoints(anywidget.AnyWidget):
+    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
+
+    points: Any
+
+    next_id = traitlets.Int(0).tag(sync=True)
+    seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
+    history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
+    selected = traitlets.List(traitlets.Int()).tag(sync=True)
+    kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
+    support = traitlets.Float(None, allow_none=True).tag(sync=True)
+    trend = traitlets.Unicode("affine").tag(sync=True)
+    smoothing = traitlets.Float(0.0).tag(sync=True)
+    strength = traitlets.Float(1.0).tag(sync=True)
+    lone_support = traitlets.Float(1.0).tag(sync=True)
+    height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
+    theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    label = traitlets.Unicode("Picture").tag(sync=True)
+    read_only = traitlets.Bool(False).tag(sync=True)
+    waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)
+    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    uid = traitlets.Unicode().tag(sync=True)
+
+    def __init__(self, **given: Any) -> None:
+        self._callbacks: list[tuple[Callable[..., None], bool]] = []
+        self._history_callbacks: list[HistoryCallback] = []
+        self.edit_under_way: EditMessage | None = None  # for observers of "points": what the page did, None for code
+        self._sending = threading.RLock()
+        super().__init__(uid=uuid.uuid4().hex, **given)
+        self.on_msg(self._received)
+
+    # ---- edits ------------------------------------------------------------------------------------------------------
+
+    def on_edit(self, callback: EditCallback | DetailCallback, remove: bool = False, *, details: bool = False) -> None:
+        """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
+
+        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
+        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the page.
+
+        Parameters
+        ----------
+        callback : what is called, in the order of registration.
+        remove : True takes the callback away again.
+        details : True calls ``callback(edit)`` instead, with an
+            :class:`~deformnb.widgets.point_messages.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
+            whether it goes on with the edit before it (``joins``).
+        """
+        if remove:
+            self._callbacks = [held for held in self._callbacks if held[0] != callback]
+        else:
+            self._callbacks.append((callback, details))
+        self.live = bool(self._callbacks)
+
+    def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
+        """Call ``callback("undo")`` or ``callback("redo")`` when the page asks, if ``history`` is not empty.
+
+        Exceptions of the callback are logged and shown in the page.
+        """
+        if remove:
+            self._history_callbacks.remove(callback)
+        else:
+            self._history_callbacks.append(callback)
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        message = message_from_page(content, self.next_id, self.points.dim)
+        if message is None:
+            return
+        try:
+            self._take(message)
+        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+            _LOG.exception("a callback of an editor failed")
+            self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
+        finally:
+            self._note(message)  # whatever came of it: a page that waits for it takes no other points
+            self.send({"type": "done", "sender": message.sender, "seq": message.seq})
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, RefusedMessage):
+            self.send({"type": "error", "message": f"Python did not take these points: {message.reason}"})
+        elif isinstance(message, HistoryMessage):
+            for step in tuple(self._history_callbacks):
+                step(message.way)
+        elif isinstance(message, EditMessage) and message.seq > self.seen.get(message.sender, -1):
+            if message.phase == "end":
+                self.edit_under_way = message
+                try:
+                    self.points = message.points
+                finally:
+                    self.edit_under_way = None
+                self._note(message)
+            for callback, details in tuple(self._callbacks):
+                callback(message) if details else callback(message.points, message.phase)
+
+    def _note(self, message: Message) -> None:
+        # After the points and not together with them: until the page reads this it leaves the points alone, and two
+        # updates in order need no pause of all others (hold_sync), which threads would take from one another.
+        if message.seq <= self.seen.get(message.sender, -1) or _is_movement(message):
+            return
+        others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
+        self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
+
+    def send_state(self, key: Any = None) -> None:
+        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
+        with self._sending:
+            super().send_state(key)
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        state = checked_state(sync_data)
+        if state:
+            super().set_state(state)
+
+    # ---- traits -----------------------------------------------------------------------------------------------------
+
+    @traitlets.observe("points")
+    def _ids_never_come_back(self, change: Any) -> None:
+        self.next_id = max(self.next_id, change["new"].next_id)
+
+    @traitlets.validate("kernel", "trend")
+    def _known(self, proposal: Any) -> str:
+        check = {"kernel": kernel_named, "trend": trend_named}[proposal["trait"].name]
+        check(proposal["value"])
+        return str(proposal["value"])
+
+    @traitlets.validate("support", "lone_support")
+    def _a_length(self, proposal: Any) -> float | None:
+        value = proposal["value"]
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise DeformError(f"the support radius must be a positive length, got {value}.")
+        return None if value is None else float(value)
+
+    @traitlets.validate("history")
+    def _two_texts(self, proposal: Any) -> dict[str, str]:
+        value = dict(proposal["value"])
+        if value and (set(value) != {"undo", "redo"} or not all(isinstance(v, str) for v in value.values())):
+            raise DeformError(f'the history must be {{}} or texts for "undo" and "redo", got {value}.')
+        return value
+
+    @traitlets.validate("smoothing", "strength")
+    def _a_number(self, proposal: Any) -> float:
+        name, value = proposal["trait"].name, proposal["value"]
+        if not np.isfinite(value) or (name == "smoothing" and value < 0):
+            allowed = "0 or a positive number" if name == "smoothing" else "a finite number"
+            raise DeformError(f"{name} must be {allowed}, got {value}.")
+        return float(value)
+
+
+def _is_movement(message: Message) -> bool:
+    return isinstance(message, EditMessage) and message.phase == "move"
