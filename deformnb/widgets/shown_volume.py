@@ -98,7 +98,8 @@ class ShownVolume:
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
         views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
         return {
-            "id": self.id, "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing), "chunks": self.chunks,
+            "id": self.id, "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing), "origin": list(grid.origin),
+            "chunks": self.chunks,
             "to_frame": self.frame.tolist(), "axes": np.asarray(grid.direction).tolist(), "box": self.box(),
             "outside": self.outside, "is_labels": self.volume.is_labels, "grey": [0.0, self.white], "note": self.note,
             "views": {**views, "home": home},

@@ -25,8 +25,10 @@ function pointTip(p, reach) {
 }
 
 class Handles {
-  constructor(svg) {
+  // words: what is said of a point, to a screen reader and where the mouse rests.
+  constructor(svg, words = { label: pointLabel, tip: pointTip }) {
     this.svg = svg;
+    this.words = words;
     this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
     this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
     this.points = svgElement("g", { class: "dnb-ed-points" }, svg);
@@ -50,7 +52,7 @@ class Handles {
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
       this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
         ? radius : 0);
-      setText(parts.tip, pointTip(p, reach));
+      setText(parts.tip, this.words.tip(p, reach));
     });
     return isFocusLost;
   }
@@ -116,7 +118,7 @@ class Handles {
   }
 
   #label(parts, p, [left], width) {
-    const label = pointLabel(p), text = parts.target.lastChild;
+    const label = this.words.label(p), text = parts.target.lastChild;
     if (parts.label !== label) parts.target.setAttribute("aria-label", parts.label = label);
     const isLeft = left > width - 90;
     text.setAttribute("x", isLeft ? -12 : 12);

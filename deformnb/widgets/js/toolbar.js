@@ -47,10 +47,10 @@ const HELP = [
 ];
 
 class Toolbar {
-  constructor(page, parent) {
+  constructor(page, parent, groups = GROUPS) {
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
     this.buttons = new Map();
-    for (const group of GROUPS) {
+    for (const group of groups) {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
       for (const [command, label, tip, stays, needs] of group) {
         const button = pageElement("button", "dnb-ed-button", box, { type: "button", title: tip, "aria-label": tip,
@@ -98,11 +98,11 @@ class Toolbar {
   }
 }
 
-function helpPanel(parent) {
+function helpPanel(parent, entries = HELP) {
   const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
     tabindex: "-1", ...OWN_KEYS });
   const list = pageElement("div", "dnb-ed-entries", panel, { role: "list", "aria-label": "Keys" });
-  for (const [keys, what] of HELP) {
+  for (const [keys, what] of entries) {
     const row = pageElement("div", "dnb-ed-entry", list, { role: "listitem", "aria-label": `${keys}: ${what}` });
     pageElement("span", "", row).textContent = keys;
     pageElement("span", "", row).textContent = what;
