@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -42,6 +43,19 @@ class AbstractField(ABC):
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         """Displacements (..., dim) at points (..., dim), in float64 NumPy; the path of scripts and tests."""
 
+    @property
+    def has_cuts(self) -> bool:
+        """True if the field jumps and hides matter along cuts; see :mod:`deformnb.cuts`."""
+        return False
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The paper's transparency map A (...) at points (..., dim): 1 shows what was brought there, 0 hides it."""
+        return np.ones(np.shape(points)[:-1])
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacements (..., dim) and opacity (...) at points (..., dim)."""
+        return self.displacement(points), self.opacity(points)
+
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): shape (..., dim, dim); row m holds the gradient of component m."""
         x = np.asarray(points, dtype=np.float64)
@@ -64,22 +78,40 @@ class AbstractField(ABC):
         points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
         return np.asarray(np.moveaxis(self.displacement(np.moveaxis(points, 0, -1)), -1, 0), dtype=np.float32)
 
+    def seen_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike,
+                          resolution: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """:meth:`on_outer_sum` together with the opacity (R, C); None if nothing is hidden anywhere."""
+        if not self.has_cuts:
+            return self.on_outer_sum(rows, columns, resolution), None
+        points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
+        d, opacity = self.seen(np.moveaxis(points, 0, -1))
+        return np.asarray(np.moveaxis(d, -1, 0), dtype=np.float32), np.asarray(opacity, dtype=np.float32)
+
     def on_raster(self, raster: Raster) -> NDArray[np.float32]:
         """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
         if self.dim != 2:
             raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
-        rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
-        columns = np.stack([raster.columns, np.zeros(raster.shape[1])])
-        return self.on_outer_sum(rows, columns, min(raster.spacing))
+        return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
 
     def on_grid(self, grid: Grid) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
-        (nz, ny, nx), m = grid.shape, grid.matrix
-        z, y, x = (m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx)))
-        rows = np.asarray(grid.origin)[:, None, None] + z[:, :, None] + y[:, None, :]
-        return self.on_outer_sum(rows.reshape(3, -1), x, min(grid.spacing)).reshape(3, nz, ny, nx)
+        return self.on_outer_sum(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
+
+
+def raster_lines(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The pixel centres of a raster as rows (2, nv) plus columns (2, nu)."""
+    rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
+    return rows, np.stack([raster.columns, np.zeros(raster.shape[1])])
+
+
+def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The voxel centres of a grid as rows (3, nz ny) plus columns (3, nx)."""
+    (nz, ny, nx), m = grid.shape, grid.matrix
+    z, y, x = (m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx)))
+    rows = np.asarray(grid.origin)[:, None, None] + z[:, :, None] + y[:, None, :]
+    return rows.reshape(3, -1), x
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
@@ -177,14 +209,69 @@ class Composed(AbstractField):
         d = self.then.displacement(x)
         return d + self.first.displacement(x + d)
 
+    @property
+    def has_cuts(self) -> bool:
+        return self.first.has_cuts or self.then.has_cuts
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.seen(points)[1]
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x = np.asarray(points, dtype=np.float64)
+        d, opacity = self.then.seen(x)
+        before, opacity_before = self.first.seen(x + d)
+        return d + before, opacity * opacity_before
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["fields"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Blended(AbstractField):
+    """The sum of displacements, each looked up at the same place: the paper's blending of planes.
+
+    It is not one deformation after the other, which is :class:`Composed`; the two agree to first order in the
+    displacements. What one of the fields hides is hidden.
+    """
+
+    fields: tuple[AbstractField, ...]
+
+    @property
+    def dim(self) -> int:
+        return self.fields[0].dim
+
+    @property
+    def has_cuts(self) -> bool:
+        return any(f.has_cuts for f in self.fields)
+
+    def __call__(self, points: Any) -> Any:
+        return sum(f(points) for f in self.fields)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(sum(f.displacement(points) for f in self.fields))
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(np.prod([f.opacity(points) for f in self.fields], axis=0))
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
+
 
 def compose(*fields: AbstractField) -> AbstractField:
     """One field that does the given deformations one after the other, first to last; the identity in space if none."""
     if not fields:
         return Identity(3)
-    if len({f.dim for f in fields}) > 1:
-        raise DeformError("fields over a plane and in space do not compose; extrude the plane's first.")
+    _check_dimensions(fields, "compose")
     total = fields[0]
     for f in fields[1:]:
         total = Composed(total, f)
     return total
+
+
+def blend(*fields: AbstractField) -> AbstractField:
+    """One field that is the sum of the given ones; the identity in space if none."""
+    _check_dimensions(fields, "blend")
+    return Identity(3) if not fields else fields[0] if len(fields) == 1 else Blended(tuple(fields))
+
+
+def _check_dimensions(fields: Sequence[AbstractField], verb: str) -> None:
+    if len({f.dim for f in fields}) > 1:
+        raise DeformError(f"fields over a plane and in space do not {verb}; extrude the plane's first.")
