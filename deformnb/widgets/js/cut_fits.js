@@ -1,0 +1,98 @@
+// Fits that cuts keep apart, equal to deformnb.cuts in the plane (Eqs. 7-8). Needs rbf.js, regions.js, rigid_fits.js. No
+// DOM.
+//
+//   layeredFit(points, settings)  -> {fits: [{key, sides, fit}], regions, rule, ...}; settings as of rbfFit, and
+//                                    cuts: [{region, name, enabled}], cut_rule: "source" | "paper", parts (rigid_fits.js)
+//   layersOnRaster(layered, raster, outs)         -> the displacements of each fit, Float32Array (nv * nu * 2)
+//   placeOf(layered, a, b, softness, out)         -> [da, db, opacity, k]: what is seen at a place, from which fit;
+//                                                    k is -1 in a region without points, which does not move
+//   regionKey(layered, a, b)                      -> the sides of a place as one number: bit k is set inside cut k
+//   previous: the layered fit before this one
+//
+// Without cuts there is one fit of all points, which is always the one that is seen. layered.fit is that one, or null.
+
+const CUT_RULES = ["source", "paper"];
+const CUT_MOST = 8;
+
+function layeredFit(points, settings = {}) {
+  const cuts = (settings.cuts ?? []).filter((cut) => cut.enabled !== false), regions = cuts.map((cut) => regionOf(cut.region));
+  const before = new Map((settings.previous?.fits ?? []).map(({ key, fit }) => [key, fit]));
+  const groups = new Map();
+  rbfCheckPoints(points);
+  for (const p of points) {
+    if (p.active === false) continue;
+    const key = sidesKey(regions, ...p.source);
+    if (!groups.has(key)) groups.set(key, []);
+    groups.get(key).push(p);
+  }
+  if (!regions.length) groups.set(0, points);
+  const fits = [...groups].map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
+    fit: rigidFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
+  const layered = { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit };
+  layered.byKey = new Map(fits.map(({ key }, k) => [key, k]));
+  for (const name of ["notes", "doubts"]) layered[name] = [...new Set(fits.flatMap(({ fit }) => fit[name] ?? []))];
+  layered.count = fits.reduce((sum, { fit }) => sum + fit.count, 0);
+  // Regions without points stay where they are, and matter that stays covers a place as any other does.
+  layered.hasRest = regions.length > 0 && fits.length < 2 ** regions.length;
+  layered.margins = new Float64Array(regions.length);
+  return layered;
+}
+
+function sidesKey(regions, a, b) {
+  let key = 0;
+  for (let k = 0; k < regions.length; k++) if (regions[k].distance(a, b) < 0) key |= 1 << k;
+  return key;
+}
+
+function regionKey(layered, a, b) { return sidesKey(layered.regions, a, b); }
+
+// How far a place is within the region of these sides; negative outside.
+function marginOf(regions, key, a, b) {
+  let least = Infinity;
+  for (let k = 0; k < regions.length; k++) {
+    const d = regions[k].distance(a, b), into = key & (1 << k) ? -d : d;
+    if (into < least) least = into;
+  }
+  return least;
+}
+
+function coverage(margin, softness) {
+  const c = 0.5 + margin / softness;
+  return c < 0 ? 0 : c > 1 ? 1 : c;
+}
+
+function layersOnRaster(layered, raster, outs = []) {
+  return layered.fits.map(({ fit }, k) => fieldOnRaster(fit, raster, outs[k] ?? null));
+}
+
+function placeOf(layered, a, b, softness, out = [0, 0, 1, 0]) {
+  const { fits, regions } = layered;
+  if (!regions.length) { [out[0], out[1]] = fieldAt(fits[0].fit, a, b); out[2] = 1; out[3] = 0; return out; }
+  const moves = fits.map(({ fit }) => fieldAt(fit, a, b));
+  return chosenPlace(layered, regions, a, b, (k) => moves[k], softness, out);
+}
+
+// The choice between displacements that are known: `move(k)` is that of fit k at (a, b).
+function chosenPlace(layered, regions, a, b, move, softness, out) {
+  const own = sidesKey(regions, a, b), at = layered.byKey.get(own) ?? -1, none = [0, 0];
+  const ownMove = at < 0 ? none : move(at), mine = marginOf(regions, own, a + ownMove[0], b + ownMove[1]);
+  const first = coverage(mine, softness);
+  let k = at, best = first, sum = first;
+  if (layered.rule === "paper") {
+    const here = coverage(marginOf(regions, own, a, b), softness);
+    sum = Math.min(1, here > 0 ? first / here : 0);
+  } else {
+    layered.fits.forEach(({ key }, j) => {
+      if (j === at) return;
+      const [da, db] = move(j), c = coverage(marginOf(regions, key, a + da, b + db), softness);
+      sum += c;
+      if (first < 0.5 && c > best) { best = c; k = j; }
+    });
+  }
+  const [da, db] = k < 0 ? none : move(k);
+  out[0] = da;
+  out[1] = db;
+  out[2] = Math.min(1, sum);
+  out[3] = k;
+  return out;
+}
