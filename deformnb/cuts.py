@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +37,8 @@ from deformnb.regions import AbstractRegion
 
 MOST_CUTS = 8
 """Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
+
+_Field = TypeVar("_Field", bound=AbstractField)
 
 Sides = tuple[bool, ...]
 """A region: for every cut whether it is its inside."""
@@ -69,7 +71,7 @@ def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np
 
 
 def decoupled_fits(points: ControlPoints, regions: Sequence[AbstractRegion],
-                   fit: Callable[[ControlPoints], AbstractField]) -> dict[Sides, AbstractField]:
+                   fit: Callable[[ControlPoints], _Field]) -> dict[Sides, _Field]:
     """The fit of every region that has active points, by the region of their sources (Eq. 7).
 
     Parameters

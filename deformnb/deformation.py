@@ -8,23 +8,30 @@ document can be applied to another volume. ``document.py`` turns it into JSON an
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS, Weights, extrude
-from deformnb.fields import AbstractField, compose
+from deformnb.fields import AbstractField, Identity, blend, compose
 from deformnb.kernels import kernel_named
 from deformnb.plane import Plane
-from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.rbf import RBFInterpolant
+from deformnb.regions import AbstractRegion
+from deformnb.rigid_parts import RigidInterpolant, RigidPart, fit_rigid
 from deformnb.trend import trend_named
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
+
+Fit = RBFInterpolant | RigidInterpolant
+"""What a set of control points becomes; both tell their notes, ids and trend."""
 
 
 def lone_support(grid: Grid) -> float:
@@ -49,10 +56,14 @@ class Step:
     extrusion : a name of :data:`~deformnb.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
     knots : depths in [0, 1] of the maps of the rule "interpolate".
-    strength : how far the points are dragged: 1 as they are, 0 not at all, 2 twice, -1 the opposite way.
+    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
+        way.
     enabled : a step that is switched off stays in the list.
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
+    parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
+    cuts : along which matter comes apart (Eq. 7), in the same coordinates.
+    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.cuts.CUT_RULES`.
 
     Raises
     ------
@@ -73,9 +84,12 @@ class Step:
     enabled: bool = True
     name: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)
+    parts: tuple[RigidPart, ...] = ()
+    cuts: tuple[Cut, ...] = ()
+    cut_rule: str = "source"
 
     def __post_init__(self) -> None:
-        for name in ("maps", "knots", "curve"):  # lists and arrays too, so that a document equals what is read back
+        for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
             if not isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         kernel_named(self.kernel)
@@ -99,7 +113,24 @@ class Step:
             )
         if dim == 3 and self.extrusion != "replicate":
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
+        self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
+
+    def _check_shapes(self, dim: int) -> None:
+        if self.cut_rule not in CUT_RULES:
+            raise DeformError(f"unknown rule {self.cut_rule!r} of cuts; choose one of {', '.join(CUT_RULES)}.")
+        for kind, what, given in ((RigidPart, "parts", self.parts), (Cut, "cuts", self.cuts)):
+            for shape in given:
+                if not isinstance(shape, kind):
+                    raise DeformError(f"the {what} of a step must be of type {kind.__name__}, got {shape!r:.60}.")
+                if shape.region.dim != dim:
+                    way = "take the silhouette(plane) of a mask" if dim == 2 else "give it three coordinates"
+                    raise DeformError(f"the {what} of this step need regions of dimension {dim}, as its points have; "
+                                      f"one has {shape.region.dim}: {way}.")
+        if len(self.cuts) > MOST_CUTS:
+            raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
+        if any(part.region.kind == "line" for part in self.parts):
+            raise DeformError("a line has no inside to stay rigid; use a polygon or a half space.")
 
     @property
     def points(self) -> ControlPoints:
@@ -117,26 +148,58 @@ class Step:
         arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
         return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
 
-    def fits(self, grid: Grid) -> tuple[RBFInterpolant, ...]:
-        """The solved interpolant of each set of control points."""
-        return tuple(self._fit(points, grid) for points in self.maps)
+    def fits(self, grid: Grid) -> tuple[Fit, ...]:
+        """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
+        return tuple(fit for fits in self._fits_of_regions(grid) for fit in fits.values())
 
-    def _fit(self, points: ControlPoints, grid: Grid) -> RBFInterpolant:
+    def _fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
+        """For each set of control points the fits of the regions that have some; without cuts there is one region."""
+        regions = self.cut_regions
+        if not regions:
+            return [{(): self._fit(points, grid)} for points in self.maps]
+        return [decoupled_fits(points, regions, lambda some: self._fit(some, grid)) for points in self.maps]
+
+    @property
+    def cut_regions(self) -> tuple[AbstractRegion, ...]:
+        """The regions of the cuts that are switched on."""
+        return tuple(cut.region for cut in self.cuts if cut.enabled)
+
+    def _fit(self, points: ControlPoints, grid: Grid) -> Fit:
         dragged = points if self.strength == 1 else points.blended(self.strength)
         support = self.support or default_support(points) or lone_support(grid)
-        return fit_rbf(dragged, kernel=self.kernel, support=support, trend=self.trend, smoothing=self.smoothing)
+        parts = [part.scaled(self.strength) for part in self.parts if part.enabled]
+        return fit_rigid(dragged, parts, kernel=self.kernel, support=support, trend=self.trend,
+                         smoothing=self.smoothing)
 
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid."""
-        fits = self.fits(grid)
-        return fits[0] if self.plane is None else extrude(self.plane, grid, fits, self.weights())
+        regions, found = self.cut_regions, self._fits_of_regions(grid)
+        sides = sorted({side for fits in found for side in fits})
+        nothing = Identity(2 if self.plane else 3)
+        maps = [[fits.get(side, nothing) for fits in found] for side in sides]
+        fields = [m[0] if self.plane is None else extrude(self.plane, grid, m, self.weights()) for m in maps]
+        if not regions:
+            return fields[0]
+        return Decoupled(tuple(fields), tuple(sides), regions, self.plane, self.cut_rule, _pixel(grid, self.plane))
+
+
+def _pixel(grid: Grid, plane: Plane | None) -> float:
+    """The size of a voxel as it is seen on a plane, or in space: over which a cut is softened."""
+    spacing = np.asarray(grid.spacing)
+    if plane is None:
+        return float(spacing.mean())
+    along = np.abs(plane.frame[:2] @ np.asarray(grid.direction)) ** 2  # [u v, axis x y z], rows add up to 1
+    return float((along @ spacing).mean())
+
+
+_LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cuts"}
 
 
 def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
     try:
-        return tuple(value) if name == "maps" else tuple(float(v) for v in value)
+        return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
     except (TypeError, ValueError):
-        what = "sets of control points" if name == "maps" else "numbers" if name == "knots" else "numbers or a formula"
+        what = _LISTS.get(name, "numbers" if name == "knots" else "numbers or a formula")
         raise DeformError(f"the {name} of a step must be {what}, got {value!r:.60}.") from None
 
 
@@ -170,6 +233,29 @@ class VolumeReference:
 
 
 @dataclass(frozen=True)
+class Keyframe:
+    """The steps of a document at one moment of an animation; see :mod:`deformnb.animation`.
+
+    Parameters
+    ----------
+    time : seconds from the beginning.
+    steps : as they are then.
+    """
+
+    time: float
+    steps: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", tuple(self.steps))
+        if not (np.isfinite(self.time) and self.time >= 0):
+            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {self.time}.")
+
+
+MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
+"""How several steps become one displacement: one after the other, exactly, or as the sum of all."""
+
+
+@dataclass(frozen=True)
 class Deformation:
     """An immutable list of steps, applied first to last.
 
@@ -179,6 +265,8 @@ class Deformation:
     name : shown to people.
     volume : the volume it was made on, if known.
     extra : fields of a newer minor version, kept for saving.
+    mode : a name of :data:`MODES`.
+    keyframes : of an animation, their times rising.
 
     Examples
     --------
@@ -194,6 +282,17 @@ class Deformation:
     name: str = ""
     volume: VolumeReference | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+    mode: str = "compose"
+    keyframes: tuple[Keyframe, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "keyframes"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if self.mode not in MODES:
+            raise DeformError(f"unknown mode {self.mode!r} of a deformation; choose one of {', '.join(MODES)}.")
+        times = [key.time for key in self.keyframes]
+        if any(late <= early for early, late in pairwise(times)):
+            raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")
 
     @classmethod
     def on_picture(cls, grid: Grid, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
@@ -228,6 +327,13 @@ class Deformation:
         self._check(index)
         return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
 
+    def moved_step(self, index: int, to: int) -> Deformation:
+        """The same steps with one of them at another place in the order."""
+        self._check(index)
+        self._check(to)
+        rest = [step for k, step in enumerate(self.steps) if k != index]
+        return replace(self, steps=(*rest[:to], self.steps[index], *rest[to:]))
+
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self.steps):
             raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
@@ -237,8 +343,8 @@ class Deformation:
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 
     def field(self, grid: Grid) -> AbstractField:
-        """The backward displacement in space of all enabled steps, composed exactly."""
-        return compose(*(step.field(grid) for step in self.steps if step.enabled))
+        """The backward displacement in space of all enabled steps, composed exactly or blended."""
+        return MODES[self.mode](*(step.field(grid) for step in self.steps if step.enabled))
 
     def notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits ("points on one line ..."), each once."""

@@ -215,7 +215,8 @@ def _kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: 
 
 
 def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str = "wendland_c2",
-              support: float | None = None, trend: str = "affine", smoothing: float = 0.0) -> AbstractField:
+              support: float | None = None, trend: str = "affine",
+              smoothing: float = 0.0) -> RBFInterpolant | RigidInterpolant:
     """Fit control points beside rigid parts (Eq. 6).
 
     Parameters
