@@ -26,15 +26,15 @@ function layeredFit(points, settings = {}) {
     groups.get(key).push(p);
   }
   if (!regions.length) groups.set(0, points);
-  const fits = [...groups].map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
+  const order = regions.map((_, k) => 1 << k);
+  const inOrder = [...groups].sort(([p], [q]) => { const bit = order.find((b) => (p ^ q) & b); return bit ? (p & bit) - (q & bit) : 0; });
+  const fits = inOrder.map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
     fit: rigidFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
   const layered = { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit };
   layered.byKey = new Map(fits.map(({ key }, k) => [key, k]));
   for (const name of ["notes", "doubts"]) layered[name] = [...new Set(fits.flatMap(({ fit }) => fit[name] ?? []))];
   layered.count = fits.reduce((sum, { fit }) => sum + fit.count, 0);
-  // Regions without points stay where they are, and matter that stays covers a place as any other does.
   layered.hasRest = regions.length > 0 && fits.length < 2 ** regions.length;
-  layered.margins = new Float64Array(regions.length);
   return layered;
 }
 
@@ -74,25 +74,32 @@ function placeOf(layered, a, b, softness, out = [0, 0, 1, 0]) {
 
 // The choice between displacements that are known: `move(k)` is that of fit k at (a, b).
 function chosenPlace(layered, regions, a, b, move, softness, out) {
-  const own = sidesKey(regions, a, b), at = layered.byKey.get(own) ?? -1, none = [0, 0];
-  const ownMove = at < 0 ? none : move(at), mine = marginOf(regions, own, a + ownMove[0], b + ownMove[1]);
-  const first = coverage(mine, softness);
-  let k = at, best = first, sum = first;
+  const { fits } = layered, own = sidesKey(regions, a, b), at = layered.byKey.get(own) ?? -1;
+  const there = (k) => { const [da, db] = move(k); return coverage(marginOf(regions, fits[k].key, a + da, b + db), softness); };
+  let k = at, opacity = 1;
   if (layered.rule === "paper") {
-    const here = coverage(marginOf(regions, own, a, b), softness);
-    sum = Math.min(1, here > 0 ? first / here : 0);
+    if (at >= 0) opacity = Math.min(1, there(at) / (coverage(marginOf(regions, own, a, b), softness) || 1));
   } else {
-    layered.fits.forEach(({ key }, j) => {
-      if (j === at) return;
-      const [da, db] = move(j), c = coverage(marginOf(regions, key, a + da, b + db), softness);
+    let still = 1; // what of the place belongs to regions without points: they stay where they are
+    if (layered.hasRest) for (const { key } of fits) still -= coverage(marginOf(regions, key, a, b), softness);
+    still = layered.hasRest ? Math.max(0, Math.min(1, still)) : 0;
+    let best = at < 0 ? still : there(at), sum = at < 0 ? still : still + best;
+    const isCertain = best >= 0.5;
+    for (let j = 0; j < fits.length; j++) {
+      if (j === at || (isCertain && sum >= 1)) continue;
+      const c = there(j);
       sum += c;
-      if (first < 0.5 && c > best) { best = c; k = j; }
-    });
+      if (!isCertain && c > best) { best = c; k = j; }
+    }
+    if (!isCertain && still > best) k = -1;
+    opacity = Math.min(1, sum);
   }
-  const [da, db] = k < 0 ? none : move(k);
+  const [da, db] = k < 0 ? REST : move(k);
   out[0] = da;
   out[1] = db;
-  out[2] = Math.min(1, sum);
+  out[2] = opacity;
   out[3] = k;
   return out;
 }
+
+const REST = [0, 0];
