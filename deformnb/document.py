@@ -11,18 +11,20 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 import numpy as np
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
+from deformnb.document_reader import Reader
+from deformnb.document_regions import cut_to_data, part_to_data, read_cut, read_part
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 0)
+VERSION = (1, 1)  # 1.1: rigid parts, cuts, key frames and the mode, each left out where a document has none
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""
@@ -40,6 +42,11 @@ def to_json(deformation: Deformation) -> str:
         "format": FORMAT, "version": f"{VERSION[0]}.{VERSION[1]}", "name": deformation.name,
         "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
     }
+    if deformation.mode != "compose":
+        data["mode"] = deformation.mode
+    if deformation.keyframes:
+        data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
+                             for key in deformation.keyframes]
     text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False)
     # Half a surrogate pair is a legal name in Python and JSON, but not in UTF-8.
     text = re.sub("[\ud800-\udfff]", lambda m: f"\\u{ord(m[0]):04x}", text)
@@ -67,11 +74,13 @@ def from_json(text: str | bytes) -> Deformation:
     if data.get("format") != FORMAT:
         raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r:.40}, not {FORMAT!r}.")
     data = _migrate(data)
-    r = _Reader(data, "document")
+    r = Reader(data, "document")
     steps = [_step(s) for s in r.items("steps", [])]
     volume = None if data.get("volume") is None else _volume(r.part("volume"))
-    known = {"format", "version", "name", "volume", "steps"}
-    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known))
+    known = {"format", "version", "name", "volume", "steps", "mode", "keyframes"}
+    keys = tuple(Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps")))
+                 for k in r.items("keyframes", []))
+    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), r.text("mode", "compose"), keys)
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:
@@ -143,11 +152,16 @@ def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
 def _step_data(step: Step) -> dict[str, Any]:
     plane = None if step.plane is None else {k: list(getattr(step.plane, k)) for k in ("origin", "u", "v")}
     curve = step.curve if isinstance(step.curve, str) else list(step.curve)
+    shapes: dict[str, Any] = {}  # left out where there are none: most documents stay short
+    if step.parts:
+        shapes["parts"] = [part_to_data(part) for part in step.parts]
+    if step.cuts:
+        shapes |= {"cuts": [cut_to_data(cut) for cut in step.cuts], "cut_rule": step.cut_rule}
     return {
         **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
         "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
         "extrusion": step.extrusion, "curve": curve, "knots": list(step.knots),
-        "maps": [_points_data(m) for m in step.maps],
+        "maps": [_points_data(m) for m in step.maps], **shapes,
     }
 
 
@@ -160,66 +174,7 @@ def _points_data(points: ControlPoints) -> dict[str, Any]:
     return {"dim": points.dim, "next_id": points.next_id, "points": rows}
 
 
-class _Reader:
-    """Typed access to a JSON object; every complaint names the place."""
-
-    def __init__(self, data: Any, where: str) -> None:
-        if not isinstance(data, dict):
-            raise DeformError(f"{where} must be an object, got {type(data).__name__}.")
-        self.data, self.where = data, where
-
-    def value(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
-        value = self.data.get(key, default)
-        if value is ... or not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-            what = " or ".join(k.__name__ for k in kinds)
-            got = "nothing" if value is ... else repr(value)[:40]
-            raise DeformError(f"{self.where}.{key} must be of type {what}, got {got}.")
-        return value
-
-    def text(self, key: str, default: Any = ...) -> str:
-        return str(self.value(key, (str,), default))
-
-    def flag(self, key: str, default: Any = ...) -> bool:
-        return bool(self.value(key, (bool,), default))
-
-    def integer(self, key: str, default: Any = ...) -> int:
-        value = self.value(key, (int,), default)
-        if abs(value) > 2**53:
-            raise DeformError(f"{self.where}.{key} is too large.")
-        return int(value)
-
-    def number(self, key: str, default: Any = ...) -> float:
-        return self._finite(self.value(key, (int, float), default), key)
-
-    def numbers(self, key: str, length: int | None = None, default: Any = ...) -> tuple[float, ...]:
-        values = self.value(key, (list, tuple), default)
-        if length is not None and len(values) != length:
-            raise DeformError(f"{self.where}.{key} must have {length} numbers, got {len(values)}.")
-        for v in values:
-            if not isinstance(v, (int, float)) or isinstance(v, bool):
-                raise DeformError(f"{self.where}.{key} must be a list of numbers, got {v!r:.40}.")
-        return tuple(self._finite(v, key) for v in values)
-
-    def _finite(self, value: Any, key: str) -> float:
-        try:
-            number = float(value)
-        except OverflowError:
-            number = np.inf
-        if not np.isfinite(number):
-            raise DeformError(f"{self.where}.{key} is not a finite number.")
-        return number
-
-    def part(self, key: str) -> _Reader:
-        return _Reader(self.data.get(key), f"{self.where}.{key}")
-
-    def items(self, key: str, default: Any = ...) -> list[_Reader]:
-        return [_Reader(v, f"{self.where}.{key}[{k}]") for k, v in enumerate(self.value(key, (list,), default))]
-
-    def rest(self, known: set[str]) -> Mapping[str, Any]:
-        return {k: v for k, v in self.data.items() if k not in known}
-
-
-def _volume(r: _Reader) -> VolumeReference:
+def _volume(r: Reader) -> VolumeReference:
     z, y, x = r.numbers("shape", 3)
     a, b, c = r.numbers("spacing", 3)
     if not all(n == int(n) and n >= 1 for n in (z, y, x)) or min(a, b, c) <= 0:
@@ -230,13 +185,13 @@ def _volume(r: _Reader) -> VolumeReference:
     return VolumeReference(r.text("name", ""), (int(z), int(y), int(x)), (a, b, c), digest)
 
 
-def _step(r: _Reader) -> Step:
+def _step(r: Reader) -> Step:
     plane = None
     if r.data.get("plane") is not None:
         p = r.part("plane")
         plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
     known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
-             "knots", "maps"}
+             "knots", "maps", "parts", "cuts", "cut_rule"}
     curve = r.data.get("curve", "z")
     try:
         return Step(
@@ -245,12 +200,14 @@ def _step(r: _Reader) -> Step:
             r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
             curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
             r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
+            tuple(read_part(p) for p in r.items("parts", [])), tuple(read_cut(c) for c in r.items("cuts", [])),
+            r.text("cut_rule", "source"),
         )
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
 
 
-def _points(r: _Reader) -> ControlPoints:
+def _points(r: Reader) -> ControlPoints:
     dim = r.integer("dim")
     if dim not in (2, 3):
         raise DeformError(f"{r.where}.dim must be 2 or 3, got {dim}.")

@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
+from deformnb.document_regions import region_to_data
+from deformnb.masks import Mask
 from deformnb.plane import VIEWS, Plane
 from deformnb.volume import Grid
 
 # Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.
 _ROWS_ON_A_LINE = 3
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
-_PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name")
+_MODE = "compose"
+_PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name",
+          "parts", "cuts", "cut_rule")
 
 
 def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
@@ -50,9 +55,10 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_vo
     deformed = deformation.apply(volume)
     <BLANKLINE>
     """
-    sets = iter(_names(sum(len(step.maps) for step in deformation.steps)))
+    every = [*deformation.steps, *(step for key in deformation.keyframes for step in key.steps)]
+    sets = iter(_names(sum(len(step.maps) for step in every)))
     blocks, steps = ["import deformnb as dn", f"volume = {volume}"], []
-    for step in deformation.steps:
+    for step in every:
         names = [next(sets) for _ in step.maps]
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
         steps.append((step, names))
@@ -66,13 +72,30 @@ def _names(count: int) -> list[str]:
 
 def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
-    if step is not None and step.plane is not None and len(names) == 1 and not deformation.name:
+    plain = not (deformation.name or deformation.keyframes) and deformation.mode == _MODE
+    if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
         return f"dn.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step)})"
     lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
-    inside = "(\n" + "".join(f"    {line},\n" for line in lines) + ")" if lines else "()"
-    return f"dn.Deformation({inside}{f', name={_text(deformation.name)}' if deformation.name else ''})"
+    count = len(deformation.steps)
+    options = f", name={_text(deformation.name)}" if deformation.name else ""
+    options += f", mode={_text(deformation.mode)}" if deformation.mode != _MODE else ""
+    if deformation.keyframes:
+        options += f", keyframes={_keyframes(deformation, lines[count:])}"
+    return f"dn.Deformation({_listed(lines[:count])}{options})"
+
+
+def _keyframes(deformation: Deformation, lines: list[str]) -> str:
+    made = []
+    for key in deformation.keyframes:
+        steps, lines = lines[: len(key.steps)], lines[len(key.steps) :]
+        made.append(f"dn.Keyframe({key.time!r}, ({''.join(f'{line}, ' for line in steps).rstrip()}))")
+    return _listed(made)
+
+
+def _listed(lines: list[str]) -> str:
+    return "(\n" + "".join(f"    {line},\n" for line in lines) + ")" if lines else "()"
 
 
 def _points(points: ControlPoints) -> str:
@@ -119,7 +142,21 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
 
 def _options(step: Step) -> str:
     changed = [(name, getattr(step, name)) for name in _PLAIN if getattr(step, name) != _DEFAULTS[name]]
-    return "".join(f", {name}={_text(value) if isinstance(value, str) else repr(value)}" for name, value in changed)
+    return "".join(f", {name}={_value(value)}" for name, value in changed)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Mask):
+        return f"dn.region_from_data({json.dumps(region_to_data(value))})"
+    if dataclasses.is_dataclass(value):
+        given = [(f.name, getattr(value, f.name), f.default) for f in dataclasses.fields(value)]
+        return (f"dn.{type(value).__name__}("
+                + ", ".join(f"{name}={_value(v)}" for name, v, default in given if v != default) + ")")
+    if isinstance(value, tuple) and value and not isinstance(value[0], float):
+        return f"({''.join(f'{_value(v)}, ' for v in value).rstrip()})"
+    return repr(value)
 
 
 def _text(value: str) -> str:

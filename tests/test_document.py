@@ -20,12 +20,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.cuts import Cut
+from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document import DEEPEST, FORMAT, LONGEST, VERSION, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.kernels import KERNELS
-from deformnb.plane import Plane
+from deformnb.masks import Mask
+from deformnb.plane import Plane, Raster
+from deformnb.regions import HalfSpace, Line, Polygon
+from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_parts import RigidPart
 from deformnb.trend import TRENDS
+from deformnb.volume import Grid
 
 FIXTURES = Path(__file__).parent / "fixtures"
 
@@ -188,7 +194,50 @@ def test_documents_of_every_released_form_stay_readable(path: Path) -> None:
 
 def test_the_first_form_is_read_to_the_letter() -> None:
     assert from_json((FIXTURES / "document_1.0.json").read_text(encoding="utf-8")) == SAMPLE
-    assert to_json(SAMPLE) == (FIXTURES / "document_1.0.json").read_text(encoding="utf-8")
+
+
+
+IN_SPACE = ControlPoints.from_arrays([[1, 2, 3]], [[4, 5, 6.5]])
+SHAPED = Deformation(
+    (
+        Step((POINTS,), PLANE, name="cut open", cut_rule="paper",
+             cuts=(Cut(Line(((0.0, -5.0), (0.1, 20.0))), "midline"),
+                   Cut(Polygon(((1, 1), (4, 1), (4, 5))), enabled=False)),
+             parts=(RigidPart(HalfSpace((0.0, 30.0), (0.0, -1.0)), name="ground"),
+                    RigidPart(Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (1.0, 2.0), (0.5, -4.0))),
+                              RigidMotion.turn(30, (1, 2)), "distance", 2.5, "bone", False))),
+        Step((IN_SPACE,), parts=(RigidPart(Mask(np.arange(24).reshape(2, 3, 4) % 5 == 0, Grid((2, 3, 4), (1, 2, 3))),
+                                        RigidMotion.turn(-20, (0, 1, 2), axis=(0, 0, 1))),)),
+    ),
+    mode="blend", keyframes=(Keyframe(0.0, ()), Keyframe(1.5, (Step((IN_SPACE,), strength=0.5),))),
+)
+
+
+def test_rigid_parts_cuts_and_key_frames_are_kept_to_the_letter() -> None:
+    assert from_json(to_json(SHAPED)) == SHAPED
+    assert to_json(SHAPED) == (FIXTURES / "document_1.1.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("path", "value", "message"), [
+    (("cuts", 0, "region", "kind"), "circle", r"region\.kind is 'circle'; a region is one of line, polygon"),
+    (("cuts", 0, "region", "vertices"), [[0, 0]], r"2 to 512 places.*in document\.steps\[0\]\.cuts\[0\]"),
+    (("cuts", 0, "region", "vertices", 0), [0, 0, 1], r"vertices\[0\]\.at must have 2 numbers"),
+    (("parts", 1, "region", "bits"), "AAAA", r"parts\[1\]\.region\.bits"),
+    (("parts", 1, "region", "bits"), "%", r"bits is damaged"),
+    (("parts", 1, "region", "shape"), [2**20, 2**20], r"at most 2147483648 pixels"),
+    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape says 18"),
+    (("parts", 1, "motion", "matrix"), [[1, 0], [0, 2]], r"must turn only"),
+    (("parts", 0, "weight"), "heavy", r"unknown weight 'heavy'"),
+    (("cut_rule",), "scissors", r"unknown rule 'scissors'"),
+])
+def test_broken_shapes_are_refused_at_their_place(path: tuple[Any, ...], value: Any, message: str) -> None:
+    broken = json.loads(to_json(SHAPED))
+    place = broken["steps"][0]
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(DeformError, match=message):
+        read(broken)
 
 
 def data() -> dict[str, Any]:
@@ -203,13 +252,13 @@ def test_a_newer_minor_version_is_read_and_its_fields_are_kept() -> None:
     newer = data()
     newer["version"] = f"{VERSION[0]}.{VERSION[1] + 7}"
     newer["palette"] = {"hue": [1, 2.5, None]}
-    newer["steps"][0]["cuts"] = [{"line": [[0, 0], [1, 1]]}]
+    newer["steps"][0]["currents"] = [{"line": [[0, 0], [1, 1]]}]
     document = read(newer)
     again = json.loads(to_json(document))
     assert again["palette"] == newer["palette"]
-    assert again["steps"][0]["cuts"] == newer["steps"][0]["cuts"]
+    assert again["steps"][0]["currents"] == newer["steps"][0]["currents"]
     moved = document.with_step(0, document.steps[0].with_points(POINTS))  # and survive an edit
-    assert json.loads(to_json(moved))["steps"][0]["cuts"] == newer["steps"][0]["cuts"]
+    assert json.loads(to_json(moved))["steps"][0]["currents"] == newer["steps"][0]["currents"]
     assert from_json(to_json(document)) == document
 
 

@@ -10,8 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
-from deformnb.plane import VIEWS, Plane
+from deformnb.cuts import Cut
+from deformnb.deformation import MODES, Deformation, Keyframe, Step
+from deformnb.masks import Mask
+from deformnb.plane import VIEWS, Plane, Raster
+from deformnb.regions import HalfSpace, Line, Polygon
+from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_parts import RigidPart
 from deformnb.script import as_python
 from deformnb.volume import Grid, Volume
 
@@ -35,6 +40,10 @@ def point_sets(draw: Any) -> ControlPoints:
         active=draw(st.lists(st.booleans(), min_size=n, max_size=n)),
         weight=draw(st.lists(st.floats(0.1, 9), min_size=n, max_size=n)), next_id=draw(st.integers(0, 30)))
 
+# Far from all points, so that none lies in it.
+BONE = RigidPart(Mask(np.eye(2, 3, dtype=bool), Raster((2, 3), (1.0, 0.5), (200.0, 100.0))),
+                 RigidMotion.turn(30, (1, 2)), "distance", 2.5, "bone")
+
 
 @st.composite
 def steps(draw: Any) -> Step:
@@ -49,7 +58,10 @@ def steps(draw: Any) -> Step:
     options |= draw(st.fixed_dictionaries({}, optional={
         "kernel": st.sampled_from(["gaussian", "wendland_c4"]), "support": st.floats(0.5, 99),
         "trend": st.just("rigid"), "smoothing": st.floats(0, 2),
-        "strength": st.floats(-1, 3), "enabled": st.booleans(), "name": names}))
+        "strength": st.floats(-1, 3), "enabled": st.booleans(), "name": names, "cut_rule": st.just("paper"),
+        "cuts": st.just((Cut(Line(((0.1, 2), (3, 4.7))), "midline"),
+                         Cut(Polygon(((0, 0), (1, 0), (0, 1))), enabled=False))),
+        "parts": st.sampled_from([(BONE,), (BONE, RigidPart(HalfSpace((0, 60), (0, -1)), enabled=False))])}))
     return Step(tuple(draw(point_sets()) for _ in range(count)), plane, **options)
 
 
@@ -68,6 +80,14 @@ def test_the_script_makes_the_same_document(all_steps: list[Step], name: str) ->
     deformation = Deformation(tuple(all_steps), name)
     text = as_python(deformation, GRID, volume="VOLUME")
     assert made_by(text) == deformation
+
+
+@settings(max_examples=20)
+@given(st.lists(steps(), max_size=2), st.lists(st.lists(steps(), max_size=2), max_size=3), st.sampled_from(list(MODES)))
+def test_the_script_makes_the_same_key_frames(all_steps: list[Step], keys: list[list[Step]], mode: str) -> None:
+    frames = tuple(Keyframe(0.3 * k, tuple(some)) for k, some in enumerate(keys))
+    deformation = Deformation(tuple(all_steps), mode=mode, keyframes=frames)
+    assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 
 def test_the_whole_script_runs() -> None:
