@@ -12,6 +12,7 @@ that a tail that curls by more than half a turn goes round and not back.
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,13 +62,15 @@ class HandlePath:
         if a.shape != b.shape or a.ndim != 2 or a.shape[1] not in (2, 3):
             raise DeformError(f"places at both ends must have the shape (N, 2) or (N, 3), got {a.shape} and {b.shape}.")
         self.start, self.end = a, b
-        self._size = max(float(np.ptp(np.concatenate([a, b]), axis=0).max(initial=0.0)), 1e-300)
+        self._size = max(float(np.ptp(np.concatenate([a, b]), axis=0).max()) if len(a) else 0.0, 1e-300)
         is_still = np.linalg.norm(b - a, axis=1) <= _STILL * self._size
         given = np.zeros(len(a), dtype=bool) if held is None else np.array(held, dtype=bool)
         self._held = given | is_still
         self._middle, self._turn, self._shift = _whole_motion(a, b)
         self.turns = np.zeros((len(a), 3))
-        if not is_still.all():
+        self._solver: Any = None
+        self._edge_turns = np.zeros(0)
+        if len(a) > 1 and not is_still.all():
             self._set_edges(neighbours(a if rest is None else np.asarray(rest, dtype=np.float64)))
             self._factor()
 
@@ -85,6 +88,7 @@ class HandlePath:
         self._weight = weight / (1 + (strain / _STRAIN) ** 2)
         # A point that keeps its distance to nobody, not by a quarter, belongs to no limb: it goes straight.
         near = 1 / (1 + (strain / (2 * _STRAIN)) ** 2)
+        self._edge_turns = np.linalg.norm(base + self._rest, axis=1)[near > 0.5]
         best, pull = np.zeros(len(self.start)), np.zeros(len(self.start))
         for side in (0, 1):
             np.maximum.at(best, edges[:, side], near)
@@ -148,8 +152,9 @@ class HandlePath:
 
     @property
     def largest_turn(self) -> float:
-        """The largest angle in radians by which the surroundings of a point turn."""
-        return float(np.linalg.norm(self.turns, axis=1).max(initial=0.0))
+        """The largest angle in radians by which the surroundings of a point turn, or an edge that keeps its length."""
+        around = float(np.linalg.norm(self.turns, axis=1).max(initial=0.0))
+        return max(around, float(self._edge_turns.max(initial=0.0)))
 
 
 def neighbours(points: Points) -> NDArray[np.int_]:
