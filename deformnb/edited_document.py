@@ -153,9 +153,10 @@ class EditedDocument(traitlets.HasTraits):
             self.notice = notice
 
     def reset(self) -> None:
-        """The volume as it was, seen from the same side."""
+        """The volume as it was, seen from the same side; key frames of an animation go too."""
         with self._lock:
-            self._become(replace(self.deformation, steps=(self._untouched(self.plane),)), "reset", index=0, key=0)
+            bare = replace(self.deformation, steps=(self._untouched(self.plane),), keyframes=())
+            self._become(bare, "reset", index=0, key=0)
 
     def _untouched(self, plane: Plane | None) -> Step:
         return untouched_step(plane, self.volume.grid)

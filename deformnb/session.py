@@ -78,8 +78,8 @@ class Session(EditedSteps):
 
     @property
     def view(self) -> str | None:
-        """The side of the picture by name, None for an oblique plane."""
-        return self.view_of(self.plane)
+        """The side of the picture by name, None for an oblique plane and for points in space."""
+        return self.view_of(self.step.plane)
 
     def view_of(self, plane: Plane | None) -> str | None:
         """The name of a plane's side, None for an oblique plane and for none."""
@@ -124,12 +124,15 @@ class Session(EditedSteps):
     def base(self) -> Volume:
         """The volume as the steps before the one being edited have made it: what the picture shows."""
         with self._lock:
-            steps = tuple(s for s in self.deformation.steps[: self.index] if s.enabled)
+            document = self.deformation
+            steps = tuple(s for s in document.steps[: self.index] if s.enabled)
         if not steps:
             return self.volume
-        if self._base is None or self._base[0] != steps:
-            self._base = (steps, warp(self.volume, Deformation(steps).field(self.volume.grid)))
-        return self._base[1]
+        kept = self._base
+        if kept is None or kept[0] != (steps, document.mode):
+            before = Deformation(steps, mode=document.mode)
+            kept = self._base = ((steps, document.mode), warp(self.volume, before.field(self.volume.grid)))
+        return kept[1]
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, before the step that is edited; kept until something else is asked for."""

@@ -81,7 +81,8 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> 
     new : a step on the other side, without drags; untouched : what the one being edited began as.
     """
     steps = list(deformation.steps)
-    is_used = steps[index].maps != untouched.maps
+    old = steps[index]
+    is_used = old.maps != untouched.maps or bool(old.cuts or old.parts)
     there = max((k for k, step in enumerate(steps) if step.plane == new.plane and k != index), default=None)
     if there is not None:
         if not is_used:

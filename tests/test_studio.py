@@ -69,6 +69,17 @@ def controls(studio: Studio) -> dict[str, Any]:
     return {c.widget.description: c.widget for panel in studio._panels for c in panel.controls}
 
 
+def panel(studio: Studio, title: str) -> Any:
+    """A panel by the title of its tab."""
+    return next(found for found in studio._panels if found.title == title)
+
+
+def act(items: Any, what: str, index: int, value: Any = None) -> None:
+    """As a click in the page of a list."""
+    message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}
+    items._handle_custom_msg(message, [])
+
+
 # -- edits of the page -------------------------------------------------------------------------------------------------
 
 
@@ -252,12 +263,13 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     found["Smoothing"].value = 0.5
     assert studio.editor.smoothing == 0.5
     found["Extrusion"].value = "modulate"
-    studio._curve.curve = "sin(pi*z)"
+    panel(studio, "Depth").curve.curve = "sin(pi*z)"
     assert studio.session.step.curve == "sin(pi*z)"
     found["Extrusion"].value = "interpolate"
-    assert studio._keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
+    keys = panel(studio, "Depth").keys
+    assert keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
     message = {"kind": "select", "index": 2, "knots": [0.0, 0.5, 1.0], "selected": 2}
-    studio._keys._handle_custom_msg({"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message}, [])
+    keys._handle_custom_msg({"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message}, [])
     assert studio.session.key == 2
     drag(studio, a_drag(studio, -3.0))
     assert studio.session.step.maps[2] != studio.session.step.maps[0]
@@ -282,17 +294,19 @@ def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
     controls(studio)["Side"].value = "+z"
     studio.wait()
     drag(studio, a_drag(studio))
-    found = controls(studio)
     words = SIDES[studio.session.view_of(studio.deformation.steps[0].plane) or ""].split(" (")[0]
-    assert [text for text, _ in found["Step"].options] == [f"1: {words}, 1 dragged", "2: from below, 1 dragged"]
-    found["Step"].value = "0"
+    steps = panel(studio, "Steps").items
+    assert [row["facts"] for row in steps.rows] == [[words, "5, 1 dragged", ""], ["from below", "5, 1 dragged", ""]]
+    assert [row["title"] for row in steps.rows] == [words, "from below"]
+    act(steps, "choose", 0)
     studio.wait()
     assert studio.session.index == 0
     assert studio.view.editor is None  # points of an earlier step pass through the later ones, in Python
-    found["Step"].value = "1"
+    act(steps, "choose", 1)
     studio.wait()
     assert studio.view.editor is studio.editor
-    found["in use"].value = False
+    act(steps, "switch", 1, False)
+    assert not steps.rows[1]["on"]
     assert_array_equal(studio.result().values, Deformation(studio.deformation.steps[:1]).apply(studio.volume).values)
 
 
@@ -305,7 +319,7 @@ def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
         drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
         drag(studio, a_drag(studio))
         assert studio.session.index == 1
-        assert controls(studio)["Step"].value == "1"
+        assert panel(studio, "Steps").items.chosen == 1
     assert len(studio.deformation.steps) == 2
 
 
@@ -316,7 +330,7 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
     drag(studio, a_drag(studio))
     studio.view.set_camera((0, 1, 0))
     studio.export_html(tmp_path / "last.html")
-    controls(studio)["Step"].value = "0"
+    act(panel(studio, "Steps").items, "choose", 0)
     studio.wait()
     studio.view.set_camera((0, 1, 0))
     studio.export_html(tmp_path / "first.html")

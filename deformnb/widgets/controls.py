@@ -15,9 +15,8 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
-from deformnb.deformation import Step, lone_support
+from deformnb.deformation import lone_support
 from deformnb.degenerate import default_support
-from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
@@ -31,14 +30,8 @@ SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the 
          "-z": "from above (-z)", "+z": "from below (+z)"}
 """The six views in words, for a patient or an animal in LPS."""
 
-_OBLIQUE = ("oblique", "")
+_OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
-_RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
-_HINTS = {
-    "replicate": "Every slice behind the picture is deformed like the picture.",
-    "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
-    "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
-}
 # Support radii that a slider offers, in parts of the picture's diagonal.
 _SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
 
@@ -158,7 +151,7 @@ class Panel:
 
 
 class PicturePanel(Panel):
-    """Which picture is edited: side, projection, slice, and which step of the deformation."""
+    """What the picture shows: from which side, by which projection, which slice."""
 
     title = "Picture"
 
@@ -176,13 +169,7 @@ class PicturePanel(Panel):
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
-        self._step = self.add(menu("Step", [("1", "0")], "Steps are done one after the other; choose the one to edit"),
-                              lambda: str(session.index), lambda value: session.edit_step(int(value)))
-        enabled = self.of_step(ipw.Checkbox(description="in use", indent=False, layout=ipw.Layout(width="80px"),
-                                            tooltip="A step that is not in use stays in the list"), "enabled")
-        more = button("New step", "Deform once more, after all other steps", lambda: guard(session.add_step))
-        less = button("Delete step", "Take this step away; can be undone", lambda: guard(session.remove_step))
-        self.box = ipw.VBox([row(side, method), row(self._step, enabled, more, less), row(density, self._depth)])
+        self.box = ipw.VBox([row(side, method), row(density, self._depth)])
         self.refresh()
 
     def _held_depth(self) -> float:
@@ -194,16 +181,8 @@ class PicturePanel(Panel):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
             self._depth.min, self._depth.max, self._depth.step = low, high, max((high - low) / 200, 1e-6)
         self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
-        fill(self._side, [(text, name) for name, text in SIDES.items()]
-             + ([_OBLIQUE] if self.session.view is None else []))
-        fill(self._step, [(_step_title(k, s, self.session.view_of(s.plane)), str(k))
-                          for k, s in enumerate(self.session.deformation.steps)])
-
-
-def _step_title(number: int, step: Step, view: str | None) -> str:
-    where = "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
-    moved = sum(int(m.displacement.any(axis=1).sum()) for m in step.maps)
-    return f"{number + 1}: {step.name or where}, {moved} dragged{'' if step.enabled else ', not in use'}"
+        elsewhere = [] if self.session.view else [_IN_SPACE if self.session.step.plane is None else _OBLIQUE]
+        fill(self._side, [(text, name) for name, text in SIDES.items()] + elsewhere)
 
 
 class MapPanel(Panel):
@@ -258,27 +237,6 @@ class LookPanel(Panel):
             menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
                                   lambda: view.projection, lambda value: view.set_trait("projection", value)))
         self.box = ipw.VBox([row(*menus), ipw.Box([transfer], layout=ipw.Layout(max_width="720px"))])
-
-
-class DepthPanel(Panel):
-    """From the picture into depth: the rule of extrusion, its curve, its key pictures."""
-
-    title = "Depth"
-
-    def __init__(self, session: Session, guard: Guard, curve: Any, keys: Any) -> None:
-        super().__init__(session, guard)
-        rule = self.of_step(menu("Extrusion", [(f"{name}: {_RULES.get(name, name)}", name) for name in EXTRUSIONS]),
-                            "extrusion")
-        self.curve, self.keys = curve, keys
-        self._hint = ipw.Label()
-        self.box = ipw.VBox([row(rule), self._hint, curve, keys], layout=ipw.Layout(max_width="720px"))
-        self.refresh()
-
-    def arrange(self) -> None:
-        rule = self.session.step.extrusion
-        self._hint.value = _HINTS[rule]
-        self.curve.layout.display = "" if rule == "modulate" else "none"
-        self.keys.layout.display = "" if rule == "interpolate" else "none"
 
 
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:

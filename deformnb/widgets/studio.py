@@ -11,7 +11,7 @@ import html
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -30,13 +30,15 @@ from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
-from deformnb.widgets.controls import DepthPanel, LookPanel, MapPanel, Panel, PicturePanel, strip
-from deformnb.widgets.curve_editor import CurveEditor
-from deformnb.widgets.depth_keys import DepthKeys
+from deformnb.widgets.controls import LookPanel, MapPanel, Panel, PicturePanel, strip
+from deformnb.widgets.depth_panel import DepthPanel
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.static_picture import with_png
+from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.stills import as_png
+from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
@@ -58,6 +60,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     view : "live" renders in the browser, "vtk" in Python; or a view of your own.
     height : of picture and volume in CSS pixels.
     folder : where files are saved and opened by the controls.
+    labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
+        regions can be made rigid or cut out; label_names : what the numbers are called.
 
     Attributes
     ----------
@@ -83,7 +87,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
                  deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
                  method: str = "mip", transfer: Any = "specimen", view: str | AbstractView = "live", height: int = 430,
-                 folder: str | PathLike[str] = ".") -> None:
+                 folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
+                 label_names: Mapping[int, str] | None = None) -> None:
         given = as_volume(volume)
         close_earlier_of_this_cell(self)
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
@@ -97,15 +102,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.view = parts.make_view(view, given, self.session.transfer_function, height)
         self.editor = parts.make_editor(self.session, height)
         self._pictured = self._picture_key()
+        self._link = StudioLink(self.session, self.view, self._worker)
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
-        self._panels = self._make_panels(folder)
+        self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names)
         super().__init__(parts.arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
                          layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
-        self._turn_view()
-        self._show_field()
+        self._link.turn()
+        self._link.show(self.editor)
         self._show_status()
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
             self._say(parts.WELCOME)
@@ -113,16 +119,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
-    def _make_panels(self, folder: str | PathLike[str]) -> list[Panel]:
+    def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
+                     names: Mapping[int, str] | None) -> list[Panel]:
         session, guard = self.session, self._edited
-        self._curve = CurveEditor(session.step.curve)
-        self._keys = DepthKeys(session.step.knots or (0.0, 1.0))
         self._opacity = TransferEditor(session.volume, session.transfer)
         head, _ = strip(session, guard, self.view)
         files = FilesPanel(session, guard, self.view, folder, self.export_html)
-        return [head, PicturePanel(session, guard, self.editor), MapPanel(session, guard),
-                DepthPanel(session, guard, self._curve, self._keys),
-                LookPanel(session, guard, self.view, self._opacity), files]
+        return [head, PicturePanel(session, guard, self.editor), StepsPanel(session, guard),
+                ShapesPanel(session, guard, None, labels, names), MapPanel(session, guard),
+                DepthPanel(session, guard), LookPanel(session, guard, self.view, self._opacity), files]
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -135,8 +140,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session.observe(self._weakly(Studio._tell_notice), "notice")
         editor.observe(self._weakly(Studio._points_changed), "points")
         editor.on_history(self._weakly(Studio._travel))
-        self._curve.observe(self._weakly(Studio._curve_changed), "curve")
-        self._keys.on_edit(self._weakly(Studio._keys_changed))
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
         for name in ("shows", "projection"):
             if self.view.has_trait(name):
@@ -202,9 +205,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if self._pictured != self._picture_key():
             self._ask_for_picture()
         else:
-            self._show_field()  # first, or the view would take the points for those of the map before
+            self._link.show(self.editor)  # first, or the view would take the points for those of the map before
             self._show_points()
-        self._show_depth()
         self._refresh_panels()
         self._worker.latest("status", self._weakly(Studio._show_status))
         self._guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
@@ -218,7 +220,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _picture_key(self) -> Any:
         """What the picture depends on: the steps before the one being edited, its plane, and how it is projected."""
         s = self.session
-        return (s.index, s.deformation.steps[: s.index], s.plane, s.method, s.depth if s.method == "slice" else 0.0,
+        return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
+                s.depth if s.method == "slice" else 0.0, s.deformation.mode,
                 s.transfer if s.method in ("composite", "shaded") else None)
 
     def _picture_changed(self, _change: Any = None) -> None:
@@ -240,8 +243,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         start = time.perf_counter()
         picture = self.session.picture()
         if self._pictured is not None and self._pictured[2] != key[2]:
-            self._turn_view()
-        self._show_field()
+            self._link.turn()
+        self._link.show(self.editor)
         with self.editor.hold_sync():  # a picture must never meet another one's points
             self._pictured = key
             self.editor.picture = picture
@@ -258,31 +261,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             if editor.points != self.session.points:
                 editor.points = self.session.points
 
-    def _show_field(self) -> None:
-        """Hand the view the displacement; while a point is dragged its page follows the editor's by itself."""
-        session, step = self.session, self.session.step
-        field = session.field()
-        last = session.index == max((k for k, s in enumerate(session.deformation.steps) if s.enabled), default=-1)
-        if last and step.plane is not None and len(step.maps) <= 64:
-            self.view.follow(self.editor, field, min(session.key, len(step.maps) - 1))
-        else:  # the step is not the last: what is dragged passes through the others, in Python
-            self.view.follow(None, field)
-
-    def _turn_view(self) -> None:
-        """Look at the volume from the side of the picture, turned a little so that it looks solid."""
-        u, v, n = self.session.plane.frame
-        self.view.set_camera(n + 0.35 * u + 0.2 * v, -v)
-
-    def _show_depth(self) -> None:
-        step = self.session.step
-        if step.extrusion == "modulate" and self._curve.curve != step.curve:
-            self._curve.curve = step.curve
-        if step.extrusion == "interpolate":
-            key = min(self.session.key, len(step.knots) - 1)
-            if (self._keys.knots, self._keys.selected) != (step.knots, key):
-                with self._keys.hold_trait_notifications():
-                    self._keys.knots, self._keys.selected = step.knots, key
-
     def _tell_history(self, _change: Any) -> None:
         self.editor.history = dict(self.session.history)
 
@@ -295,20 +273,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.view.set_transfer(function)
         if self._opacity.transfer != function:
             self._opacity.set_transfer(self.session.transfer)
-
-    def _curve_changed(self, change: Any) -> None:
-        if self.session.step.extrusion == "modulate" and change["new"] != self.session.step.curve:
-            self._edited(lambda: self.session.change(curve=change["new"], kind="curve"))
-
-    def _keys_changed(self, edit: Any, phase: str) -> None:
-        if phase != "end" or self.session.step.extrusion != "interpolate":
-            return
-        if edit.kind == "select":
-            self._edited(lambda: self.session.edit_step(self.session.index, edit.selected))
-            return
-        way = {"add": "added", "remove": "removed"}.get(edit.kind)
-        options = {way: edit.index} if way else {}
-        self._edited(lambda: self.session.edit_keys(edit.knots, selected=edit.selected, **options))
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
         self._guarded(lambda: self.session.set_trait("transfer", transfer))
@@ -366,8 +330,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_all(view)
 
     def stats(self) -> dict[str, Any]:
-        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures."""
-        return {**self._times, **self._count, "view": self.view.stats()}
+        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
+
+        ``previews`` counts the displacements that Python made while something was dragged.
+        """
+        return {**self._times, **self._count, "previews": self._link.previews, "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
         """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
@@ -382,6 +349,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if worker is None or worker.is_closed:
             return
         worker.close()
+        if hasattr(self, "_link"):
+            self._link.close()
         for panel in self._panels:
             panel.close()
         close_all(self)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from deformnb.deformation import lone_support
 from deformnb.errors import DeformError
+from deformnb.opening import as_volume
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.controls import Panel
@@ -39,6 +40,18 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
 
         return VolumeView(volume, transfer=transfer, width=720, height=height)
     raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
+
+
+def as_labels(given: Any, volume: Volume) -> Volume | None:
+    """A label volume from a volume, a file, or an array that lies as the volume does; None for none."""
+    if given is None:
+        return None
+    if isinstance(given, np.ndarray):
+        if given.shape != volume.shape:
+            raise DeformError(f"labels of shape {given.shape} do not lie on a volume of {volume.shape}; give a Volume "
+                              "with a grid of its own.")
+        return Volume(given, volume.grid, "labels")
+    return as_volume(given)
 
 
 def make_editor(session: Session, height: int) -> Editor:

@@ -1,0 +1,92 @@
+"""What the studio's view shows: the displacement of the session, and what a hand is doing to it.
+
+While a point of the last step on a picture is dragged, the view's page follows the editor's page by itself. What it
+cannot know there (a drag in an earlier step, in space, or of steps that are added up) is shown by Python, coarsely:
+the newest movement, whenever the one before is done.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from deformnb.control_points import ControlPoints
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.session import Session
+from deformnb.widgets.card_maps import MOST_MAPS, count_maps
+from deformnb.widgets.worker import Worker
+
+
+class StudioLink:
+    """Between a session and a view.
+
+    Parameters
+    ----------
+    session : whose displacement is shown, view : where.
+    worker : does what takes time.
+    """
+
+    def __init__(self, session: Session, view: Any, worker: Worker) -> None:
+        self._session, self._view, self._worker = session, view, worker
+        self._lock = threading.Lock()
+        self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
+        self._heard: Any = None  # the editor whose movements come to Python
+        self.previews = 0
+
+    def show(self, editor: Any) -> None:
+        """Show the displacement of the session, and from now on what is dragged in this editor."""
+        session = self._session
+        field = session.field()
+        follows = self._page_can_follow(field)
+        with self._lock:
+            self._serial += 1
+            if follows:
+                self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1))
+            else:
+                self._view.follow(None, field)
+        self._hear(None if follows else editor)
+
+    def turn(self) -> None:
+        """Look at the volume from the side of the picture, turned a little so that it looks solid."""
+        u, v, n = self._session.plane.frame
+        self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
+
+    def close(self) -> None:
+        """Hear no editor any more."""
+        self._hear(None)
+
+    def _page_can_follow(self, field: AbstractField) -> bool:
+        session = self._session
+        in_use = [k for k, step in enumerate(session.deformation.steps) if step.enabled]
+        is_last = session.index == max(in_use, default=-1)
+        is_alone = session.deformation.mode == "compose" or len(in_use) == 1
+        maps = count_maps(field)
+        return is_last and is_alone and session.step.plane is not None and maps is not None and maps <= MOST_MAPS
+
+    def _hear(self, editor: Any) -> None:
+        if editor is self._heard:
+            return
+        if self._heard is not None:
+            self._heard.on_edit(self._moved, remove=True)
+        self._heard = editor
+        if editor is not None:
+            editor.on_edit(self._moved)
+
+    def _moved(self, points: ControlPoints, phase: str) -> None:
+        if phase == "move" and not self._worker.is_closed:
+            serial = self._serial
+            self._worker.latest("preview", lambda: self._preview(points, serial))
+
+    def _preview(self, points: ControlPoints, serial: int) -> None:
+        session = self._session
+        try:
+            step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
+            moved = session.deformation.with_step(session.index, step)
+            field = moved.field(session.volume.grid)
+        except DeformError:  # two points met on their way; the edit will say it if it ends so
+            return
+        with self._lock:
+            if serial == self._serial:
+                self._view.show_deformation(field)
+                self.previews += 1
