@@ -9,7 +9,7 @@ from scripts import run_script
 from test_rbf_js import as_json, scattered
 
 from deformnb.rbf import fit_rbf
-from deformnb.warp import warp_points
+from deformnb.forward import warp_points
 
 BOX = [0.0, 500.0, 0.0, 450.0]
 
@@ -71,7 +71,7 @@ def test_points_from_anywhere_are_cleaned() -> None:
     assert run_script(("edits.js",), main, None) == [[], [good]]
 
 
-MAPS = ("rbf_solve.js", "rbf.js", "maps.js")
+MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "maps.js")
 
 
 def test_the_inverse_is_that_of_the_package() -> None:
@@ -87,7 +87,7 @@ def test_the_inverse_is_that_of_the_package() -> None:
 
 
 def folds(points: Any) -> dict[str, float]:
-    main = f"(points) => foldsOf(rbfFit(points), {BOX}, 33)"
+    main = f"(points) => foldsOf(layeredFit(points), {BOX}, 33)"
     return dict(run_script(MAPS, main, as_json(points)))
 
 
@@ -103,7 +103,7 @@ def test_folds_are_those_of_the_jacobian() -> None:
 
 
 def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:
-    main = f"(points) => deformedNet(rbfFit(points), {BOX}, 8, 4, 1e-6).map((l) => l.runs.map((r) => Array.from(r)))"
+    main = f"(points) => deformedNet(layeredFit(points), {BOX}, 8, 4, 1e-6).map((l) => l.runs.map((r) => Array.from(r)))"
     whole = run_script(MAPS, main, as_json(scattered()))
     assert [len(runs) for runs in whole] == [1] * (9 + 8)  # 500 x 450 with cells of 62.5: 8 across, 7 down
     fit = fit_rbf(scattered())

@@ -99,7 +99,7 @@ class EditedPoints(anywidget.AnyWidget):
     def __init__(self, **given: Any) -> None:
         self._callbacks: list[tuple[Callable[..., None], bool]] = []
         self._history_callbacks: list[HistoryCallback] = []
-        self.edit_under_way: EditMessage | None = None  # for observers of "points": what the page did, None for code
+        self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
         self._sending = threading.RLock()
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
@@ -137,7 +137,7 @@ class EditedPoints(anywidget.AnyWidget):
             self._history_callbacks.append(callback)
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        message = message_from_page(content, self.next_id, self.points.dim)
+        message = self._read(content)
         if message is None:
             return
         try:
@@ -149,9 +149,13 @@ class EditedPoints(anywidget.AnyWidget):
             self._note(message)  # whatever came of it: a page that waits for it takes no other points
             self.send({"type": "done", "sender": message.sender, "seq": message.seq})
 
+    def _read(self, content: Any) -> Message | None:
+        """What a message of the page says; None for what is none."""
+        return message_from_page(content, self.next_id, self.points.dim)
+
     def _take(self, message: Message) -> None:
         if isinstance(message, RefusedMessage):
-            self.send({"type": "error", "message": f"Python did not take these points: {message.reason}"})
+            self.send({"type": "error", "message": f"Python did not take these {message.what}: {message.reason}"})
         elif isinstance(message, HistoryMessage):
             for step in tuple(self._history_callbacks):
                 step(message.way)

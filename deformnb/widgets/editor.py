@@ -3,29 +3,43 @@
 The page fits the points and warps the picture itself, by the same mathematics as :func:`deformnb.rbf.fit_rbf`, so a
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
 
-Messages are those of :mod:`~deformnb.widgets.edited_points`.
+Messages are those of :mod:`~deformnb.widgets.edited_points` and :mod:`~deformnb.widgets.shape_messages`.
 """
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import traitlets
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import CUT_RULES, Decoupled, decoupled_fits
 from deformnb.deformation import Step
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
 from deformnb.picture import Picture
 from deformnb.plane import Raster
 from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.rigid_parts import fit_rigid
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
+from deformnb.widgets.point_messages import Message, RefusedMessage, header
+from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
 from deformnb.widgets.static_picture import with_png
 
-_FILES = ("rbf_solve.js", "rbf.js", "link.js", "maps.js", "edits.js", "sender.js", "elements.js", "paint.js",
-          "handles.js", "toolbar.js", "gestures.js", "editor_drawing.js", "editor.js")
+_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "link.js",
+          "maps.js", "edits.js", "sender.js", "elements.js", "paint.js", "paint_layers.js", "handles.js", "toolbar.js",
+          "gestures.js", "editor_drawing.js", "editor.js")
+
+_LOG = logging.getLogger(__name__)
+
+ShapesCallback = Callable[[ShapesMessage], None]
+"""Called with what the page did to cuts or rigid parts."""
 
 # Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
 _LONE_POINT_SHARE = 0.25
@@ -47,11 +61,15 @@ class Editor(EditedPoints):
     label : what a screen reader calls the picture.
     read_only : True shows points that cannot be changed.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
+    cuts, parts : lists of :class:`~deformnb.cuts.Cut` and :class:`~deformnb.rigid_parts.RigidPart` of dimension 2, or
+        the plain data of :mod:`deformnb.document_regions`, which the traits then hold.
+    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.cuts.CUT_RULES`.
 
     Notes
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
     others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
+    The same holds for ``cuts`` and ``parts``, which are drawn in the page too.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
     "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
@@ -76,6 +94,9 @@ class Editor(EditedPoints):
     _css = style("editor.css")
 
     points = PointsTrait(2)
+    cuts = ShapesTrait("cuts")
+    parts = ShapesTrait("parts")
+    cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_net = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
@@ -87,6 +108,7 @@ class Editor(EditedPoints):
         given = ControlPoints.empty() if points is None else points
         self._previous: RBFInterpolant | None = None
         self._picture = picture
+        self._shapes_callbacks: list[ShapesCallback] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
 
     # ---- what is shown ----------------------------------------------------------------------------------------------
@@ -104,18 +126,33 @@ class Editor(EditedPoints):
             for name, value in traits.items():
                 setattr(self, name, value)
 
-    def fit(self) -> RBFInterpolant:
+    def fit(self) -> AbstractField:
         """The fit of the points as the core makes it: the displacement that the page shows.
+
+        An :class:`~deformnb.rbf.RBFInterpolant`, beside rigid parts a
+        :class:`~deformnb.rigid_parts.RigidInterpolant`, with cuts a :class:`~deformnb.cuts.Decoupled`.
 
         Raises
         ------
         DeformError
             If the points cannot be fitted; the page shows the same message.
         """
-        points = self.points
-        fit = fit_rbf(points if self.strength == 1 else points.blended(self.strength), kernel=self.kernel,
-                      support=self.support or default_support(points) or self.lone_support, trend=self.trend,
-                      smoothing=self.smoothing, previous=self._previous)
+        points = self.points if self.strength == 1 else self.points.blended(self.strength)
+        cuts = [cut.region for cut in shapes_of("cuts", self.cuts) if cut.enabled]
+        if not cuts:
+            return self._fit(points, self.points)
+        fits = decoupled_fits(self.points, cuts, lambda some: self._fit(
+            some if self.strength == 1 else some.blended(self.strength), some))
+        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=self.cut_rule,
+                         softness=float(np.mean(self.raster["spacing"])))
+
+    def _fit(self, dragged: ControlPoints, points: ControlPoints) -> AbstractField:
+        settings: dict[str, Any] = {"kernel": self.kernel, "trend": self.trend, "smoothing": self.smoothing,
+                                    "support": self.support or default_support(points) or self.lone_support}
+        parts = [part.scaled(self.strength) for part in shapes_of("parts", self.parts) if part.enabled]
+        if parts:
+            return fit_rigid(dragged, parts, **settings)
+        fit = fit_rbf(dragged, previous=self._previous, **settings)
         self._previous = fit
         return fit
 
@@ -128,13 +165,60 @@ class Editor(EditedPoints):
         """
         if self._picture is None:
             raise DeformError("an editor without a picture has no plane in space; give it a picture.")
-        return Step((self.points,), self._picture.plane, kernel=self.kernel, support=self.support, trend=self.trend,
-                    smoothing=self.smoothing, strength=self.strength, **options)
+        names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule")
+        own = {name: getattr(self, name) for name in names}
+        shapes = {what: shapes_of(what, getattr(self, what)) for what in ("cuts", "parts")}
+        return Step((self.points,), self._picture.plane, **{**own, **shapes, **options})
 
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
         picture = self._picture or sheet(self.points)
         return preview_png(picture, self.points, self.fit(), self.density if self.show_net else 0)
+
+    # ---- shapes -----------------------------------------------------------------------------------------------------
+
+    def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
+        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the page.
+
+        ``edit`` is a :class:`~deformnb.widgets.shape_messages.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
+        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the page.
+        """
+        if remove:
+            self._shapes_callbacks.remove(callback)
+        else:
+            self._shapes_callbacks.append(callback)
+
+    def _read(self, content: Any) -> Message | None:
+        if not isinstance(content, dict) or content.get("type") != "shapes":
+            return super()._read(content)
+        try:
+            sender, seq = header(content)
+        except DeformError as error:
+            _LOG.warning("a message to an editor was dropped: %s", error)
+            return None
+        try:
+            return shapes_from_page(content)
+        except DeformError as error:
+            _LOG.warning("an edit of shapes was refused: %s", error)
+            return RefusedMessage(sender, seq, str(error), "shapes")
+
+    def _take(self, message: Message) -> None:
+        if not isinstance(message, ShapesMessage):
+            super()._take(message)
+        elif message.seq > self.seen.get(message.sender, -1):
+            before = getattr(self, message.what)
+            self.edit_under_way = message
+            try:
+                setattr(self, message.what, message.shapes)
+            except DeformError as error:  # of an observer: nobody wants these shapes
+                setattr(self, message.what, before)
+                self.send({"type": "error", "message": f"Python did not take these {message.what}: {error}"})
+                return
+            finally:
+                self.edit_under_way = None
+            self._note(message)
+            for callback in tuple(self._shapes_callbacks):
+                callback(message)
 
     # ---- display ----------------------------------------------------------------------------------------------------
 

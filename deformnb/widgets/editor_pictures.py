@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
+from deformnb.fields import AbstractField
+from deformnb.forward import warp_points
 from deformnb.picture import Picture
 from deformnb.plane import Plane, Raster
-from deformnb.rbf import RBFInterpolant
-from deformnb.warp import warp_picture, warp_points
+from deformnb.warp import warp_picture
 
 # Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.
 _SHEET = 200
@@ -61,7 +62,7 @@ def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
     return upright + [np.stack([a, np.full_like(a, y)], axis=-1) for y in b[::_PARTS]]
 
 
-def deformed_lines(lines: list[NDArray[np.float64]], fit: RBFInterpolant) -> list[NDArray[np.float64]]:
+def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list[NDArray[np.float64]]:
     """Where lines of a picture are after its deformation, in pieces where the map folds."""
     moved, found = warp_points(np.concatenate(lines), fit)
     ends = np.cumsum([len(line) for line in lines])[:-1]
@@ -73,7 +74,7 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: RBFInterpolant) -> lis
     return pieces
 
 
-def preview_png(picture: Picture, points: ControlPoints, fit: RBFInterpolant, cells: int) -> bytes:
+def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cells: int) -> bytes:
     """The deformed picture with its net and points."""
     from deformnb.drawing import draw_pictures
 

@@ -125,6 +125,7 @@ class RefusedMessage(Message):
     """An edit with something wrong in it: the page must hear that it will not be taken."""
 
     reason: str
+    what: str = "points"
 
 
 def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
@@ -133,7 +134,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
     None, and a line in the log, where it does not even say who sent it.
     """
     try:
-        sender, seq = _header(content)
+        sender, seq = header(content)
     except DeformError as error:
         _LOG.warning("a message to an editor was dropped: %s", error)
         return None
@@ -148,8 +149,9 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
         return RefusedMessage(sender, seq, str(error))
 
 
-def _header(content: Any) -> tuple[str, int]:
-    if not isinstance(content, dict) or content.get("type") not in ("edit", "history"):
+def header(content: Any) -> tuple[str, int]:
+    """Who sent a message, and its number; DeformError if it does not say."""
+    if not isinstance(content, dict) or content.get("type") not in ("edit", "history", "shapes"):
         raise DeformError("it is no edit.")
     sender, seq = content.get("sender"), content.get("seq")
     if not isinstance(sender, str) or not 1 <= len(sender) <= _LONGEST_SENDER or seq is None or not _is_id(seq):
@@ -158,7 +160,7 @@ def _header(content: Any) -> tuple[str, int]:
 
 
 def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int) -> EditMessage:
-    _check_size(content, LONGEST_EDIT)
+    check_size(content, LONGEST_EDIT)
     phase, kind, joins = content.get("phase"), content.get("kind"), content.get("joins", False)
     if phase not in ("move", "end") or kind not in KINDS or not isinstance(joins, bool):
         raise DeformError("an edit needs a phase and a kind.")
@@ -177,7 +179,7 @@ def checked_state(state: Any) -> dict[str, Any]:
     kept = {}
     for name, value in state.items():
         try:
-            _check_size(value, LONGEST_MESSAGE)
+            check_size(value, LONGEST_MESSAGE)
             _check_trait(name, value)
             kept[name] = value
         except DeformError as error:
@@ -200,7 +202,8 @@ def _is_id(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_ID
 
 
-def _check_size(content: Any, most: int) -> None:
+def check_size(content: Any, most: int) -> None:
+    """Refuse what has more bytes as JSON."""
     try:
         size = len(json.dumps(content))
     except (TypeError, ValueError, RecursionError):

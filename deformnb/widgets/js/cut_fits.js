@@ -94,7 +94,7 @@ function chosenPlace(layered, regions, a, b, move, softness, out) {
     if (!isCertain && still > best) k = -1;
     opacity = Math.min(1, sum);
   }
-  const [da, db] = k < 0 ? REST : move(k);
+  const [da, db] = k < 0 ? NO_MOVE : move(k);
   out[0] = da;
   out[1] = db;
   out[2] = opacity;
@@ -102,4 +102,4 @@ function chosenPlace(layered, regions, a, b, move, softness, out) {
   return out;
 }
 
-const REST = [0, 0];
+const NO_MOVE = [0, 0];

@@ -1,7 +1,7 @@
 // The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
 // To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
-const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
+const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "cuts", "parts"];
 
 class EditorPage extends EditorDrawing {
   constructor(model, el) {
@@ -12,7 +12,7 @@ class EditorPage extends EditorDrawing {
     this.id = Math.random().toString(36).slice(2);
     this.sender = senderOf(this.bus, model);
     this.sender.receive();
-    Object.assign(this, { points: this.sender.points, selected: new Set(model.get("selected")), fit: null,
+    Object.assign(this, { points: this.sender.points, selected: new Set(model.get("selected")), layered: null,
       error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
@@ -192,7 +192,7 @@ class EditorPage extends EditorDrawing {
   }
 
   accepts(points) {
-    try { rbfFit(points, { ...settingsOf(this.model), previous: this.fit }); } catch (error) {
+    try { layeredFit(points, { ...this.settings, previous: this.layered }); } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       this.say(error.message, true);
       this.handles.blink(points.filter((p) => error.message.includes(rbfLabel(p))).map((p) => p.id));
@@ -245,7 +245,7 @@ class EditorPage extends EditorDrawing {
       k * p.target[1] + this.view.y - y), p.id]).sort((p, q) => p[0] - q[0])[0];
     if (near && near[0] < NEAR) { this.select([near[1]]); this.handles.focus(near[1]); return near[1]; }
     const target = [(x - this.view.x) / k, (y - this.view.y) / k];
-    const [da, db] = this.fit && !this.isComparing ? rbfAt(this.fit, ...target) : [0, 0];
+    const [da, db] = this.layered && !this.isComparing ? placeOf(this.layered, ...target, 1e-9) : [0, 0];
     const strength = this.model.get("strength") || 1, id = nextId(this.points, this.sender.nextId);
     // Dragged `strength` times, a feature must come from target + D to be seen at the target.
     const points = addedPoint(this.points, id, target, target);

@@ -100,7 +100,7 @@ class EditorDrawing {
   draw() {
     const start = performance.now();
     if (this.isDirty) this.refit();
-    const fitted = performance.now(), { isMoving } = this, fit = this.isComparing ? null : this.fit;
+    const fitted = performance.now(), { isMoving } = this, fit = this.isComparing ? null : this.layered;
     this.stats.paint = this.painter.paint(this.view, fit, { isMoving, paper: this.colours.stage });
     this.painter.drawFrame(this.view, this.box);
     const painted = performance.now();
@@ -116,42 +116,47 @@ class EditorDrawing {
 
   refit() {
     this.isDirty = false;
-    const settings = settingsOf(this.model);
+    const settings = this.settings;
     try {
-      this.fit = rbfFit(this.points, { ...settings, previous: this.fit });
+      this.layered = layeredFit(this.points, { ...settings, previous: this.layered });
       this.error = "";
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       this.error = error.message; // the last good picture stays
     }
     this.net = this.folds = null;
-    const phase = this.drag0 ? "move" : "end";
-    publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: this.error ? null : this.fit, phase });
-    if (phase === "move" && this.isLive && this.model.get("live")) {
+    const phase = this.drag0 || this.shapes0 ? "move" : "end", layered = this.error ? null : this.layered;
+    publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered, phase });
+    if (this.drag0 && this.isLive && this.model.get("live")) {
       this.sender.move(this.points);
       this.wasTold = true;
     }
     this.isLive = false;
   }
 
-  drawNet(fit) {
-    const cells = this.model.get("density"), count = fit?.count ?? 0, { isMoving } = this;
+  get settings() { return settingsOf(this.model); }
+
+  // The fit where there are no cuts, as tests and the curious look for it.
+  get fit() { return this.layered?.fit ?? null; }
+
+  drawNet(layered) {
+    const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
     const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
-    const parts = count ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
-    const key = [fit, cells, parts, String(this.box)];
+    const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
+    const parts = isBent ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
+    const key = [layered, cells, parts, String(this.box)];
     if (!this.net || key.some((value, k) => value !== this.net.key[k])) {
-      const still = { count: 0, centers: [], coefficients: [], linear: [[0, 0], [0, 0]], constant: [0, 0], origin: [0, 0],
-        support: 1, kernel: "wendland_c2" };
-      this.net = { key, lines: deformedNet(fit ?? still, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k) };
+      this.net = { key, lines: deformedNet(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k) };
     }
     this.painter.drawNet(this.view, this.net.lines, this.colours.net);
   }
 
   // How far a point reaches, in units of the picture; 0 where nothing tells.
   reach() {
-    if (!this.fit?.count) return 0;
-    const { order } = RBF_KERNELS[this.fit.kernel];
-    return order === 2 || this.fit.kernel === "linear" ? 0 : this.fit.support; // those kernels know no radius
+    const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
+    if (!fit) return 0;
+    const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has a reach of its own: that of the first is told
+    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels know no radius
   }
 
   // ---- words --------------------------------------------------------------------------------------------------------
@@ -191,7 +196,7 @@ class EditorDrawing {
   }
 
   describe() {
-    const { points, selected, fit } = this, off = points.filter((p) => !p.active).length;
+    const { points, selected, layered: fit } = this, off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`

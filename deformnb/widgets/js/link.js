@@ -4,10 +4,12 @@
 // model itself. An editor therefore has a trait `uid`, and its bus is found under that name on the page:
 //
 //   const bus = busOf(editorModel);              the same EventTarget for everyone who asks, made when first asked for
-//   bus.addEventListener("deformnb:points", ...) event.detail = {points, settings, fit, phase: "move" | "end"}
+//   bus.addEventListener("deformnb:points", ...) event.detail = {points, settings, layered, fit,
+//                                                phase: "move" | "end"}
 //   bus.latest                                   the last detail, or null before the editor has drawn anything
 //
-// `fit` is what rbfFit made of points and settings (null where they cannot be fitted): a listener need not fit again.
+// `layered` is what layeredFit made of points and settings (null where they cannot be fitted): a listener need not fit
+// again. `fit` is its only fit where there are no cuts, else null.
 
 function busOf(model) {
   const key = Symbol.for("deformnb.widgets");
@@ -32,7 +34,7 @@ function publishPoints(bus, detail) {
 
 // The settings of a fit as the traits of an editor hold them.
 function settingsOf(model) {
-  const names = ["kernel", "support", "trend", "smoothing", "strength", "lone_support"];
+  const names = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "cut_rule", "parts"];
   return Object.fromEntries(names.map((name) => [name, model.get(name)]));
 }
 

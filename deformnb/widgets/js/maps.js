@@ -1,4 +1,26 @@
-// What an editor shows of a fit: where lines of the picture go, and whether the map folds. No DOM.
+// What an editor shows of a fit: where lines of the picture go, and whether the map folds. Needs cut_fits.js. No DOM.
+
+const NO_CUTS = { fits: [], regions: [], rule: "source", count: 0, byKey: new Map() };
+
+// y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]. What rigid parts do is differenced.
+function fieldWithSlope(fit, a, b, out) {
+  if (!fit.rigid) return mapWithSlope(fit, a, b, out);
+  const { rigid, base } = fit, h = 1e-5 * base.support, at = new Float64Array(3), east = at.slice(), south = at.slice();
+  const west = partsAt(rigid, a - h, b, new Float64Array(3)), north = partsAt(rigid, a, b - h, new Float64Array(3));
+  partsAt(rigid, a, b, at);
+  partsAt(rigid, a + h, b, east);
+  partsAt(rigid, a, b + h, south);
+  mapWithSlope(base, a, b, out);
+  const w = at[2], u = out[0] - a, v = out[1] - b, [da, db] = [0, 1, 2].reduce(([p, q], k) => [[...p, (east[k] - west[k]) /
+    (2 * h)], [...q, (south[k] - north[k]) / (2 * h)]], [[], []]);
+  out[0] = a + at[0] + w * u;
+  out[1] = b + at[1] + w * v;
+  out[2] = 1 + da[0] + w * (out[2] - 1) + da[2] * u;
+  out[3] = db[0] + w * out[3] + db[2] * u;
+  out[4] = da[1] + w * out[4] + da[2] * v;
+  out[5] = 1 + db[1] + w * (out[5] - 1) + db[2] * v;
+  return out;
+}
 
 // y + D(y) and its Jacobian at (a, b) in one pass over the centres: [a', b', j00, j01, j10, j11].
 function mapWithSlope(fit, a, b, out) {
@@ -29,7 +51,7 @@ function mapWithSlope(fit, a, b, out) {
 // Writes y to `at` (which holds the start) and returns true where it was found; a fold may have no such place.
 function mapInverse(fit, a, b, at, tolerance, work) {
   const t = work ?? new Float64Array(6);
-  mapWithSlope(fit, at[0], at[1], t);
+  fieldWithSlope(fit, at[0], at[1], t);
   let error = Math.hypot(t[0] - a, t[1] - b);
   for (let turn = 0; turn < 12 && error > tolerance; turn++) {
     const det = t[2] * t[5] - t[3] * t[4], ea = a - t[0], eb = b - t[1];
@@ -38,7 +60,7 @@ function mapInverse(fit, a, b, at, tolerance, work) {
     const a0 = at[0], b0 = at[1];
     let share = 1, better = Infinity;
     for (let halvings = 0; halvings < 6; halvings++, share /= 2) {
-      mapWithSlope(fit, a0 + share * sa, b0 + share * sb, t);
+      fieldWithSlope(fit, a0 + share * sa, b0 + share * sb, t);
       better = Math.hypot(t[0] - a, t[1] - b);
       if (better < error) break;
     }
@@ -73,55 +95,120 @@ function follow(at, da, db, [, , j00, j01, j10, j11]) {
   at[1] += isFlat ? db : (j00 * db - j10 * da) / det;
 }
 
-// The net as it lies on the deformed picture: each line as runs of places, broken where the map folds.
-// `parts` pieces of a line per cell; each place is found from the one before it and the slope there, so that Newton has
-// a step to do at most.
-function deformedNet(fit, box, cells, parts, tolerance) {
-  const work = new Float64Array(6), at = new Float64Array(2);
+// The net as it lies on the deformed picture: each line as runs of places, broken where the map folds and at cuts.
+// `parts` pieces of a line per cell.
+function deformedNet(layered, box, cells, parts, tolerance) {
+  const work = new Float64Array(6);
   return netLines(box, cells).map(({ from, to, pieces, isEdge }) => {
     const n = pieces * parts, runs = [];
-    let run = null, a = from[0], b = from[1];
-    for (let k = 0; k <= n; k++) {
-      const share = k / n, x = from[0] + (to[0] - from[0]) * share, y = from[1] + (to[1] - from[1]) * share;
-      if (run) follow(at, x - a, y - b, work);
-      else {
-        const [da, db] = rbfAt(fit, x, y);
-        at[0] = x - da;
-        at[1] = y - db;
-      }
-      let found = mapInverse(fit, x, y, at, tolerance, work);
-      if (!found) {
-        at[0] = x;
-        at[1] = y;
-        found = mapInverse(fit, x, y, at, tolerance, work);
-      }
-      if (found && run === null) runs.push(run = []);
-      if (found) run.push(at[0], at[1]);
-      else run = null;
-      a = x;
-      b = y;
+    for (const { first, last, k } of piecesOfLine(layered, from, to, n)) {
+      const count = Math.max(1, Math.ceil((last - first) * n - 1e-9));
+      traceLine(layered, k, (at) => { const t = first + (last - first) * at / count;
+        return [from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t]; }, count, tolerance, work, runs);
     }
     return { runs, isEdge };
   });
 }
 
+// The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
+function piecesOfLine(layered, from, to, n) {
+  if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
+  const keyAt = (t) => regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
+  const found = [];
+  let first = 0, key = keyAt(0);
+  const end = (last) => found.push({ first, last, k: layered.byKey.get(key) ?? -1 });
+  for (let i = 1; i <= n; i++) {
+    const next = keyAt(i / n);
+    if (next === key) continue;
+    let low = (i - 1) / n, high = i / n;
+    for (let turn = 0; turn < 14; turn++) {
+      const middle = (low + high) / 2;
+      if (keyAt(middle) === key) low = middle;
+      else high = middle;
+    }
+    end(low);
+    first = high;
+    key = next;
+  }
+  end(1);
+  return found;
+}
+
+// Each place is found from the one before it and the slope there, so that Newton has a step to do at most.
+function traceLine(layered, k, place, count, tolerance, work, runs) {
+  const fit = k < 0 ? null : layered.fits[k].fit, at = new Float64Array(2), hasCuts = layered.regions.length > 0;
+  let run = null, before = null;
+  const find = (x, y) => {
+    if (!fit) { at[0] = x; at[1] = y; return true; }
+    if (run) follow(at, x - before[0], y - before[1], work);
+    else {
+      const [da, db] = fieldAt(fit, x, y);
+      at[0] = x - da;
+      at[1] = y - db;
+    }
+    if (mapInverse(fit, x, y, at, tolerance, work)) return true;
+    at[0] = x;
+    at[1] = y;
+    return mapInverse(fit, x, y, at, tolerance, work);
+  };
+  for (let j = 0; j <= count; j++) {
+    const [x, y] = place(j);
+    const isSeen = find(x, y) && (!hasCuts || isSeenFrom(layered, k, at[0], at[1]));
+    // Where other matter begins to cover the line, it is followed to the very place.
+    if (hasCuts && j > 0 && isSeen !== (run !== null) && fit) {
+      let low = j - 1, high = j;
+      const kept = run, last = [at[0], at[1]];
+      run = null;
+      for (let turn = 0; turn < 6; turn++) {
+        const middle = (low + high) / 2, good = find(...place(middle)) && isSeenFrom(layered, k, at[0], at[1]);
+        if (good === isSeen) { high = middle; if (isSeen) last.splice(2, 2, at[0], at[1]); }
+        else { low = middle; if (!isSeen) last.splice(2, 2, at[0], at[1]); }
+      }
+      if (!isSeen) { if (kept && last.length > 2) kept.push(last[2], last[3]); }
+      else {
+        runs.push(run = last.length > 2 ? [last[2], last[3]] : []);
+        [at[0], at[1]] = last;
+        fieldWithSlope(fit, at[0], at[1], work);
+      }
+    }
+    if (isSeen && run === null) runs.push(run = []);
+    if (isSeen) run.push(at[0], at[1]);
+    else run = null;
+    before = [x, y];
+  }
+}
+
+// Whether a place of the result shows what fit k (-1: what stays) has brought there.
+function isSeenFrom(layered, k, a, b) {
+  const own = regionKey(layered, a, b), at = layered.byKey.get(own) ?? -1;
+  if (at === k || layered.rule === "paper") return at === k;
+  if (at < 0) return true; // what stays gives way to what comes
+  const [da, db] = fieldAt(layered.fits[at].fit, a, b);
+  return marginOf(layered.regions, own, a + da, b + db) < 0;
+}
+
 // The smallest det J of the map x + D(x) over a lattice in a box and at the points, and the share that folds (<= 0).
-function foldsOf(fit, box, nodes) {
-  const [a0, a1, b0, b1] = box, work = new Float64Array(6);
+function foldsOf(layered, box, nodes) {
+  const [a0, a1, b0, b1] = box, work = new Float64Array(6), seen = [0, 0, 1, 0];
   let least = Infinity, folded = 0;
-  const look = (a, b) => {
-    mapWithSlope(fit, a, b, work);
+  const look = (fit, a, b) => {
+    fieldWithSlope(fit, a, b, work);
     const det = work[2] * work[5] - work[3] * work[4];
     if (det < least) least = det;
     return det <= 0;
   };
   for (let i = 0; i < nodes; i++) {
     for (let k = 0; k < nodes; k++) {
-      if (look(a0 + (a1 - a0) * k / (nodes - 1), b0 + (b1 - b0) * i / (nodes - 1))) folded += 1;
+      const a = a0 + (a1 - a0) * k / (nodes - 1), b = b0 + (b1 - b0) * i / (nodes - 1);
+      const at = layered.regions.length ? placeOf(layered, a, b, 1e-9, seen)[3] : 0;
+      if (at < 0) least = Math.min(least, 1);
+      else if (seen[2] > 0 && look(layered.fits[at].fit, a, b)) folded += 1;
     }
   }
-  for (let k = 0; k < fit.count; k++) {
-    look(fit.origin[0] + fit.centers[2 * k] * fit.support, fit.origin[1] + fit.centers[2 * k + 1] * fit.support);
+  for (const { fit } of layered.fits) {
+    for (let k = 0; k < fit.count; k++) {
+      look(fit, fit.origin[0] + fit.centers[2 * k] * fit.support, fit.origin[1] + fit.centers[2 * k + 1] * fit.support);
+    }
   }
   return { least, share: folded / (nodes * nodes) };
 }

@@ -3,6 +3,7 @@
 
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
 const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the hand has come to rest
+const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
 const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, net, handles and the browser
 
 class PictureSource {
@@ -78,12 +79,13 @@ class Painter {
     }
   }
 
-  // fit null shows the picture as it is. Returns what it took: {ms, step, lattice}.
+  // A layered fit (cut_fits.js), or null for the picture as it is. Returns what it took: {ms, step, lattice}.
   paint(view, fit, { isMoving, paper }) {
     const start = performance.now(), { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
+    this.paper = [1, 3, 5].map((k) => parseInt(String(c.fillStyle).slice(k, k + 2), 16) || 0); // #rrggbb, whatever was set
     if (!source) return { ms: performance.now() - start, step: 0, lattice: 0 };
     const part = this.visible(view);
     if (part.width <= 0 || part.height <= 0) return { ms: 0, step: 0, lattice: 0 };
@@ -119,9 +121,9 @@ class Painter {
   }
 
   latticeStep(fit, w, h, isMoving) {
-    if (!fit || fit.count === 0) return 32; // a linear map needs no more nodes than that
+    if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
     if (isMoving) return LATTICE_PIXELS * Math.max(1, Math.ceil(Math.sqrt(w * h / 64 * fit.count / 4e5)));
-    return Math.max(1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
+    return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
   }
 
   // Looks every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
@@ -132,25 +134,31 @@ class Painter {
     const columns = Math.ceil((w - 1) / lattice) + 1 + (w === 1 ? 1 : 0);
     const rows = Math.ceil((h - 1) / lattice) + 1 + (h === 1 ? 1 : 0);
     const nodes = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
-    const length = rows * columns * 2;
-    if (!this.map || this.map.length < length) this.map = new Float32Array(length);
-    const map = this.map;
-    if (fit && fit.count) rbfOnRaster(fit, nodes, map);
-    else map.fill(0, 0, length);
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
-    const part2 = 2 ** level, scale = [0, 1].map((c) => 1 / (raster.spacing[c] * part2));
-    // From displacements to places in the pixels of that level: ((a + D - origin) / spacing + 1/2) / 2^level - 1/2.
-    for (let i = 0, n = 0; i < rows; i++) {
-      const b = b0 + i * lattice * size - raster.origin[1];
-      for (let j = 0; j < columns; j++, n += 2) {
-        map[n] = (a0 + j * lattice * size - raster.origin[0] + map[n]) * scale[0] + 0.5 / part2 - 0.5;
-        map[n + 1] = (b + map[n + 1]) * scale[1] + 0.5 / part2 - 0.5;
+    const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
+    const isLayered = Boolean(fit) && fit.regions.length > 0, count = isLayered ? fit.fits.length + 1 : 1;
+    this.maps ??= [];
+    for (let m = 0; m < count; m++) {
+      if (!this.maps[m] || this.maps[m].length < rows * columns * 2) this.maps[m] = new Float32Array(rows * columns * 2);
+      const map = this.maps[m], one = fit?.fits[m]?.fit;
+      if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
+      else map.fill(0, 0, rows * columns * 2);
+      // From displacements to places in the pixels of that level: ((a + D - origin) / spacing + 1/2) / 2^level - 1/2.
+      for (let i = 0, n = 0; i < rows; i++) {
+        const b = b0 + i * lattice * size - raster.origin[1];
+        for (let j = 0; j < columns; j++, n += 2) {
+          map[n] = (a0 + j * lattice * size - raster.origin[0] + map[n]) * scale[0] + shift;
+          map[n + 1] = (b + map[n + 1]) * scale[1] + shift;
+        }
       }
     }
-    const pixels = this.source.level(level), { channels, fill } = this.source;
+    const pixels = this.source.level(level), { channels, fill } = this.source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
-    (channels === 1 ? lookUpGrey : lookUpColour)(out, w, h, map, columns, lattice, pixels, fill, 0.5 / part2);
+    const layers = isLayered ? new LayerPlan(fit, this.maps, { rows, columns, a0, b0, step: lattice * size },
+      { origin: raster.origin, scale, shift }, Math.max(size, Math.min(...raster.spacing))) : null;
+    (channels === 1 ? lookUpGrey : lookUpColour)(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
+    if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
   }
 
   // The edge of the picture, where its own edge is as dark as what is around.
@@ -191,13 +199,17 @@ const OPAQUE = 0xff000000;
 
 // Both loops walk the cells of the lattice row by row; places run linearly inside a cell's row. `rim` is half a pixel
 // of the full picture: so far beyond the outermost centres a place still takes the edge pixel, beyond it the fill.
-function lookUpGrey(out, w, h, map, columns, lattice, { pixels, width, height }, fill, rim) {
+// `plan` says which of the maps each cell shows, and leaves out those below 0 (paint_layers.js); null shows the first.
+function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
   const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
     const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
     for (let j = 0, x = 0; x < w; j++) {
       const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice), full = lattice;
+      const layer = plan ? plan[i * columns + j] : 0;
+      if (layer < 0) { x = last; continue; }
+      const map = maps[layer];
       let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
       const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / full;
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / full;
@@ -218,13 +230,16 @@ function lookUpGrey(out, w, h, map, columns, lattice, { pixels, width, height },
   }
 }
 
-function lookUpColour(out, w, h, map, columns, lattice, { pixels, width, height }, fill, rim) {
+function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
   const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
     const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
     for (let j = 0, x = 0; x < w; j++) {
       const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice);
+      const layer = plan ? plan[i * columns + j] : 0;
+      if (layer < 0) { x = last; continue; }
+      const map = maps[layer];
       let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
       const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / lattice;
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;

@@ -77,7 +77,7 @@ function outlineRegion(data) {
     const some = all.filter((j) => edgeDistance(edges.data, j, a, b) <= far);
     return some.length === all.length ? distance : (p, q) => outlineDistance(edges.data, some, p, q);
   };
-  return { kind: data.kind, distance, near, vertices: data.vertices };
+  return { kind: data.kind, distance, near, edges: edges.count };
 }
 
 function edgeDistance(e, j, a, b) {

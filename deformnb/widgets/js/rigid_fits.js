@@ -71,11 +71,11 @@ function draggedPoints(points, strength) {
 
 function heldPoints(points, parts, strength = 1) {
   const ready = readyParts(parts, strength);
-  return ready.length ? sorted(draggedPoints(points, strength), ready).refused : [];
+  return ready.length ? sortedPoints(draggedPoints(points, strength), ready).refused : [];
 }
 
 // Which active points lie beside all parts, which a part holds anyway, and which it refuses.
-function sorted(points, ready) {
+function sortedPoints(points, ready) {
   const free = [], notes = [], refused = [], all = points.flatMap((p) => [p.source, p.target]);
   const size = points.length ? Math.hypot(...[0, 1].map((k) => {
     let low = Infinity, high = -Infinity;
@@ -104,7 +104,7 @@ function rigidFit(points, parts, settings = {}) {
   rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0, strength,
     settings.support ?? null);
   rbfCheckPoints(points);
-  const dragged = draggedPoints(points, strength), { free, notes, refused } = sorted(dragged, ready), out = [0, 0, 1];
+  const dragged = draggedPoints(points, strength), { free, notes, refused } = sortedPoints(dragged, ready), out = [0, 0, 1];
   if (refused.length) {
     const [{ point, part }] = refused;
     throw new RbfError(`${rbfLabel(point)} lies in ${partLabel(part)}, which ${part.motion ? "has a motion of its own" : "is fixed"}` +
