@@ -11,13 +11,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from deformnb.animation import Animation
 from deformnb.deformation import Deformation
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.documents import write_deformation
 from deformnb.io.formats import write_volume
-from deformnb.movie import deformation_frames, write_movie
+from deformnb.movie import Frames, animation_frames, deformation_frames, write_movie
 from deformnb.picture import Picture, project
 from deformnb.plane import Plane
 from deformnb.render import render_volume
@@ -33,6 +34,7 @@ Progress = Callable[[float], None]
 _RENDERING = (1600, 1200)
 _FRAME = (640, 480)
 _FRAMES = 48
+_FPS = 24.0
 _HOME = {"direction": (0.4, 1.0, -0.3), "up": None, "zoom": 1.0}
 
 
@@ -111,9 +113,22 @@ def _projected(it: Frozen, volume: Volume) -> Picture:
 
 
 def _movie(it: Frozen, path: Path, progress: Progress) -> None:
-    frames = deformation_frames(it.volume, it.deformation, strengths=_FRAMES, directions=it.camera["direction"],
-                                up=it.camera["up"], size=_FRAME, transfer=it.transfer)
-    write_movie(path, frames, progress=lambda done, total: progress(done / max(total, 1)))
+    """The animation of the key frames, or a deformation without any that comes and goes."""
+    write_movie(path, movie_frames(it), _FPS, progress=lambda done, total: progress(done / max(total, 1)))
+
+
+def movie_frames(it: Frozen, fps: float = _FPS, easing: str = "linear", loop: str = "once") -> Frames:
+    """The pictures of a session's movie, seen by its camera.
+
+    Parameters
+    ----------
+    fps, easing, loop : of the animation, if the document has key frames.
+    """
+    looks: dict[str, Any] = {"directions": it.camera["direction"], "up": it.camera["up"], "size": _FRAME,
+                             "transfer": it.transfer}
+    if it.deformation.keyframes:
+        return animation_frames(it.volume, Animation(it.deformation, easing, loop), fps=fps, **looks)
+    return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
 
 
 def _script(it: Frozen, path: Path, progress: Progress) -> None:

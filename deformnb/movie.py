@@ -1,13 +1,17 @@
-"""Movies of a deformation that comes and goes: frames by the renderer, files that any browser or slide shows."""
+"""Movies: a deformation that comes and goes, or the animation of key frames.
+
+Frames are made by the renderer one by one, files are what any browser or slide shows.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.animation import Animation
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.io.movies import MOVIES, write_movie
@@ -17,7 +21,7 @@ from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.warp import Warper
 
-__all__ = ["MOVIES", "SHOWS", "Frames", "deformation_frames", "orbit", "swing", "write_movie"]
+__all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
 
 Image = NDArray[np.uint8]
 
@@ -25,6 +29,9 @@ SHOWS = ("after", "pair")
 """What a frame shows: the deformed volume alone, or the volume as it was to its left."""
 
 _BACKGROUND = (0.06, 0.065, 0.08)
+
+# A moment that no animation has: the volume as it was given.
+_BEFORE = -1.0
 
 
 def swing(count: int, *, to: float = 1.0) -> tuple[float, ...]:
@@ -129,24 +136,67 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
     >>> [frame.shape for frame in frames]
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
     """
+    chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
+    return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
+                   backend)
+
+
+def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0, times: Sequence[float] | None = None,
+                     directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
+                     size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
+                     shows: str = "after", output: Grid | None = None,
+                     background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
+    """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
+
+    Parameters
+    ----------
+    fps : pictures a second, of one round of the animation.
+    times : the moments of the pictures in seconds instead; also in another order, or twice.
+    directions, up, size, transfer, shows, output, background, backend : as for :func:`deformation_frames`.
+
+    Examples
+    --------
+    >>> from deformnb.control_points import ControlPoints
+    >>> from deformnb.deformation import Keyframe
+    >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
+    >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
+    >>> keys = [Keyframe(t, Deformation.on_picture(volume.grid, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> animation = Animation(Deformation(keyframes=keys))
+    >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
+    3
+    """
+    moments = animation.times(fps) if times is None else tuple(map(animation.moment, _numbers(times, "times")))
+
+    def document(moment: float) -> Deformation:
+        return Deformation() if moment == _BEFORE else animation.at(moment)
+
+    return _frames(volume, document, _BEFORE, moments, directions, up, size, transfer, shows, output, background,
+                   backend)
+
+
+def _frames(volume: Volume, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
+            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | None,
+            shows: str, output: Grid | None, background: tuple[float, float, float], backend: str) -> Frames:
+    """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
     if shows not in SHOWS:
         raise DeformError(f"frames cannot show {shows!r}; choose {' or '.join(SHOWS)}.")
-    chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
     grid = output or volume.grid
-    planes = _planes(grid, directions, up, len(chosen))
+    planes = _planes(grid, directions, up, len(moments))
     function = preset("specimen", volume) if transfer is None else transfer
     scene = Scene(function, size, background=background, backend=backend)  # refuses a wrong size or renderer
-    images = _images(volume, deformation, list(zip(chosen, planes, strict=True)), grid, scene, size, shows == "pair")
-    return Frames(images, len(chosen))
+    shown = list(zip(moments, planes, strict=True))
+    images = _images(volume, document, shown, grid, scene, size, before, shows == "pair")
+    return Frames(images, len(moments))
 
 
-def _numbers(strengths: Sequence[float]) -> tuple[float, ...]:
+def _numbers(given: Sequence[float], what: str = "strengths") -> tuple[float, ...]:
     try:
-        chosen = tuple(float(s) for s in strengths)
+        chosen = tuple(float(s) for s in given)
     except (TypeError, ValueError):
-        raise DeformError(f"strengths are a number of frames or a list of numbers, got {strengths!r:.60}.") from None
+        kinds = "a number of frames or a list of numbers" if what == "strengths" else "a list of numbers"
+        raise DeformError(f"{what} are {kinds}, got {given!r:.60}.") from None
     if not chosen or not np.isfinite(chosen).all():
-        raise DeformError("strengths must be finite numbers, one for each frame and at least one.")
+        raise DeformError(f"{what} must be finite numbers, one for each frame and at least one.")
     return chosen
 
 
@@ -158,37 +208,37 @@ def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int)
     return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
-def _images(volume: Volume, deformation: Deformation, wanted: list[tuple[float, Plane]], grid: Grid, scene: Scene,
-            size: tuple[int, int], is_pair: bool) -> Iterator[Image]:
+def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
+            scene: Scene, size: tuple[int, int], before: float, is_pair: bool) -> Iterator[Image]:
     height = max(fitting_height(grid, plane, size) for _, plane in wanted)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.
     left, kept = Counter(wanted), dict[tuple[float, Plane], Image]()
 
-    def deformed(strength: float) -> Volume:
-        if strength not in volumes:
-            for other in [s for s in volumes if s != 0]:  # kept are the last one and the one that is not deformed
+    def deformed(moment: float) -> Volume:
+        if moment not in volumes:
+            for other in [m for m in volumes if m != before]:  # kept are the last and the one that is not deformed
                 del volumes[other]
-            volumes[strength] = warper(deformation.blended(strength).field(volume.grid))
-        return volumes[strength]
+            volumes[moment] = warper(document(moment).field(volume.grid))
+        return volumes[moment]
 
-    def drawn(strength: float, plane: Plane) -> Image:
-        key = (strength, plane)
+    def drawn(moment: float, plane: Plane) -> Image:
+        key = (moment, plane)
         image = kept.pop(key, None)
         if image is None:
-            image = scene(deformed(strength), plane, height)
+            image = scene(deformed(moment), plane, height)
         left[key] -= 1
         if left[key] > 0:
             kept[key] = image
         return image
 
     if is_pair:
-        left.update((0.0, plane) for _, plane in wanted)
+        left.update((before, plane) for _, plane in wanted)
     try:
-        for strength, plane in wanted:
+        for moment, plane in wanted:
             if is_pair:
-                yield np.concatenate([drawn(0.0, plane), drawn(strength, plane)], axis=1)
+                yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
             else:
-                yield drawn(strength, plane).copy()  # whoever paints on a frame must not paint on one to come
+                yield drawn(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
     finally:
         scene.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from deformnb.deformation import Keyframe
 from deformnb.errors import Cancelled, DeformError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.io.documents import read_deformation
@@ -25,6 +27,20 @@ def session() -> Session:
     made = Session(Volume(values, Grid((12, 14, 20), (1.0, 1.0, 2.0)), "egg"))
     made.edit_points(made.points.add([8.0, 6.0], [11.0, 6.0]))
     return made
+
+
+def test_a_document_with_key_frames_is_exported_as_its_animation(session: Session, tmp_path: Path,
+                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    monkeypatch.setattr("deformnb.exports._FRAME", (64, 48))
+    moved, rest = session.deformation, session.deformation.blended(0)
+    session.deformation = replace(moved, keyframes=(Keyframe(0.0, rest.steps), Keyframe(0.25, moved.steps)))
+    shares: list[float] = []
+    path = export(session, tmp_path / "swim.gif", camera={"direction": (0, 1, 0)}, progress=shares.append)
+    with Image.open(path) as gif:
+        assert gif.n_frames == 7  # 0.25 s at 24 frames a second, with both ends
+    assert len(shares) == 7
 
 
 def test_every_writable_format_of_volumes_is_a_suffix_of_the_export() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import operator
 import os
 import re
 import subprocess
@@ -17,11 +18,12 @@ import oracle
 import pytest
 from PIL import Image, features
 
+from deformnb.animation import Animation
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
+from deformnb.deformation import Deformation, Keyframe
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
 from deformnb.io import movies
-from deformnb.movie import deformation_frames, orbit, swing, write_movie
+from deformnb.movie import animation_frames, deformation_frames, orbit, swing, write_movie
 from deformnb.render import render_pair, render_volume
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
@@ -466,3 +468,24 @@ def test_pairs_of_stills_and_movies_agree() -> None:
     still = render_pair(volume, deformation.apply(volume), captions=("", ""), **look)
     assert middle(frame[:, 64:]) - middle(frame[:, :64]) == pytest.approx(
         middle(still[:, still.shape[1] // 2 :]) - middle(still[:, : still.shape[1] // 2]), abs=1)
+
+
+def test_an_animation_becomes_frames_of_its_moments() -> None:
+    volume, deformation = ball()
+    keys = (Keyframe(0.0, deformation.blended(0).steps), Keyframe(1.0, deformation.steps))
+    document = Deformation(deformation.steps, keyframes=keys)
+    look: dict[str, Any] = {"directions": (0, 1, 0), "transfer": WHITE, "size": (64, 48), "backend": "core",
+                            "background": (0, 0, 0)}
+    frames = animation_frames(volume, Animation(document), fps=4, **look)
+    assert operator.length_hint(frames) == 5
+    places = [middle(frame) for frame in frames]
+    pixel = (places[4] - places[0]) / 8  # the ball moves by 8
+    assert pixel > 0.8
+    assert [(place - places[0]) / pixel for place in places] == pytest.approx([0, 2, 4, 6, 8], abs=0.35)
+    there = [middle(frame) for frame in animation_frames(volume, Animation(document, loop="swing"), fps=2, **look)]
+    assert there == pytest.approx([places[0], places[2], places[4], places[2]], abs=0.1)
+    (pair,) = animation_frames(volume, Animation(document), times=(0.5,), shows="pair", **look)
+    assert middle(pair[:, :64]) == pytest.approx(places[0], abs=0.1)
+    assert middle(pair[:, 64:]) == pytest.approx(places[2], abs=0.1)
+    with pytest.raises(DeformError, match="times are a list of numbers"):
+        animation_frames(volume, Animation(document), times="now", **look)  # type: ignore[arg-type]
