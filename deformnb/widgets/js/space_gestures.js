@@ -1,0 +1,172 @@
+// Pointer, wheel and keys of the editor in space, turned into calls of the page.
+
+const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
+const STILL = { mouse: 2, pen: 3, touch: 6 }; // a press that moves less is a click
+
+// Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held.
+class PaneGestures {
+  constructor(page, pane) {
+    Object.assign(this, { page, pane, gesture: null });
+    const on = (target, name, handler, options = {}) => target.addEventListener(
+      name, (event) => page.guard(() => handler(event)), { signal: page.closed.signal, ...options });
+    on(pane.svg, "pointerdown", (e) => this.down(e));
+    on(pane.svg, "pointermove", (e) => this.move(e));
+    on(pane.svg, "pointerup", (e) => this.up(e));
+    for (const name of ["pointercancel", "lostpointercapture"]) on(pane.svg, name, (e) => this.up(e, true));
+    on(pane.svg, "dblclick", (e) => this.doubleClick(e));
+    on(pane.svg, "contextmenu", (e) => this.contextMenu(e));
+    on(pane.stage, "wheel", (e) => this.wheel(e), { passive: false });
+  }
+
+  place(event) {
+    const box = this.pane.stage.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  // What an event is about: a point, a line of the cross-hair, or nothing. A captured pointer's clicks do not tell.
+  hit(event) {
+    const isClick = event.type === "dblclick" || event.type === "contextmenu";
+    const node = isClick ? this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY) : event.target;
+    const found = node?.closest?.("[data-id], [data-source], [data-line]"), { id, source, line } = found?.dataset ?? {};
+    if (id !== undefined) return { id: Number(id), what: "target" };
+    if (source !== undefined) return { id: Number(source), what: "source" };
+    return line === undefined ? null : { line };
+  }
+
+  down(event) {
+    const { page, pane } = this, at = this.place(event), hit = this.hit(event);
+    if (page.isWaiting || this.gesture) return;
+    pane.svg.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    const begun = { pointer: event.pointerId, from: at, at, isPress: true, slack: STILL[event.pointerType] ?? 2 };
+    if (event.button === 1 || (event.button === 0 && page.isSpaceDown)) this.gesture = { ...begun, kind: "pan" };
+    else if (event.button !== 0) return;
+    else if (hit?.id !== undefined) this.#grab(event, hit, begun);
+    else if (page.isAdding) this.#grab(event, { id: page.addAt(pane, at), what: "target" }, begun);
+    else {
+      pane.stage.focus({ preventScroll: true });
+      this.gesture = { ...begun, kind: "cross", line: hit?.line ?? null };
+    }
+  }
+
+  #grab(event, { id, what }, begun) {
+    const { page, pane } = this, adds = event.shiftKey || event.ctrlKey || event.metaKey, was = page.selected.has(id);
+    if (!was) page.select(adds ? [...page.selected, id] : [id]);
+    pane.handles.focus(id);
+    this.gesture = { ...begun, kind: "points", id, adds, was, what: event.altKey ? "both" : what,
+      ids: page.selected.has(id) ? [...page.selected] : [id] };
+  }
+
+  move(event) {
+    const g = this.gesture, at = this.place(event);
+    if (!g || g.pointer !== event.pointerId) return;
+    if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
+    const { k } = this.pane.view;
+    if (g.kind === "pan") this.pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
+    else if (g.kind === "cross") this.page.moveCross(this.pane, at, g.line, true);
+    else {
+      if (g.isPress) this.page.beginDrag();
+      this.page.drag(g.ids, wayInPane(this.pane.info, (at[0] - g.from[0]) / k, (at[1] - g.from[1]) / k), g.what);
+    }
+    g.isPress = false;
+    g.at = at;
+  }
+
+  up(event, isCancelled = false) {
+    const g = this.gesture, { page } = this;
+    if (!g || g.pointer !== event.pointerId) return;
+    this.gesture = null;
+    if (g.kind === "points") {
+      if (!g.isPress) page.endDrag(isCancelled);
+      else if (g.was) page.select(g.adds ? [...page.selected].filter((id) => id !== g.id) : [g.id]);
+    } else if (g.kind === "cross" && !isCancelled) {
+      if (g.isPress && g.line === null) page.moveCross(this.pane, g.from, null, false);
+      if (g.isPress) page.select([]);
+      page.lookAtRest();
+    }
+  }
+
+  // Escape during a drag: as if it had not begun.
+  cancel() {
+    const g = this.gesture;
+    this.gesture = null;
+    if (g?.kind === "points" && !g.isPress) this.page.endDrag(true);
+    return g !== null;
+  }
+
+  doubleClick(event) {
+    if (this.page.isWaiting) return;
+    const hit = this.hit(event);
+    if (hit?.id !== undefined) this.page.goTo(hit.id);
+    else this.page.addAt(this.pane, this.place(event));
+    event.preventDefault();
+  }
+
+  contextMenu(event) {
+    event.preventDefault();
+    const hit = this.hit(event); // a long press of a finger also comes here, and must not delete
+    if (hit?.id !== undefined && event.pointerType !== "touch") this.page.remove([hit.id]);
+  }
+
+  // The wheel goes through the slices, with Ctrl it zooms; it belongs to the page around until someone works in here.
+  wheel(event) {
+    const { page, pane } = this, isZoom = event.ctrlKey || event.metaKey;
+    if (!isZoom && !page.root.contains(document.activeElement)) {
+      page.hint("Click a picture to go through its slices with the wheel");
+      return;
+    }
+    event.preventDefault();
+    const delta = Math.max(-240, Math.min(240, event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1)));
+    if (isZoom || !page.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), ...this.place(event)); return; }
+    this.rolled = (this.rolled ?? 0) + delta;
+    const notches = Math.trunc(this.rolled / 40); // a notch of a wheel is about 100, a trackpad sends many small ones
+    if (notches === 0) return;
+    this.rolled = 0;
+    page.scroll(pane, Math.sign(notches) * Math.max(1, Math.floor(Math.abs(notches) / 2)));
+  }
+}
+
+const SPACE_KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", o: "switch", c: "compare", j: "go",
+  "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };
+
+const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+// Keys pressed anywhere in the editor; true if they meant something.
+function spaceKey(page, event) {
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, isCommand = event.ctrlKey || event.metaKey;
+  if (event.target.closest("input[type=text], select")) return false; // have keys of their own
+  if (isCommand) return spaceCommand(page, key, event.shiftKey);
+  const onButton = event.target.closest("button"), pane = page.paneOf(event.target);
+  if (event.target.closest("input[type=range]")) return false;
+  if (onButton && key in SPACE_ARROWS) return page.toolbar.focusNext(onButton, key);
+  if (onButton && (key === "Enter" || key === " ")) return false;
+  const focused = event.target.closest("[data-id]"), id = focused ? Number(focused.dataset.id) : null;
+  if (key in SPACE_ARROWS) {
+    page.nudge(pane, id, SPACE_ARROWS[key], event.shiftKey ? 10 : 1, event.altKey ? "both" : "target");
+    return true;
+  }
+  if (key === "PageUp" || key === "PageDown") {
+    const by = (key === "PageUp" ? -1 : 1) * (event.shiftKey ? 10 : 1);
+    if (event.altKey) page.nudgeDepth(pane, id, by);
+    else page.scroll(pane, by);
+    return true;
+  }
+  if (event.altKey) return false;
+  if (key === " ") { page.isSpaceDown = true; return true; }
+  if (key === "Enter") {
+    if (id === null) page.addAtCursor(pane); else page.toggleSelected(id);
+    return true;
+  }
+  if (key === "Escape") return page.escape();
+  if (!(key in SPACE_KEYS)) return false;
+  page.run(SPACE_KEYS[key], id);
+  return true;
+}
+
+function spaceCommand(page, key, isShift) {
+  if (key === "z") page.stepHistory(isShift ? "redo" : "undo");
+  else if (key === "y") page.stepHistory("redo");
+  else if (key === "a") page.select(page.points.map((p) => p.id));
+  else return false;
+  return true;
+}
