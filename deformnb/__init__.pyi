@@ -1,3 +1,6 @@
+from .animation import EASINGS as EASINGS
+from .animation import LOOPS as LOOPS
+from .animation import Animation as Animation
 from .control_points import ControlPoints as ControlPoints
 from .cuts import CUT_RULES as CUT_RULES
 from .cuts import Cut as Cut
@@ -23,17 +26,24 @@ from .fields import AbstractField as AbstractField
 from .fields import DisplacementField as DisplacementField
 from .fields import blend as blend
 from .fields import compose as compose
+from .forward import warp_points as warp_points
 from .io.documents import read_deformation as read_deformation
 from .io.documents import write_deformation as write_deformation
 from .io.formats import FORMATS as FORMATS
 from .io.formats import describe_file as describe_file
 from .io.formats import read_volume as read_volume
 from .io.formats import write_volume as write_volume
+from .io.landmarks import LANDMARK_FORMATS as LANDMARK_FORMATS
+from .io.landmarks import read_landmarks as read_landmarks
+from .io.landmarks import write_landmarks as write_landmarks
 from .io.meshes import MESH_FORMATS as MESH_FORMATS
 from .io.meshes import read_mesh as read_mesh
 from .io.meshes import write_mesh as write_mesh
 from .kernels import KERNELS as KERNELS
+from .landmarks import Landmarks as Landmarks
+from .landmarks import warp_landmarks as warp_landmarks
 from .masks import Mask as Mask
+from .movie import animation_frames as animation_frames
 from .movie import deformation_frames as deformation_frames
 from .movie import write_movie as write_movie
 from .picture import PROJECTIONS as PROJECTIONS
@@ -56,9 +66,11 @@ from .rigid_parts import fit_rigid as fit_rigid
 from .script import as_python as as_python
 from .session import Session as Session
 from .surfaces import Mesh as Mesh
+from .surfaces import filled as filled
 from .surfaces import isosurface as isosurface
 from .surfaces import signed_distance as signed_distance
 from .surfaces import warp_mesh as warp_mesh
+from .time_maps import TimeMaps as TimeMaps
 from .transfer import PRESETS as PRESETS
 from .transfer import TransferFunction as TransferFunction
 from .trend import TRENDS as TRENDS
@@ -67,7 +79,6 @@ from .volume import Volume as Volume
 from .warp import Warper as Warper
 from .warp import warp as warp
 from .warp import warp_picture as warp_picture
-from .warp import warp_points as warp_points
 from .widgets.studio import Studio as Studio
 
 __version__: str

@@ -268,8 +268,14 @@ class Decoupled(AbstractField):
 
     def of_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
         """Which matter each field moves: a mask of points (N, dim) before the deformation, and None for what stays."""
-        x = points if self.plane is None else self.plane.to_plane(points)[..., :2]
-        own = sides_of(self.regions, x)
+        own = self._sides(points)
         masks = [(own == np.asarray(region)).all(axis=-1) for region in self.sides]
         rest = ~np.logical_or.reduce([*masks, np.zeros(len(points), dtype=bool)])
         return [*zip(masks, self.fields, strict=True), (rest, None)]
+
+    def regions_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The number of the region, with or without points, in which each of the points (N, dim) lies."""
+        return self._sides(points) @ (1 << np.arange(len(self.regions)))
+
+    def _sides(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return sides_of(self.regions, points if self.plane is None else self.plane.to_plane(points)[..., :2])

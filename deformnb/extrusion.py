@@ -161,6 +161,11 @@ class Extrusion(AbstractField):
         w = np.asarray(self.weights)
         return bool((w == w[:, :1]).all())
 
+    @property
+    def is_plain(self) -> bool:
+        """True for the rule "replicate": one map, the same on every slice."""
+        return len(self.maps) == 1 and bool((np.asarray(self.weights) == 1).all())
+
     def zeta(self, c: Any) -> Any:
         """Relative depth in [0, 1] of depths c along the normal; 0 for a volume of one slice."""
         c0, c1 = self.depth

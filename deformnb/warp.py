@@ -1,4 +1,4 @@
-"""Applying a field: volumes and pictures are looked up backwards, points move forwards.
+"""Applying a field: volumes and pictures are looked up backwards. (Points move forwards, see :mod:`deformnb.forward`.)
 
 ``output(x) = input(x + D(x))``. Which kernel does it is decided by what the field is: one replicated map moves whole
 rows of voxels, an extruded map moves nothing along its normal, anything else is computed block by block from the
@@ -11,22 +11,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from deformnb import sampling, warp_plan
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.plane import Raster
 from deformnb.sampling import METHODS
+from deformnb.transparency import faded
 from deformnb.volume import DTYPES, Grid, Volume
 from deformnb.warp_plan import Progress
-
-# Newton's method ends at this share of the extent of the points: three digits better than a thousandth of a voxel in a
-# volume of 1000 voxels, and far above the rounding of a stored float32 field (1e-7 of its displacement).
-_POINT_TOLERANCE = 1e-6
-
-# A Newton step halved this far without gain leads nowhere.
-_SHORTEST_STEP = 1e-4
 
 
 def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fill: float | None = None,
@@ -115,6 +109,9 @@ class Warper:
             values = self._along_rows(plan, progress)
         else:
             values = self._extruded(plan, progress)
+        if plan is not None and plan.opacity is not None:  # rows along the normal fade together
+            rows = np.moveaxis(values, plan.normal, 2)
+            values = np.moveaxis(self._faded(rows, plan.opacity), 2, plan.normal)
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
         return Volume(values, self.output, self.volume.name, self.volume.is_labels)
@@ -143,6 +140,9 @@ class Warper:
             values = sampling.spline_coefficients(values, self._compute)
         return sampling.on_device(values, (-1,))
 
+    def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
+        return faded(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
+
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
 
@@ -152,15 +152,19 @@ class Warper:
         with self._arithmetic():
             flat = self._flat
 
+        step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
+
         def work(block: tuple[slice, slice]) -> None:
-            d = warp_plan.displacements(field, warp_plan.lattice(grid, block, self.step))
+            d, opacity = warp_plan.seen(field, warp_plan.lattice(grid, block, step))
             with self._arithmetic():
-                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=self.step,
+                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
                                                      **self._settings()))
+            if opacity is not None:
+                result = self._faded(result, opacity)
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
 
-        warp_plan.share(warp_plan.blocks(grid.shape, self.step), work, progress)
+        warp_plan.share(warp_plan.blocks(grid.shape, step), work, progress)
         return out
 
     def _extruded(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:
@@ -280,7 +284,10 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
         # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
         table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = warp_plan.picture_places(raster, output, compute)
-    result = _moved_rows(table, warp_plan.on_raster(field, output), at, lowest, settings)
+    d, opacity = warp_plan.seen_on_raster(field, output)
+    result = _moved_rows(table, d, at, lowest, settings)
+    if opacity is not None:
+        result = faded(result, opacity, lowest, discrete=not METHODS[method].blends)
     return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
 
 
@@ -293,95 +300,3 @@ def _finite_pixels(values: NDArray[Any]) -> tuple[NDArray[Any], float]:
         return np.zeros_like(values), 0.0
     background = values[finite].min()
     return values if finite.all() else np.where(finite, values, background), float(background)
-
-
-def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
-                max_iterations: int = 50) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where points of the input are in the result: y with ``y + D(y) = x``, the inverse of the backward map.
-
-    Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself.
-    Where the map folds there are several such places and one of them is found.
-
-    Parameters
-    ----------
-    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2.
-    field : backward displacements.
-    tolerance : largest error of ``y + D(y)``, as a length; default is 1e-6 of the extent of points and displacements.
-    max_iterations : Newton steps at most, of each start.
-
-    Returns
-    -------
-    moved : (..., dim), float64 and finite, the best place found.
-    converged : (...), bool; False where the map has no such place or it was not found. Never ignore it.
-
-    Raises
-    ------
-    DeformError
-        If points are not finite or do not have the field's dimension.
-
-    Examples
-    --------
-    >>> from deformnb.fields import Identity
-    >>> moved, converged = warp_points([[1.0, 2.0, 3.0]], Identity())
-    >>> moved.tolist(), converged.tolist()
-    ([[1.0, 2.0, 3.0]], [True])
-    """
-    array = np.asarray(points, dtype=np.float64)
-    if array.ndim < 1 or array.shape[-1] != field.dim:
-        raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {array.shape}.")
-    x = array.reshape(-1, field.dim)
-    bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
-    if len(bad):
-        raise DeformError(f"point {bad[0]} is not finite ({x[bad[0]].tolist()}); remove it or give its place.")
-    if not len(x):
-        return array.copy(), np.ones(array.shape[:-1], dtype=bool)
-    d = field.displacement(x)
-    if tolerance is None:
-        tolerance = _POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), float(np.abs(d).max()))
-    y, error = _newton(np.where(np.isfinite(d), x - d, x), x, field, tolerance, max_iterations)
-    left = np.flatnonzero(~(error <= tolerance))
-    if len(left):
-        again, error_again = _newton(x[left], x[left], field, tolerance, max_iterations)
-        better = error_again < error[left]
-        y[left[better]], error[left[better]] = again[better], error_again[better]
-    return y.reshape(array.shape), (error <= tolerance).reshape(array.shape[:-1])
-
-
-def _newton(start: NDArray[np.float64], x: NDArray[np.float64], field: AbstractField, tolerance: float,
-            max_iterations: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The best places y found from ``start`` and their errors |y + D(y) - x|."""
-
-    def residual(y: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[Any, Any]:
-        r = y + field.displacement(y) - target
-        error = np.linalg.norm(r, axis=1)
-        return r, np.where(np.isfinite(error), error, np.inf)
-
-    y = start.copy()
-    r, error = residual(y, x)
-    for _ in range(max_iterations):
-        active = np.flatnonzero(np.isfinite(error) & (error > tolerance))
-        if not len(active):
-            break
-        step = _newton_step(y[active], r[active], field)
-        t, left = 1.0, np.arange(len(active))
-        while len(left) and t > _SHORTEST_STEP:
-            k = active[left]
-            trial = y[k] + t * step[left]
-            r_trial, error_trial = residual(trial, x[k])
-            good = error_trial < error[k]
-            y[k[good]], r[k[good]], error[k[good]] = trial[good], r_trial[good], error_trial[good]
-            t, left = t / 2, left[~good]
-        if len(left) == len(active):
-            break
-    return y, error
-
-
-def _newton_step(y: NDArray[np.float64], r: NDArray[np.float64], field: AbstractField) -> NDArray[np.float64]:
-    """Minus the inverse of 1 + dD/dx, times the residual; finite where the map folds and there is no inverse."""
-    # JAX compiles for each number of points: round it up to a power of two.
-    padded = np.resize(np.arange(len(y)), 1 << (len(y) - 1).bit_length())
-    jacobian = np.eye(y.shape[1]) + field.jacobian(y[padded])[: len(y)]
-    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
-    damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is kept
-    normal += damping[:, None, None] * np.eye(y.shape[1])
-    return -np.linalg.solve(normal, np.einsum("nki,nk->ni", jacobian, r)[..., None])[..., 0]

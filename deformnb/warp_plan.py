@@ -9,16 +9,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.cuts import Decoupled
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
-from deformnb.fields import AbstractField, DisplacementField
+from deformnb.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.plane import Plane, Raster
 from deformnb.sampling import METHODS, on_device
 from deformnb.volume import Grid
@@ -147,12 +148,14 @@ class Extruded:
     maps : K maps (2, rows, columns), float32; rows and columns are the two other array axes in order.
     weights : (K, n) along ``normal``; None if one map holds everywhere.
     matrix : 3 x 2, from displacement along (u, v) to input voxels (z, y, x).
+    opacity : (rows, columns) of what cuts leave; None if there are none.
     """
 
     normal: int
     maps: NDArray[np.float32]
     weights: NDArray[np.float32] | None
     matrix: NDArray[np.floating[Any]]
+    opacity: NDArray[np.float32] | None = None
 
 
 def shared_axis(plane: Plane, source: Grid, output: Grid) -> int | None:
@@ -173,12 +176,14 @@ def shared_axis(plane: Plane, source: Grid, output: Grid) -> int | None:
 
 def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> Extruded | None:
     """Plan the short cut for ``field``, or None where only the general kernel is right."""
+    if isinstance(field, Decoupled):
+        return _cut_and_replicated(field, source, output, compute)
     if not isinstance(field, Extrusion):
         return None
     normal = shared_axis(field.plane, source, output)
     if normal is None:
         return None
-    maps = np.stack([_on_voxels(m, field.plane, output, normal) for m in field.maps])
+    maps = np.stack([_on_voxels(m, field.plane, output, normal)[0] for m in field.maps])
     n = np.arange(output.shape[normal])
     index = np.zeros((len(n), 3))
     index[:, 2 - normal] = n
@@ -190,8 +195,25 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
             maps = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32)
     else:
         kept = weights.astype(np.float32)
-    matrix = (np.linalg.inv(source.matrix) @ plane_vectors(field.plane))[::-1]
-    return Extruded(normal, maps, kept, matrix.astype(compute))
+    return Extruded(normal, maps, kept, _to_voxels(field.plane, source, compute))
+
+
+def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
+    """Cuts on every slice alike: the choice among the regions is made once, on the picture's plane."""
+    plane = field.plane
+    if plane is None or not all(isinstance(f, Extrusion) and f.plane == plane and f.is_plain for f in field.fields):
+        return None
+    normal = shared_axis(plane, source, output)
+    if normal is None:
+        return None
+    flat = replace(field, fields=tuple(f.maps[0] for f in field.fields), plane=None)  # type: ignore[attr-defined]
+    map_, opacity = _on_voxels(flat, plane, output, normal)
+    return Extruded(normal, map_[None], None, _to_voxels(plane, source, compute), opacity)
+
+
+def _to_voxels(plane: Plane, source: Grid, compute: str) -> NDArray[np.floating[Any]]:
+    """3 x 2, from displacement along (u, v) to input voxels (z, y, x)."""
+    return (np.linalg.inv(source.matrix) @ plane_vectors(plane))[::-1].astype(compute)
 
 
 def plane_vectors(plane: Plane) -> NDArray[np.float64]:
@@ -199,8 +221,12 @@ def plane_vectors(plane: Plane) -> NDArray[np.float64]:
     return plane.frame[:2].T
 
 
-def _on_voxels(field: AbstractField, plane: Plane, output: Grid, normal: int) -> NDArray[np.float32]:
-    """A 2-D field at the voxel centres of one plane of the grid: (2, rows, columns) in the order of array axes."""
+def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
+               normal: int) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """A 2-D field at the voxel centres of one plane of the grid: (2, rows, columns) in the order of array axes.
+
+    The opacity (rows, columns) comes along; None if there are no cuts.
+    """
     axes = [axis for axis in range(3) if axis != normal]
     cosines = np.asarray(output.direction).T @ plane.frame.T
     along_u = max(axes, key=lambda axis: abs(cosines[2 - axis, 0]))
@@ -213,8 +239,11 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid, normal: int) ->
         first.append(start[k] - (output.shape[axis] - 1) * output.spacing[2 - axis] * reverse)
     raster = Raster((output.shape[along_v], output.shape[along_u]),
                     (output.spacing[2 - along_u], output.spacing[2 - along_v]), (first[0], first[1]))
-    values = on_raster(field, raster)[:, ::flip[1], ::flip[0]]
-    return values if along_v < along_u else values.swapaxes(1, 2)
+    values, opacity = seen_on_raster(field, raster)
+    turned = [a if a is None else a[..., ::flip[1], ::flip[0]] for a in (values, opacity)]
+    if along_v > along_u:
+        turned = [a if a is None else a.swapaxes(-1, -2) for a in turned]
+    return turned[0], turned[1]  # type: ignore[return-value]
 
 
 def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
@@ -235,13 +264,23 @@ def displacements(field: AbstractField, grid: Grid) -> Any:
     return tuple(on_device(d) for d in checked(field.on_grid(grid)))
 
 
-def on_raster(field: AbstractField, raster: Raster) -> NDArray[np.float32]:
-    """A field on a raster: (2, nv, nu)."""
+def seen(field: AbstractField, grid: Grid) -> tuple[Any, NDArray[np.float32] | None]:
+    """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
+    if not field.has_cuts:
+        return displacements(field, grid), None
+    d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
+    d = checked(d).reshape(3, *grid.shape)
+    return tuple(on_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
+
+
+def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """A field on a raster, (2, nv, nu), and its opacity (nv, nu); None if it has no cuts."""
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Raster):
         d = _resampled(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
         if d is not None:
-            return checked(np.moveaxis(d, -1, 0))
-    return checked(field.on_raster(raster))
+            return checked(np.moveaxis(d, -1, 0)), None
+    values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
+    return checked(values), opacity
 
 
 def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:

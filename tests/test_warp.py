@@ -21,10 +21,11 @@ from deformnb import sampling, warp_plan
 from deformnb.errors import Cancelled, DeformError
 from deformnb.extrusion import EXTRUSIONS, Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.fields import AbstractField, DisplacementField, Identity
+from deformnb.forward import warp_points
 from deformnb.plane import VIEWS, Plane, Raster
 from deformnb.sampling import METHODS
 from deformnb.volume import DTYPES, Grid, Volume
-from deformnb.warp import Warper, warp, warp_picture, warp_points
+from deformnb.warp import Warper, warp, warp_picture
 
 RANGE_SHARE = 2e-6
 """The promise: float32 results differ from SimpleITK's by at most this share of the value range."""
