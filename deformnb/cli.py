@@ -10,24 +10,17 @@ import contextlib
 import os
 import shlex
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias
 
+from deformnb.cli_stages import stages
+from deformnb.cli_warp import add_spacing, add_warp, read_input
 from deformnb.errors import Cancelled, DeformError
-
-if TYPE_CHECKING:
-    from deformnb.deformation import Deformation
-    from deformnb.volume import Grid, Volume
 
 EXIT_ERROR = 2
 EXIT_INTERRUPTED = 130
-
-_PATIENCE = 1.0  # seconds of silence
-
-Stage: TypeAlias = Callable[[str], Callable[[float], None]]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), add_lab, _add_warp, _add_info, _add_datasets, _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, _add_info, _add_datasets, _add_doctor):
         add(commands)
     return parser
 
@@ -112,7 +105,7 @@ def _add_demo(commands: Commands) -> None:
         laid around the fish on a picture, its nodes are moved to the net of the other, and the volume follows. Writes
         pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
     p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
-    _add_spacing(p)
+    add_spacing(p)
     p.add_argument("--species", default="Antigonia", help="Thompson's species to end with: Antigonia, Scorpaena, "
                    "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)")
     p.add_argument("--view", default="-x",
@@ -126,29 +119,10 @@ def _add_demo(commands: Commands) -> None:
     p.set_defaults(run=_demo)
 
 
-def _add_warp(commands: Commands) -> None:
-    p = commands.add_parser("warp", help="apply a session to a volume", description="Apply a session to a volume.",
-                            usage="deformnb warp SESSION INPUT OUTPUT [options]")
-    p.add_argument("session", help="a document written by deformnb (.json)")
-    p.add_argument("input", help="the volume to deform")
-    p.add_argument("output", help="the volume to write; its suffix decides the format")
-    _add_spacing(p)
-    p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
-    p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
-    p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
-    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
-    p.add_argument("--resolution", type=float, nargs="+", metavar="S",
-                   help="voxel size of the result, one length or three (x y z; default as the input)")
-    p.add_argument("--margin", type=float, nargs="+", metavar="M",
-                   help="field of view: length to add on every side, one or three (x y z); negative crops")
-    p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
-    p.set_defaults(run=_warp)
-
-
 def _add_info(commands: Commands) -> None:
-    what = "say what is in a volume file or a session"
+    what = "say what is in a file: a volume, a session, a mesh or landmarks"
     p = commands.add_parser("info", help=what, description=f"{what.capitalize()}.")
-    p.add_argument("file", help="a volume, a folder of slices, or a session (.json)")
+    p.add_argument("file", help="a volume, a folder of slices, a session (.json), a mesh or landmarks")
     p.set_defaults(run=_info)
 
 
@@ -165,11 +139,6 @@ def _add_doctor(commands: Commands) -> None:
     p.set_defaults(run=_doctor)
 
 
-def _add_spacing(p: argparse.ArgumentParser) -> None:
-    p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
-                   help="true voxel size of the input, where its file is wrong")
-
-
 # ---- the commands ---------------------------------------------------------------------------------------------------
 
 
@@ -177,8 +146,8 @@ def _demo(options: argparse.Namespace) -> None:
     from deformnb.demo import check_demo, run_demo
 
     check_demo(options.species, options.view, options.renderer)
-    with _folder(Path(options.out), options) as folder, _stages() as stage:
-        volume = _read(options.volume, options.spacing, stage) if options.volume else None
+    with _folder(Path(options.out), options) as folder, stages() as stage:
+        volume = read_input(options.volume, options.spacing, stage) if options.volume else None
         done = run_demo(folder, volume=volume, species=options.species, view=options.view, head=options.head,
                         renderer=options.renderer, stage=stage)
     print("\n".join(f"{what:30} {path}" for what, path in done.written))
@@ -193,8 +162,9 @@ def _app(options: argparse.Namespace) -> None:
     from deformnb.app.launch import check_app, made_up_carp, open_app
 
     check_app(options.host, options.port, options.side)
-    with _stages() as stage:
-        volume = _read(options.file, options.spacing, stage) if options.file else made_up_carp(stage("make the carp"))
+    with stages() as stage:
+        volume = (read_input(options.file, options.spacing, stage) if options.file
+                  else made_up_carp(stage("make the carp")))
     open_app(volume, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
              browser=not options.no_browser)
 
@@ -225,83 +195,21 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
                 folder.rmdir()
 
 
-def _warp(options: argparse.Namespace) -> None:
-    from dataclasses import replace
-
-    from deformnb.io import write_volume
-    from deformnb.io.documents import read_deformation
-
-    target = Path(options.output)
-    _check_output(target, force=options.force)
-    document = read_deformation(options.session)
-    with _stages() as stage:
-        volume = _read(options.input, options.spacing, stage)
-        if options.labels:
-            volume = replace(volume, is_labels=True)
-        _note(*_differences(document, volume), *document.notes(volume.grid))
-        if options.strength != 1:
-            document = document.blended(options.strength)
-        warped = document.apply(volume, output=_output_grid(volume, options), fill=options.fill,
-                                method=options.method, progress=stage("deform"))
-        write_volume(warped, target, progress=stage(f"write {target.name}"))
-    print(target)
-
-
-def _check_output(target: Path, *, force: bool) -> None:
-    """What would only be noticed after the work."""
-    from deformnb.io.atomic import check_target
-    from deformnb.io.formats import format_of
-
-    format_of(target, writing=True)
-    check_target(target)
-    if target.exists() and not force:
-        raise DeformError(f"{target} is already there; choose another name, or --force to overwrite it.")
-
-
-def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
-    """Why the result may not be what the author of a session saw."""
-    made = document.volume
-    if made is None:
-        return
-    if not made.matches(volume):
-        yield f"the session was made on another volume ({made.name or 'unnamed'})."
-    elif any(abs(a - b) > 1e-5 * a for a, b in zip(made.spacing, volume.grid.spacing, strict=True)):
-        was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))
-        yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
-
-
-def _note(*notes: str) -> None:
-    for note in notes:
-        print(f"deformnb: note: {note}", file=sys.stderr)
-
-
-def _output_grid(volume: Volume, options: argparse.Namespace) -> Grid | None:
-    from deformnb.io import available_memory
-
-    if options.resolution is None and options.margin is None:
-        return None
-    for name in ("resolution", "margin"):
-        value = getattr(options, name)
-        if value is not None and len(value) not in (1, 3):
-            raise DeformError(f"--{name} takes one length or three (x y z), got {len(value)}.")
-    grid, spacing, margin = volume.grid, options.resolution, options.margin
-    output = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
-                            margin=0.0 if margin is None else margin if len(margin) == 3 else margin[0])
-    needed, free = output.size * volume.dtype.itemsize, available_memory()
-    if needed > free:
-        voxels = " x ".join(map(str, output.shape[::-1]))
-        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} "
-                          "GiB are free; choose a coarser --resolution.")
-    return output
-
-
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
     from deformnb.io.documents import describe_document
+    from deformnb.io.landmarks import describe_landmarks, is_landmarks
+    from deformnb.io.meshes import describe_mesh, is_mesh
 
     path = Path(options.file)
-    is_session = path.suffix.lower() == ".json" and not path.is_dir()
-    rows = describe_document(path) if is_session else describe_file(path).rows()
+    if is_landmarks(path):
+        rows = describe_landmarks(path)
+    elif is_mesh(path):
+        rows = describe_mesh(path)
+    elif path.suffix.lower() == ".json" and not path.is_dir():
+        rows = describe_document(path)
+    else:
+        rows = describe_file(path).rows()
     wide = max(len(key) for key in rows)
     print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
 
@@ -316,80 +224,6 @@ def _doctor(_: argparse.Namespace) -> None:
     from deformnb.doctor import doctor, report
 
     print(report(doctor()))
-
-
-def _read(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volume:
-    from deformnb.datasets.registry import recognised
-    from deformnb.io import read_volume
-
-    given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
-    known = recognised(path) if given is None else None
-    if known is not None and known.spacing is not None:
-        given = known.spacing
-        _note(f"this is the {known.title}; its true spacing {given} is used (--spacing overrides it)")
-    volume = read_volume(path, spacing=given, progress=stage(f"read {Path(path).name}"))
-    _note(*volume.notes)
-    return volume
-
-
-@contextlib.contextmanager
-def _stages() -> Iterator[Stage]:
-    """A function that begins a piece of work by name and returns what is told how far it has come.
-
-    What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
-    """
-    make = _Bar if sys.stderr.isatty() else _Line
-    current: list[_Bar | _Line] = []
-
-    def stage(name: str) -> Callable[[float], None]:
-        while current:
-            current.pop().finish()
-        current.append(make(name))
-        return current[0].move
-
-    try:
-        yield stage
-        while current:
-            current.pop().finish()
-    finally:
-        while current:
-            current.pop().abandon()
-
-
-class _Bar:
-    """A progress bar that appears after one second."""
-
-    def __init__(self, name: str) -> None:
-        from tqdm import tqdm
-
-        self._bar = tqdm(total=100, desc=name, delay=_PATIENCE, file=sys.stderr, leave=True,
-                         bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}")
-
-    def move(self, share: float) -> None:
-        self._bar.update(max(0.0, 100 * min(share, 1.0) - self._bar.n))
-
-    def finish(self) -> None:
-        self._bar.close()
-
-    abandon = finish
-
-
-class _Line:
-    """A line for logs when work of more than a second is done."""
-
-    def __init__(self, name: str) -> None:
-        self._name, self._start = name, time.monotonic()
-
-    def move(self, share: float) -> None:
-        """A log needs no bars."""
-
-    def finish(self) -> None:
-        elapsed = time.monotonic() - self._start
-        if elapsed > _PATIENCE:
-            print(f"{self._name:28} {elapsed:4.0f} s", file=sys.stderr)
-
-    def abandon(self) -> None:
-        """It was not finished."""
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import pytest
 from command_line import refused, remarks, run, small_folder
 
 import deformnb
-from deformnb import cli
+from deformnb import cli_stages
 from deformnb.cli import main
 from deformnb.datasets import PHANTOMS
 from deformnb.deformation import Deformation
@@ -144,14 +144,14 @@ def test_views_with_a_minus_are_no_options(view: str, small: Path, monkeypatch: 
 
 def test_a_stopped_demo_leaves_whole_files_only(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                 capsys: pytest.CaptureFixture[str]) -> None:
-    real = cli._Line.move
+    real = cli_stages._Line.move
 
     def move(self: Any, share: float) -> None:
         if self._name == "render both volumes":
             raise KeyboardInterrupt
         real(self, share)
 
-    monkeypatch.setattr(cli._Line, "move", move)
+    monkeypatch.setattr(cli_stages._Line, "move", move)
     code = main(["demo", "--volume", str(place / "fish.nii.gz"), "--out", str(tmp_path / "new"), "--renderer", "core"])
     assert code == 130
     captured = capsys.readouterr()
@@ -283,8 +283,8 @@ def test_progress_is_shown_only_for_long_work(seconds: float, terminal: bool, mo
     time = importlib.import_module("time")
     stream = Terminal() if terminal else io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr(cli, "_PATIENCE", 0.01 if seconds else 5.0)
-    with cli._stages() as stage:
+    monkeypatch.setattr(cli_stages, "_PATIENCE", 0.01 if seconds else 5.0)
+    with cli_stages.stages() as stage:
         for name in ("first", "second"):
             move = stage(name)
             for share in (0.0, 0.5, 1.0):
@@ -302,10 +302,10 @@ def test_progress_is_shown_only_for_long_work(seconds: float, terminal: bool, mo
 
 def test_work_that_failed_is_not_reported_as_done(monkeypatch: pytest.MonkeyPatch,
                                                   capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(cli, "_PATIENCE", -1.0)
+    monkeypatch.setattr(cli_stages, "_PATIENCE", -1.0)
 
     def work() -> None:
-        with cli._stages() as stage:
+        with cli_stages.stages() as stage:
             stage("first")
             stage("second")
             raise Cancelled

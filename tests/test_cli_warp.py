@@ -13,7 +13,13 @@ from command_line import refused, remarks, run, small_folder
 
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation
+from deformnb.io.landmarks import read_landmarks, write_landmarks
+from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
+from deformnb.landmarks import Landmarks
+from deformnb.surfaces import Mesh
 from deformnb.volume import Volume
+
+FACE = Mesh([[1, 2, 3], [6, 8, 3], [3, 6, 7]], [[0, 1, 2]])
 
 
 @pytest.fixture
@@ -101,6 +107,17 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json tiny.nrrd", "required: output"),
     ("warp pull.json tiny.nrrd out.nrrd more.nrrd", "unrecognized arguments: more"),
     ("warp pull.json tiny.nrrd out.nrrd --colour red", "unrecognized arguments"),
+    ("warp pull.json tiny.nrrd out.nrrd --volume tiny.nrrd", "--volume is for meshes and landmarks"),
+    ("warp pull.json face.ply out.ply", "name the volume of the session with --volume FILE"),
+    ("warp pull.json face.ply out.nrrd --volume tiny.nrrd", r"write \.ply, \.stl, \.obj, \.vtp"),
+    ("warp pull.json marks.fcsv out.ply --volume tiny.nrrd", r"known are \.mrk\.json, \.fcsv, \.csv"),
+    ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
+    ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
+    ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
+    ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
+    ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
+    ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
+    ("info cut.ply", "cut.ply: .*cut short"), ("info missing.fcsv", "no such file"),
     ("info missing.nrrd", "no such file"), ("info missing.json", "there is no file"),
     ("info broken.json", "not complete"),
     ("info folder.nrrd", "neither a DICOM series"), ("info", "required: file"),
@@ -112,9 +129,12 @@ def test_mistakes_are_one_sentence(line: str, match: str, small: Path, capsys: p
                                    monkeypatch: pytest.MonkeyPatch) -> None:
     whole = (small / "pull.json").read_text()
     (small / "broken.json").write_text(whole[:-30])
-    (small / "newer.json").write_text(whole.replace('"version": "1.0"', '"version": "7.0"'))
+    (small / "newer.json").write_text(re.sub('"version": "[0-9.]+"', '"version": "7.0"', whole))
     (small / "cut.nrrd").write_bytes((small / "tiny.nrrd").read_bytes()[:-40])
     (small / "folder.nrrd").mkdir()
+    write_mesh(FACE, small / "face.ply")
+    write_landmarks(Landmarks(FACE.points), small / "marks.fcsv")
+    (small / "cut.ply").write_bytes((small / "face.ply").read_bytes()[:-5])
     before = {p: p.read_bytes() for p in small.iterdir() if p.is_file()}
     code = run(small, line, monkeypatch)
     assert re.search(match, refused(capsys.readouterr(), code))
@@ -150,3 +170,48 @@ def test_notes_of_the_volume_are_passed_on(small: Path, capsys: pytest.CaptureFi
     write_volume(Volume.from_array(values), small / "dirty.nrrd")
     assert run(small, "warp pull.json dirty.nrrd out.nrrd", monkeypatch) == 0
     assert "not finite" in capsys.readouterr().err
+
+
+# ---- what belongs to a volume follows it -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", sorted(MESH_FORMATS))
+def test_a_mesh_follows(kind: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_mesh(FACE, small / "face.ply")
+    assert run(small, f"warp pull.json face.ply out.{kind} --volume tiny.nrrd --strength 0.5", monkeypatch) == 0
+    field = read_deformation(small / "pull.json").blended(0.5).field(read_volume(small / "tiny.nrrd").grid)
+    found = read_mesh(small / f"out.{kind}")
+    moved = found.points[found.faces[0]]
+    oracle.assert_close(moved + field.displacement(moved), FACE.points, atol=1e-4)
+    assert np.abs(moved - FACE.points).max() > 0.1
+
+
+@pytest.mark.parametrize("suffix", ["mrk.json", "fcsv", "csv"])
+def test_landmarks_follow(suffix: str, small: Path, capsys: pytest.CaptureFixture[str],
+                          monkeypatch: pytest.MonkeyPatch) -> None:
+    write_landmarks(Landmarks(FACE.points, ("a", "b", "c")), small / "marks.fcsv")
+    assert run(small, f"warp pull.json marks.fcsv out.{suffix} --volume tiny.nrrd", monkeypatch) == 0
+    assert remarks(capsys.readouterr().err) == ""
+    field = read_deformation(small / "pull.json").field(read_volume(small / "tiny.nrrd").grid)
+    found = read_landmarks(small / f"out.{suffix}")
+    assert found.names == ("a", "b", "c")
+    oracle.assert_close(found.points + field.displacement(found.points), FACE.points, atol=1e-4)
+
+
+def test_the_grid_that_they_follow_in_may_be_corrected(small: Path, capsys: pytest.CaptureFixture[str],
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    write_mesh(FACE, small / "face.ply")
+    assert run(small, "warp pull.json face.ply out.ply --volume tiny.nrrd --spacing 2 2 2", monkeypatch) == 0
+    write_volume(Volume.from_array(np.ones((3, 4, 5), np.uint8)), small / "other.nrrd")
+    assert run(small, "warp pull.json face.ply more.ply --volume other.nrrd", monkeypatch) == 0
+    assert "note: the session was made on another volume (tiny)." in capsys.readouterr().err
+
+
+def test_info_of_meshes_and_landmarks(small: Path, capsys: pytest.CaptureFixture[str],
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    write_mesh(FACE, small / "face.ply")
+    write_landmarks(Landmarks(FACE.points), small / "marks.mrk.json")
+    assert run(small, "info face.ply", monkeypatch) == 0
+    assert re.search(r"corners +3\nfaces +1\nfrom +1, 2, 3\nto +6, 8, 7\nclosed +no", capsys.readouterr().out)
+    assert run(small, "info marks.mrk.json", monkeypatch) == 0
+    assert re.search(r"kind +file of Slicer's markups\nlandmarks +3\n", capsys.readouterr().out)

@@ -96,6 +96,17 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
     return mesh
 
 
+def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What is in a surface file, for people."""
+    mesh, place = read_mesh(path), Path(path)
+    low, high = (", ".join(f"{c:.6g}" for c in end) for end in mesh.box)
+    row = _row(place)
+    assert row is not None
+    return {"file": shown(place.name), "kind": row.description, "corners": str(len(mesh.points)),
+            "faces": str(len(mesh.faces)), "from": low, "to": high,
+            "closed": "yes" if mesh.is_closed else "no, so it has no inside"}
+
+
 def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write a surface; the suffix chooses the format. The file is complete at once or untouched.
 

@@ -1,0 +1,208 @@
+"""The command ``deformnb warp``: a session applied to a volume, and to what belongs to it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deformnb.cli_stages import Stage, note, stages
+from deformnb.errors import DeformError
+
+if TYPE_CHECKING:
+    from deformnb.deformation import Deformation
+    from deformnb.volume import Grid, Volume
+
+# What only voxels have: (option, its value where it is not given).
+_OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None))
+
+
+def add_warp(commands: Any) -> None:
+    """Add the command to argparse's commands."""
+    p = commands.add_parser(
+        "warp", help="apply a session to a volume, a mesh or landmarks",
+        description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
+        usage="deformnb warp SESSION INPUT OUTPUT [options]")
+    p.add_argument("session", help="a document written by deformnb (.json)")
+    p.add_argument("input", help="the volume to deform, or a mesh (.ply .stl .obj .vtp) or landmarks (.mrk.json .fcsv "
+                   ".csv of BigWarp) in its space")
+    p.add_argument("output", help="the file to write; its suffix decides the format")
+    add_spacing(p)
+    p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
+    p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
+    p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
+    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
+    p.add_argument("--resolution", type=float, nargs="+", metavar="S",
+                   help="voxel size of the result, one length or three (x y z; default as the input)")
+    p.add_argument("--margin", type=float, nargs="+", metavar="M",
+                   help="field of view: length to add on every side, one or three (x y z); negative crops")
+    p.add_argument("--volume", metavar="FILE",
+                   help="for a mesh or landmarks: the volume of the session, in whose space they lie")
+    p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
+    p.set_defaults(run=_warp)
+
+
+def add_spacing(p: argparse.ArgumentParser) -> None:
+    """The option for what is wrong in many files."""
+    p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                   help="true voxel size of the input, where its file is wrong")
+
+
+def _warp(options: argparse.Namespace) -> None:
+    from deformnb.io.documents import read_deformation
+    from deformnb.io.landmarks import is_landmarks
+    from deformnb.io.meshes import is_mesh
+
+    given, target = Path(options.input), Path(options.output)
+    follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
+    if follows is None:
+        if options.volume is not None:
+            raise DeformError("--volume is for meshes and landmarks; a volume lies in its own space.")
+        _check_output(target, force=options.force)
+    else:
+        _check_follower(options, target)
+    document = read_deformation(options.session)
+    with stages() as stage:
+        if options.strength != 1:
+            document = document.blended(options.strength)
+        (follows or _warp_volume)(document, options, stage)
+    print(target)
+
+
+def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from dataclasses import replace
+
+    from deformnb.io import write_volume
+
+    target = Path(options.output)
+    volume = read_input(options.input, options.spacing, stage)
+    if options.labels:
+        volume = replace(volume, is_labels=True)
+    note(*_differences(document, volume), *document.notes(volume.grid))
+    warped = document.apply(volume, output=_output_grid(volume, options), fill=options.fill, method=options.method,
+                            progress=stage("deform"))
+    write_volume(warped, target, progress=stage(f"write {target.name}"))
+
+
+def _follow_mesh(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from deformnb.io.meshes import read_mesh, write_mesh
+    from deformnb.surfaces import warp_mesh
+
+    grid = _space(document, options)
+    stage(f"read {Path(options.input).name}")
+    mesh = read_mesh(options.input)
+    stage("deform")
+    moved = warp_mesh(mesh, document.field(grid))
+    note(*moved.notes)
+    write_mesh(moved, options.output)
+
+
+def _follow_landmarks(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from deformnb.io.landmarks import read_landmarks, write_landmarks
+    from deformnb.landmarks import warp_landmarks
+
+    grid = _space(document, options)
+    landmarks = read_landmarks(options.input)
+    stage("deform")
+    moved = warp_landmarks(landmarks, document.field(grid))
+    note(*moved.notes)
+    write_landmarks(moved, options.output)
+
+
+def _check_follower(options: argparse.Namespace, target: Path) -> None:
+    """What a mesh or landmarks cannot be asked for, and where they shall go."""
+    from deformnb.io.atomic import check_target
+    from deformnb.io.landmarks import check_landmark_target
+    from deformnb.io.meshes import check_mesh_target, is_mesh
+
+    name = Path(options.input).name
+    for option, absent in _OF_VOLUMES:
+        if getattr(options, option) != absent:
+            raise DeformError(f"--{option} is for volumes, and {name} is none.")
+    if options.volume is None:
+        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not say where that lies.")
+    check: Callable[[Path], object] = check_mesh_target if is_mesh(name) else check_landmark_target
+    check(target)
+    check_target(target)
+    _refuse_present(target, force=options.force)
+
+
+def _space(document: Deformation, options: argparse.Namespace) -> Grid:
+    """The grid of the volume of a session, from the header of its file."""
+    from deformnb.datasets.registry import recognised
+    from deformnb.io import describe_file
+
+    grid = describe_file(options.volume).grid
+    known = recognised(options.volume)
+    spacing = options.spacing or (known.spacing if known is not None else None)
+    if spacing is not None:
+        from dataclasses import replace
+
+        grid = replace(grid, spacing=tuple(spacing))
+    if document.volume is not None and document.volume.shape != grid.shape:
+        note(f"the session was made on another volume ({document.volume.name or 'unnamed'}).")
+    note(*document.notes(grid))
+    return grid
+
+
+def _check_output(target: Path, *, force: bool) -> None:
+    """What would only be noticed after the work."""
+    from deformnb.io.atomic import check_target
+    from deformnb.io.formats import format_of
+
+    format_of(target, writing=True)
+    check_target(target)
+    _refuse_present(target, force=force)
+
+
+def _refuse_present(target: Path, *, force: bool) -> None:
+    if target.exists() and not force:
+        raise DeformError(f"{target} is already there; choose another name, or --force to overwrite it.")
+
+
+def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
+    """Why the result may not be what the author of a session saw."""
+    made = document.volume
+    if made is None:
+        return
+    if not made.matches(volume):
+        yield f"the session was made on another volume ({made.name or 'unnamed'})."
+    elif any(abs(a - b) > 1e-5 * a for a, b in zip(made.spacing, volume.grid.spacing, strict=True)):
+        was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))
+        yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
+
+
+def _output_grid(volume: Volume, options: argparse.Namespace) -> Grid | None:
+    from deformnb.io import available_memory
+
+    if options.resolution is None and options.margin is None:
+        return None
+    for name in ("resolution", "margin"):
+        value = getattr(options, name)
+        if value is not None and len(value) not in (1, 3):
+            raise DeformError(f"--{name} takes one length or three (x y z), got {len(value)}.")
+    grid, spacing, margin = volume.grid, options.resolution, options.margin
+    output = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
+                            margin=0.0 if margin is None else margin if len(margin) == 3 else margin[0])
+    needed, free = output.size * volume.dtype.itemsize, available_memory()
+    if needed > free:
+        voxels = " x ".join(map(str, output.shape[::-1]))
+        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} "
+                          "GiB are free; choose a coarser --resolution.")
+    return output
+
+
+def read_input(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volume:
+    """A volume of a file, with its true spacing where its file is known to be wrong."""
+    from deformnb.datasets.registry import recognised
+    from deformnb.io import read_volume
+
+    given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
+    known = recognised(path) if given is None else None
+    if known is not None and known.spacing is not None:
+        given = known.spacing
+        note(f"this is the {known.title}; its true spacing {given} is used (--spacing overrides it)")
+    volume = read_volume(path, spacing=given, progress=stage(f"read {Path(path).name}"))
+    note(*volume.notes)
+    return volume
