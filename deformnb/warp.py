@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import sampling, warp_plan
+from deformnb.cut_plan import plan_cut
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.plane import Raster
@@ -153,9 +154,11 @@ class Warper:
             flat = self._flat
 
         step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
+        cut = plan_cut(field, grid)
 
         def work(block: tuple[slice, slice]) -> None:
-            d, opacity = warp_plan.seen(field, warp_plan.lattice(grid, block, step))
+            d, opacity = cut.block(block, grid.shape) if cut else warp_plan.seen(
+                field, warp_plan.lattice(grid, block, step))
             with self._arithmetic():
                 result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
                                                      **self._settings()))
