@@ -1,0 +1,240 @@
+"""The editor in space on a page, with the real mouse and keyboard; its Python is in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import LivePage
+
+from deformnb.control_points import ControlPoints
+from deformnb.rbf import fit_rbf
+from deformnb.transfer import preset
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures
+
+pytestmark = pytest.mark.needs_browser
+
+PAGE = "document.querySelector('.dnb-space').deformnb"
+
+
+def waves() -> Volume:
+    """Smooth and without symmetry, in voxels that are no cubes."""
+    z, y, x = np.mgrid[:40, :48, :56]
+    values = 110 + 60 * np.sin(x / 6) + 40 * np.cos(y / 5 + x / 9) + 45 * np.sin(z / 6 + 1)
+    return Volume(values.astype(np.float32), Grid((40, 48, 56), (1.0, 1.2, 1.5), (-20.0, 10.0, 5.0)), "waves")
+
+
+class Opened:
+    """An editor in space on a page."""
+
+    def __init__(self, page: LivePage, editor: SpaceEditor) -> None:
+        self.page, self.editor = page, editor
+        page.add(editor, "editor")
+        page.wait(f"{PAGE}.shownCount > 0")
+        self.mouse = page.page.mouse
+
+    def js(self, expression: str) -> Any:
+        return self.page.page.evaluate(f"() => {expression}")
+
+    def on_screen(self, pane: int, place: Any) -> tuple[float, float]:
+        """CSS pixels of the window where a place in space is in one of the pictures."""
+        v = self.js(f"{PAGE}.pictures[{pane}].view")
+        box = self.page.page.locator(".dnb-sp-stage").nth(pane).bounding_box()
+        a, b, _ = Pane.of(self.editor.volume.grid, list(PANES)[pane]).plane.to_plane(place)
+        return box["x"] + v["k"] * a + v["x"], box["y"] + v["k"] * b + v["y"]
+
+    def drag(self, pane: int, place: Any, by: tuple[float, float], steps: int = 5) -> None:
+        x, y = self.on_screen(pane, place)
+        self.mouse.move(x, y)
+        self.mouse.down()
+        self.mouse.move(x + by[0], y + by[1], steps=steps)
+        self.mouse.up()
+        self.settled()
+
+    def settled(self) -> None:
+        self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frame && !{PAGE}.pendingLook")
+        for _ in range(300):
+            self.page.flush()
+            if not self.editor._is_moving and not self.editor._worker.is_wanted and not self.page.outbox:
+                break
+            self.page.page.wait_for_timeout(20)
+        self.page.wait(f"!{PAGE}.frame")
+
+    def scale(self, pane: int) -> float:
+        return float(self.js(f"{PAGE}.pictures[{pane}].view.k"))
+
+
+@pytest.fixture
+def opened(page: LivePage) -> Iterator[Callable[..., Opened]]:
+    made: list[SpaceEditor] = []
+
+    def open_editor(points: ControlPoints | None = None, **options: Any) -> Opened:
+        made.append(SpaceEditor(waves(), points, **options))
+        return Opened(page, made[-1])
+
+    yield open_editor
+    assert page.errors == []
+    for editor in made:
+        editor.close()
+
+
+def four(editor_points: int = 4) -> ControlPoints:
+    center = np.asarray(waves().grid.center)
+    source = center + np.array([[0, 0, 0], [14, 6, -8], [-12, -10, 9], [5, 14, 14]])[:editor_points]
+    return ControlPoints.from_arrays(source, names=["middle", "", "", ""][:editor_points])
+
+
+@pytest.mark.parametrize("pane", range(3))
+def test_a_double_click_adds_a_point_on_the_slice(opened: Callable[..., Opened], pane: int) -> None:
+    here = opened()
+    place = np.asarray(waves().grid.center) + np.array([6.0, -5.0, 4.0])
+    axis = int(np.abs(Pane.of(waves().grid, list(PANES)[pane]).plane.normal).argmax())
+    x, y = here.on_screen(pane, place)
+    here.mouse.dblclick(x, y)
+    here.settled()
+    (target,) = here.editor.points.target
+    expected = place.copy()
+    expected[axis] = waves().grid.center[axis]
+    np.testing.assert_allclose(target, expected, atol=1.01 / here.scale(pane))
+    assert target[axis] == pytest.approx(waves().grid.center[axis], abs=1e-9)
+    np.testing.assert_array_equal(here.editor.points.source[0], target)
+    np.testing.assert_allclose(here.editor.cursor, expected, atol=1.01 / here.scale(pane))  # so the others show it too
+    assert here.page.page.locator(".dnb-ed-target").count() == 3
+
+
+@pytest.mark.parametrize("pane", range(3))
+def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Callable[..., Opened], pane: int) -> None:
+    here = opened(four())
+    before, plane = here.editor.points, Pane.of(waves().grid, list(PANES)[pane]).plane
+    k = here.scale(pane)
+    here.drag(pane, before.target[0], (30, -18))
+    moved = here.editor.points.target[0]
+    expected = before.target[0] + (30 * np.array(plane.u) - 18 * np.array(plane.v)) / k
+    np.testing.assert_allclose(moved, expected, atol=1.01 / k)
+    axis = int(np.abs(plane.normal).argmax())
+    assert moved[axis] == before.target[0][axis]
+    np.testing.assert_array_equal(here.editor.points.source, before.source)
+    for other in range(3):
+        box = here.page.page.locator(f".dnb-sp-pane{other} [data-id='0'] .dnb-ed-hit").bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        np.testing.assert_allclose(middle, here.on_screen(other, moved), atol=1.0)
+
+
+def test_all_pictures_show_what_the_core_makes_of_it(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    here.drag(0, here.editor.points.target[0], (40, 10))
+    made = SpacePictures(waves(), preset("specimen", waves()))
+    for pane in range(3):
+        shown = made.slice(pane, fit_rbf(here.editor.points), here.editor.cursor, 512)
+        pixels = here.js(f"(() => {{ const c = {PAGE}.pictures[{pane}].picture; return [c.width, c.height, ..."
+                         "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.filter((_, k) => k % 4 === 0)]"
+                         "; })()")
+        assert pixels[:2] == [shown.values.shape[1], shown.values.shape[0]]
+        seen = np.array(pixels[2:]).reshape(shown.values.shape)
+        assert np.abs(seen - shown.values).max() <= 1
+        still = made.slice(pane, None, here.editor.cursor, 512)
+        assert np.abs(seen - still.values.astype(int)).max() > 20
+
+
+def test_a_line_of_the_cross_hair_drags_one_slice(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    x0, y0, z0 = here.editor.cursor
+    x, y = here.on_screen(0, (x0, y0 - 20, z0))
+    here.mouse.move(x, y)
+    here.mouse.down()
+    here.mouse.move(x + 40, y + 25, steps=5)
+    here.mouse.up()
+    here.settled()
+    np.testing.assert_allclose(here.editor.cursor, [x0 + 40 / here.scale(0), y0, z0], atol=1.01 / here.scale(0))
+
+
+def test_the_wheel_and_keys_go_through_slices(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    z0 = here.editor.cursor[2]
+    here.page.page.locator(".dnb-sp-stage").nth(0).focus()
+    here.page.page.keyboard.press("PageDown")
+    here.settled()
+    assert here.editor.cursor[2] == pytest.approx(z0 + 1.5, abs=0.76)  # to the middle of the next slice
+    z1 = here.editor.cursor[2]
+    x, y = here.on_screen(0, here.editor.cursor)
+    here.mouse.move(x + 30, y + 30)
+    here.mouse.wheel(0, -100)
+    here.settled()
+    assert here.editor.cursor[2] == pytest.approx(z1 - 1.5)
+
+
+def test_keys_move_points_and_undo(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    before = here.editor.points
+    here.page.page.locator(".dnb-sp-pane1 [data-id='1']").focus()
+    here.page.page.keyboard.press("ArrowRight")  # in the coronal picture: to the left of the patient
+    here.page.page.keyboard.press("ArrowUp")
+    here.settled()
+    np.testing.assert_allclose(here.editor.points.target[1], before.target[1] + [1.0, 0, 1.5], atol=1e-9)
+    here.page.page.keyboard.press("Alt+PageDown")
+    here.settled()
+    np.testing.assert_allclose(here.editor.points.target[1], before.target[1] + [1.0, 1.2, 1.5], atol=1e-9)
+    here.page.page.keyboard.press("Control+z")
+    here.settled()
+    assert here.editor.points == before  # keys in quick succession are one step
+    here.page.page.keyboard.press("Delete")
+    here.settled()
+    assert here.editor.points.ids == (0, 2, 3)
+
+
+def test_a_point_off_the_slice_is_fainter_and_j_brings_the_slices_to_it(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    far = here.page.page.locator(".dnb-sp-pane0 [data-id='1']")
+    assert "dnb-sp-far" in far.get_attribute("class")
+    assert float(far.evaluate("(node) => getComputedStyle(node).opacity")) < 0.9
+    assert "\u22128" in far.text_content()  # its distance
+    far.focus()
+    here.page.page.keyboard.press("j")
+    here.settled()
+    np.testing.assert_allclose(here.editor.cursor, here.editor.points.target[1])
+    assert "dnb-sp-far" not in far.get_attribute("class")
+
+
+def test_in_a_maximum_projection_a_point_lands_on_the_brightest_voxel(page: LivePage) -> None:
+    values = np.zeros((30, 32, 34), np.uint8)
+    values[21, 9, 12] = 255
+    editor = SpaceEditor(Volume(values, Grid((30, 32, 34), (1.0, 1.2, 1.5))), projection="mip")
+    here, place = Opened(page, editor), np.array([12.0, 9 * 1.2, 21 * 1.5])
+    here.mouse.dblclick(*here.on_screen(1, place))
+    here.settled()
+    np.testing.assert_allclose(editor.points.target[0], place, atol=0.6)
+    assert page.errors == []
+    editor.close()
+
+
+def test_while_python_is_waiting_nothing_is_edited(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    before = here.editor.points
+    here.editor.waiting = "Warping the volume"
+    here.drag(0, before.target[0], (30, 0))
+    assert here.editor.points == before
+    assert here.page.page.get_by_text("Warping the volume").is_visible()
+    here.editor.waiting = ""
+    here.drag(0, before.target[0], (30, 0))
+    assert here.editor.points != before
+
+
+def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
+    here = opened(four())
+    before, phases = here.editor.points, []
+    here.editor.on_edit(lambda points, phase: phases.append((phase, points)))
+    x, y = here.on_screen(2, before.target[0])
+    here.mouse.move(x, y)
+    here.mouse.down()
+    here.mouse.move(x + 30, y, steps=4)
+    here.page.wait(f"{PAGE}.sender.waiting.move.size === 0")
+    here.page.page.keyboard.press("Escape")
+    here.mouse.up()
+    here.settled()
+    assert here.editor.points == before
+    assert phases[-1] == ("move", before)
+    assert {phase for phase, _ in phases} == {"move"}
