@@ -1,0 +1,114 @@
+"""A player for animations: play and pause, a bar with the key frames, speed and loop.
+
+The clock runs in the page. A live view that has the frames (:meth:`~deformnb.widgets.LiveView.play`) follows it there,
+and nothing is sent. Python hears of the time a few times a second while it plays, and exactly where it rests; the page
+may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
+"""
+
+from __future__ import annotations
+
+import uuid
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+
+from deformnb.animation import LOOPS, Animation
+from deformnb.errors import DeformError
+from deformnb.widgets.assets import joined, style
+from deformnb.widgets.view_messages import LONGEST_TEXT, dropping
+
+FASTEST, SLOWEST = 20.0, 0.01
+
+LONGEST = 3600.0
+"""Seconds that a player can show; an hour of key frames is a mistake of a unit."""
+
+_OF_PAGE = frozenset({"time", "is_playing", "speed", "loop"})
+
+
+class _Seconds(traitlets.Float[float, float]):
+    """A finite number of seconds."""
+
+    def validate(self, obj: Any, value: Any) -> float:
+        seconds = super().validate(obj, value)
+        if not np.isfinite(seconds):
+            raise DeformError(f"{self.name} must be a finite number of seconds, got {seconds}.")
+        return float(seconds)
+
+
+class Player(anywidget.AnyWidget):
+    """Plays from 0 to ``duration`` seconds.
+
+    Parameters
+    ----------
+    animation : whose duration, key frames and loop are shown.
+    time : the moment that is shown; setting it goes there. What lies beyond the ends goes to the nearer one.
+    duration : of the whole in seconds.
+    marks : the times of the key frames, shown on the bar.
+    is_playing : setting it plays or pauses in all pages; at the end it becomes False by itself, unless it loops.
+    speed : 1 is real time.
+    loop : a name of :data:`~deformnb.animation.LOOPS`.
+    step : seconds that an arrow key goes.
+    sync_ms : how often Python hears of the time while it plays.
+    theme : "auto" follows the page, "light" and "dark" do not.
+
+    Examples
+    --------
+    >>> player = Player(duration=2.0, marks=[0.0, 1.0, 2.0])
+    >>> player.time = 7
+    >>> player.time
+    2.0
+    """
+
+    _esm = joined("elements.js", "edit_link.js", "edited_page.js", "link.js", "play_clock.js", "player.js")
+    _css = style("curve_editor.css", "player.css")
+
+    time = _Seconds(0.0).tag(sync=True)
+    duration = _Seconds(1.0, min=0.0, max=LONGEST).tag(sync=True)
+    marks = traitlets.List(traitlets.Float()).tag(sync=True)
+    is_playing = traitlets.Bool(False).tag(sync=True)
+    speed = traitlets.Float(1.0, min=SLOWEST, max=FASTEST).tag(sync=True)
+    loop = traitlets.Enum(list(LOOPS), "once").tag(sync=True)
+    step = _Seconds(1 / 24, min=1e-3).tag(sync=True)
+    sync_ms = traitlets.Float(250.0, min=20.0, max=10000.0).tag(sync=True)
+    theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    label = traitlets.Unicode("Animation").tag(sync=True)
+    uid = traitlets.Unicode(read_only=True).tag(sync=True)
+
+    def __init__(self, animation: Animation | None = None, **traits: Any) -> None:
+        self.set_trait("uid", uuid.uuid4().hex)
+        super().__init__(**traits)
+        if animation is not None:
+            self.take(animation)
+            self.loop = traits.get("loop", animation.loop)
+
+    def take(self, animation: Animation) -> None:
+        """Show the duration and the key frames of an animation; the moment stays as far as there is one."""
+        with self.hold_sync():
+            self.duration = animation.duration
+            self.marks = [key.time for key in animation.keyframes]
+
+    def play(self) -> None:
+        """Begin to play."""
+        self.is_playing = True
+
+    def pause(self) -> None:
+        """Stop at the moment that is shown."""
+        self.is_playing = False
+
+    @traitlets.validate("time")
+    def _within(self, proposal: Any) -> float:
+        return float(np.clip(proposal["value"], 0.0, self.duration))
+
+    @traitlets.observe("duration")
+    def _shorter(self, _change: Any) -> None:
+        self.time = min(self.time, self.duration)
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        for name, value in dict(sync_data).items():
+            with dropping("a trait"):
+                if name not in _OF_PAGE:
+                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
+                super().set_state({name: value})
