@@ -17,6 +17,7 @@ import traitlets
 from deformnb.deformation import Deformation, VolumeReference
 from deformnb.edited_steps import EditedSteps
 from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
@@ -66,7 +67,7 @@ class Session(EditedSteps):
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  **traits: Any) -> None:
-        self._base: tuple[Any, Volume] | None = None
+        self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
         self._transfer: tuple[Any, TransferFunction] | None = None
         self._reference: VolumeReference | None = None
@@ -123,16 +124,23 @@ class Session(EditedSteps):
 
     def base(self) -> Volume:
         """The volume as the steps before the one being edited have made it: what the picture shows."""
-        with self._lock:
-            document = self.deformation
-            steps = tuple(s for s in document.steps[: self.index] if s.enabled)
-        if not steps:
+        earlier = self._earlier()
+        if not earlier.steps:
             return self.volume
         kept = self._base
-        if kept is None or kept[0] != (steps, document.mode):
-            before = Deformation(steps, mode=document.mode)
-            kept = self._base = ((steps, document.mode), warp(self.volume, before.field(self.volume.grid)))
+        if kept is None or kept[0] != earlier:
+            kept = self._base = (earlier, warp(self.volume, earlier.field(self.volume.grid)))
         return kept[1]
+
+    def before(self) -> AbstractField | None:
+        """The backward displacement of the steps before the one being edited; None if there are none."""
+        earlier = self._earlier()
+        return earlier.field(self.volume.grid) if earlier.steps else None
+
+    def _earlier(self) -> Deformation:
+        with self._lock:
+            steps = self.deformation.steps[: self.index]
+            return Deformation(tuple(s for s in steps if s.enabled), mode=self.deformation.mode)
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, before the step that is edited; kept until something else is asked for."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from driven_studio import a_drag, a_volume, act, controls, drag, page_says, panel, wait_for
 from numpy.testing import assert_array_equal
 
 from deformnb.deformation import Deformation
@@ -22,18 +22,10 @@ from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.plane import VIEWS
 from deformnb.trend import TRENDS
-from deformnb.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.controls import SIDES
-from deformnb.widgets.point_messages import points_to_json
 from deformnb.widgets.view import SHOWS
-
-
-def a_volume() -> Volume:
-    z, y, x = np.mgrid[:16, :20, :24]
-    values = 200 * (((z - 8) / 6) ** 2 + ((y - 10) / 7) ** 2 + ((x - 12) / 10) ** 2 < 1)
-    return Volume((values + (x % 4) * 8 * (values > 0)).astype(np.uint8), Grid((16, 20, 24), (1.0, 1.0, 1.0)), "ball")
 
 
 @pytest.fixture
@@ -42,42 +34,6 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
     made.wait()
     yield made
     made.close()
-
-
-SEQ = iter(range(1, 10**6))
-
-
-def page_says(studio: Studio, content: dict[str, Any]) -> None:
-    """As a message of the editor's page."""
-    studio.editor._handle_custom_msg({"sender": "test", "seq": next(SEQ), **content}, [])
-
-
-def drag(studio: Studio, points: Any, kind: str = "move") -> None:
-    page_says(studio, {"type": "edit", "phase": "end", "kind": kind, "joins": False, "next_id": points.next_id,
-                       "points": points_to_json(points)})
-
-
-def a_drag(studio: Studio, by: float = 2.0) -> Any:
-    points = studio.editor.points
-    if len(points) == 4:
-        points = points.add(points.target.mean(axis=0))
-    return points.move(points.ids[-1], points.target[-1] + [by, by / 2])
-
-
-def controls(studio: Studio) -> dict[str, Any]:
-    """All controls by their description."""
-    return {c.widget.description: c.widget for panel in studio._panels for c in panel.controls}
-
-
-def panel(studio: Studio, title: str) -> Any:
-    """A panel by the title of its tab."""
-    return next(found for found in studio._panels if found.title == title)
-
-
-def act(items: Any, what: str, index: int, value: Any = None) -> None:
-    """As a click in the page of a list."""
-    message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}
-    items._handle_custom_msg(message, [])
 
 
 # -- edits of the page -------------------------------------------------------------------------------------------------
@@ -346,13 +302,6 @@ def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
-
-
-def wait_for(condition: Any, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.01)
 
 
 def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ class PicturePanel(Panel):
         density = ipw.IntSlider(min=0, max=40, description="Grid", style=_STYLE, layout=wide(),
                                 tooltip="Cells along the longer side of the picture")
         traitlets.link((editor, "density"), (density, "value"))
-        side = self.add(menu("Side", [(text, name) for name, text in SIDES.items()],
+        side = self.add(menu("Side", [*((text, name) for name, text in SIDES.items()), _OBLIQUE],
                              "Turning a picture on which something was dragged begins a new step"),
                         lambda: session.view or "", lambda view: session.set_view(view) if view else None)
         self._side = side
@@ -169,6 +169,7 @@ class PicturePanel(Panel):
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
+        self._on_picture = [method, density]  # three pictures of a step in space have controls of their own
         self.box = ipw.VBox([row(side, method), row(density, self._depth)])
         self.refresh()
 
@@ -180,8 +181,12 @@ class PicturePanel(Panel):
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
             self._depth.min, self._depth.max, self._depth.step = low, high, max((high - low) / 200, 1e-6)
+        in_space = self.session.step.plane is None
+        for widget in self._on_picture:
+            widget.layout.display = "none" if in_space else ""
+        self._depth.layout.display = "none" if in_space else ""
         self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
-        elsewhere = [] if self.session.view else [_IN_SPACE if self.session.step.plane is None else _OBLIQUE]
+        elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, [(text, name) for name, text in SIDES.items()] + elsewhere)
 
 

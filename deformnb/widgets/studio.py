@@ -21,7 +21,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.deformation import Deformation, lone_support
+from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.exports import export
 from deformnb.opening import as_deformation, as_volume, best_view
@@ -34,10 +34,12 @@ from deformnb.widgets.controls import LookPanel, MapPanel, Panel, PicturePanel, 
 from deformnb.widgets.depth_panel import DepthPanel
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.shape_messages import checked_shapes, shapes_of
 from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.stills import as_png
+from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
@@ -66,7 +68,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     Attributes
     ----------
     session : the document and its history.
-    editor, view : the widgets on the left and on the right.
+    editor, view : the widgets on the left and on the right; the editor is another one for a step in space.
     deformation : the document; an observable trait, and setting it is an edit.
 
     Examples
@@ -100,18 +102,18 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._times: dict[str, float] = {}
         self._count = {"edits": 0, "refused": 0, "late": 0}
         self.view = parts.make_view(view, given, self.session.transfer_function, height)
-        self.editor = parts.make_editor(self.session, height)
+        self._editors = StudioEditors(self.session, height, self._listen_to)
         self._pictured = self._picture_key()
         self._link = StudioLink(self.session, self.view, self._worker)
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
         self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names)
-        super().__init__(parts.arranged(self.editor, self.view, self._panels, [self._status, self._notice]),
+        super().__init__(parts.arranged(self._editors.box, self.view, self._panels, [self._status, self._notice]),
                          layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
         self._link.turn()
-        self._link.show(self.editor)
+        self._link.show(self._editors.current)
         self._show_status()
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
             self._say(parts.WELCOME)
@@ -125,25 +127,29 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._opacity = TransferEditor(session.volume, session.transfer)
         head, _ = strip(session, guard, self.view)
         files = FilesPanel(session, guard, self.view, folder, self.export_html)
-        return [head, PicturePanel(session, guard, self.editor), StepsPanel(session, guard),
+        return [head, PicturePanel(session, guard, self._editors.plane), StepsPanel(session, guard),
                 ShapesPanel(session, guard, None, labels, names), MapPanel(session, guard),
                 DepthPanel(session, guard), LookPanel(session, guard, self.view, self._opacity), files]
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
     def _listen(self) -> None:
-        session, editor = self.session, self.editor
+        session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._tell_history), "history")
         session.observe(self._weakly(Studio._tell_notice), "notice")
-        editor.observe(self._weakly(Studio._points_changed), "points")
-        editor.on_history(self._weakly(Studio._travel))
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
         for name in ("shows", "projection"):
             if self.view.has_trait(name):
                 self.view.observe(self._weakly(Studio._refresh_panels), name)
+
+    def _listen_to(self, editor: Any) -> None:
+        editor.observe(self._weakly(Studio._points_changed), "points")
+        if editor.has_trait("cuts"):
+            editor.observe(self._weakly(Studio._shapes_changed), ["cuts", "parts"])
+        editor.on_history(self._weakly(Studio._travel))
 
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
         return weakly(self, method, lambda studio: not studio._worker.is_closed)
@@ -171,22 +177,34 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         shown = f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>'
         self._notice.value = shown if text else ""
 
-    def _points_changed(self, _change: Any) -> None:
-        points = self.editor.points
+    def _points_changed(self, change: Any) -> None:
+        editor, points = change["owner"], change["new"]
         if points == self.session.points:
             return
-        if self._pictured != self._picture_key():  # a drag on a picture that is being replaced
-            self._count["late"] += 1
+        made = editor.edit_under_way
+        kind = "nudge" if made is not None and made.kind == "nudge" else None
+        label = edit_label(self.session.points, points) if points.dim == self.session.points.dim else ""
+        self._take(editor, lambda: self.session.edit_points(points, label, kind))
+
+    def _shapes_changed(self, change: Any) -> None:
+        editor, what = change["owner"], change["name"]
+        if checked_shapes(what, getattr(self.session.step, what)) == change["new"]:
+            return
+        made, shapes = editor.edit_under_way, shapes_of(what, change["new"])
+        label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
+        edit = self.session.edit_cuts if what == "cuts" else self.session.edit_parts
+        self._take(editor, lambda: edit(shapes, label))
+
+    def _take(self, editor: Any, edit: Callable[[], None]) -> None:
+        """Do what was done in an editor; if it cannot be, the editor shows again what the session holds."""
+        if self._pictured != self._picture_key() or editor is not self._editors.current:
+            self._count["late"] += 1  # a drag on a picture that is being replaced
             self._ask_for_picture()
             return
         start = time.perf_counter()
-        made = self.editor.edit_under_way
-        kind = "nudge" if made is not None and made.kind == "nudge" else None
-        label = edit_label(self.session.points, points)
-        done = self._edited(lambda: self.session.edit_points(points, label, kind))
-        if not done:
+        if not self._edited(edit):
             self._count["refused"] += 1
-            self.editor.points = self.session.points
+            self._editors.show_step()
         self._count["edits"] += 1
         self._times["edit_ms"] = (time.perf_counter() - start) * 1e3
 
@@ -205,8 +223,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if self._pictured != self._picture_key():
             self._ask_for_picture()
         else:
-            self._link.show(self.editor)  # first, or the view would take the points for those of the map before
-            self._show_points()
+            self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
+            self._editors.show_step()
         self._refresh_panels()
         self._worker.latest("status", self._weakly(Studio._show_status))
         self._guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
@@ -230,39 +248,27 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._ask_for_picture()
 
     def _ask_for_picture(self) -> None:
-        self.editor.waiting = "The picture is being made"  # no gesture shall be made on the old one
+        self._editors.tell(waiting="The picture is being made")  # no gesture shall be made on the old one
         self._worker.latest("picture", self._weakly(Studio._show_picture))
 
     def _show_picture(self) -> None:
         key = self._picture_key()
         self._guarded(lambda: self._set_picture(key))
         if key == self._picture_key():
-            self.editor.waiting = ""
+            self._editors.tell(waiting="")
 
     def _set_picture(self, key: Any) -> None:
         start = time.perf_counter()
-        picture = self.session.picture()
+        made = self._editors.make_picture()
         if self._pictured is not None and self._pictured[2] != key[2]:
             self._link.turn()
-        self._link.show(self.editor)
-        with self.editor.hold_sync():  # a picture must never meet another one's points
-            self._pictured = key
-            self.editor.picture = picture
-            self._show_points()
-            self.editor.lone_support = lone_support(self.session.volume.grid)
+        self._link.show(self._editors.current)
+        self._pictured = key
+        self._editors.show_picture(made)
         self._times["picture_ms"] = (time.perf_counter() - start) * 1e3
 
-    def _show_points(self) -> None:
-        editor, step = self.editor, self.session.step
-        with editor.hold_sync():
-            for name in ("kernel", "support", "trend", "smoothing", "strength"):
-                if getattr(editor, name) != getattr(step, name):
-                    setattr(editor, name, getattr(step, name))
-            if editor.points != self.session.points:
-                editor.points = self.session.points
-
     def _tell_history(self, _change: Any) -> None:
-        self.editor.history = dict(self.session.history)
+        self._editors.tell(history=dict(self.session.history))
 
     def _tell_notice(self, _change: Any) -> None:
         if self.session.notice:
@@ -285,6 +291,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._status.value = parts.status_text(self.session, self._times.get("edit_ms"))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
+
+    @property
+    def editor(self) -> Any:
+        """The editor of the step that is edited: an :class:`Editor` on a picture or a :class:`SpaceEditor` in space."""
+        return self._editors.current
 
     @property
     def volume(self) -> Volume:
@@ -322,7 +333,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Write one offline file in which the volume still deforms, without a kernel."""
         from deformnb.widgets.standalone import write_standalone
 
-        editor, view = parts.last_step(self.session, self.editor, self.view)
+        editor, view = parts.last_step(self.session, self._editors.plane, self.view)
         try:
             write_standalone(path, editor, view, title=title or self.volume.name, about=about)
         finally:
@@ -349,8 +360,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if worker is None or worker.is_closed:
             return
         worker.close()
-        if hasattr(self, "_link"):
-            self._link.close()
+        for part in ("_link", "_editors"):
+            if hasattr(self, part):
+                getattr(self, part).close()
         for panel in self._panels:
             panel.close()
         close_all(self)

@@ -10,7 +10,6 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.deformation import lone_support
 from deformnb.errors import DeformError
 from deformnb.opening import as_volume
 from deformnb.session import Session
@@ -18,6 +17,7 @@ from deformnb.volume import Volume
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.studio_editors import make_editor
 from deformnb.widgets.view import AbstractView
 
 WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
@@ -54,16 +54,6 @@ def as_labels(given: Any, volume: Volume) -> Volume | None:
     return as_volume(given)
 
 
-def make_editor(session: Session, height: int) -> Editor:
-    """An editor of the step that a session edits, whose undo is the session's."""
-    step = session.step
-    editor = Editor(session.picture(), session.points, kernel=step.kernel, support=step.support, trend=step.trend,
-                    smoothing=step.smoothing, strength=step.strength, height=height,
-                    label=f"Picture of {session.volume.name or 'the volume'}", history=session.history)
-    editor.lone_support = lone_support(session.volume.grid)
-    return editor
-
-
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
     """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows."""
     whole = Session(session.volume, session.deformation)
@@ -83,8 +73,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
 def arranged(editor: Any, view: Any, panels: Sequence[Panel], line: list[Any]) -> list[Any]:
     """Picture and volume side by side, the first panel below, the others in tabs, and a line for words."""
     half = {"flex": "1 1 320px", "min_width": "0"}
-    for widget in (editor, view):
-        widget.layout.width = "100%"
+    view.layout.width = editor.layout.width = "100%"
     if view.has_trait("fill"):
         view.fill = True  # as high as the picture is
     pictures = ipw.HBox([ipw.Box([widget], layout=ipw.Layout(**half)) for widget in (editor, view)],

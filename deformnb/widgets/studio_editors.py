@@ -1,0 +1,133 @@
+"""The studio's two editors, one for points on a picture and one for points in space, and the place they share.
+
+Whatever the session says is shown in the one that the step being edited needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.deformation import lone_support
+from deformnb.fields import AbstractField
+from deformnb.picture import Picture
+from deformnb.session import Session
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.shape_messages import checked_shapes
+from deformnb.widgets.space_editor import SpaceEditor
+
+_OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength")
+
+
+def make_editor(session: Session, height: int) -> Editor:
+    """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
+    step = session.step
+    made = Editor(session.picture(), None, height=height, history=session.history,
+                  label=f"Picture of {session.volume.name or 'the volume'}")
+    made.lone_support = lone_support(session.volume.grid)
+    if step.plane is not None:
+        _show_step(made, session)
+    return made
+
+
+def _show_step(editor: Any, session: Session) -> None:
+    step = session.step
+    with editor.hold_sync():
+        for name in _OF_THE_STEP:
+            if getattr(editor, name) != getattr(step, name):
+                setattr(editor, name, getattr(step, name))
+        if isinstance(editor, Editor):
+            for name in ("cuts", "parts"):
+                shapes = checked_shapes(name, getattr(step, name))
+                if getattr(editor, name) != shapes:
+                    setattr(editor, name, shapes)
+            editor.cut_rule = step.cut_rule
+        elif editor.options != _options(session):
+            editor.options = _options(session)
+        if editor.points != session.points:
+            editor.points = session.points
+
+
+def _options(session: Session) -> dict[str, Any]:
+    step = session.step
+    return {"cuts": step.cuts, "parts": step.parts, "cut_rule": step.cut_rule}
+
+
+class StudioEditors:
+    """What stands on the left of a studio.
+
+    Parameters
+    ----------
+    session : which step is shown.
+    height : of the picture in CSS pixels.
+    listen : called with each editor when it is made.
+
+    Attributes
+    ----------
+    plane : the editor on a picture; space : the one in space, None until a step needs it.
+    box : the place.
+    """
+
+    def __init__(self, session: Session, height: int, listen: Callable[[Any], None]) -> None:
+        self._session, self._height, self._listen = session, height, listen
+        self.plane = make_editor(session, height)
+        self.space: SpaceEditor | None = None
+        listen(self.plane)
+        self.box = ipw.Box([self.plane])
+        self.plane.layout.width = "100%"
+        if session.step.plane is None:
+            self.show_picture(self.make_picture())
+
+    @property
+    def current(self) -> Any:
+        """The editor of the step that is edited."""
+        if self._session.step.plane is not None:
+            return self.plane
+        if self.space is None:
+            self.space = self._make_space()
+        return self.space
+
+    def _make_space(self) -> SpaceEditor:
+        session = self._session
+        made = SpaceEditor(session.volume, session.points, height=self._height, history=session.history,
+                           transfer=session.transfer_function, before=session.before())
+        made.layout.width = "100%"
+        self._listen(made)
+        return made
+
+    def make_picture(self) -> Picture | AbstractField | None:
+        """What the editor of this step shows behind its points: takes time, and changes nothing yet."""
+        session = self._session
+        return session.picture() if session.step.plane is not None else session.before()
+
+    def show_picture(self, made: Any) -> None:
+        """Show it together with its points: a picture must never meet another one's points."""
+        editor = self.current
+        with editor.hold_sync():
+            if isinstance(editor, Editor):
+                editor.picture = made
+                editor.lone_support = lone_support(self._session.volume.grid)
+            elif editor.before is not made:
+                editor.before = made
+            self.show_step()
+        if self.box.children != (editor,):
+            self.box.children = (editor,)
+
+    def show_step(self) -> None:
+        """Show the points, settings and shapes of the step."""
+        _show_step(self.current, self._session)
+
+    def tell(self, **traits: Any) -> None:
+        """Set traits of both editors, such as their history."""
+        for editor in (self.plane, self.space):
+            if editor is not None:
+                for name, value in traits.items():
+                    setattr(editor, name, value)
+
+    def close(self) -> None:
+        """Close the editor that has no place now."""
+        for editor in (self.plane, self.space):
+            if editor is not None and editor not in self.box.children:
+                editor.close()

@@ -1,0 +1,62 @@
+"""A studio without a browser: what its page would send, and where its panels are."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from deformnb.volume import Grid, Volume
+from deformnb.widgets import Studio
+from deformnb.widgets.point_messages import points_to_json
+
+
+def a_volume() -> Volume:
+    z, y, x = np.mgrid[:16, :20, :24]
+    values = 200 * (((z - 8) / 6) ** 2 + ((y - 10) / 7) ** 2 + ((x - 12) / 10) ** 2 < 1)
+    return Volume((values + (x % 4) * 8 * (values > 0)).astype(np.uint8), Grid((16, 20, 24), (1.0, 1.0, 1.0)), "ball")
+
+
+SEQ = iter(range(1, 10**6))
+
+
+def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
+    """As a message of the page of an editor, by default the one that is shown."""
+    (editor or studio.editor)._handle_custom_msg({"sender": "test", "seq": next(SEQ), **content}, [])
+
+
+def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
+    """As the end of a drag in the page of an editor."""
+    page_says(studio, {"type": "edit", "phase": "end", "kind": kind, "joins": False, "next_id": points.next_id,
+                       "points": points_to_json(points)}, editor)
+
+
+def a_drag(studio: Studio, by: float = 2.0) -> Any:
+    points = studio.editor.points
+    if len(points) == 4:
+        points = points.add(points.target.mean(axis=0))
+    return points.move(points.ids[-1], points.target[-1] + [by, by / 2])
+
+
+def controls(studio: Studio) -> dict[str, Any]:
+    """All controls by their description."""
+    return {c.widget.description: c.widget for panel in studio._panels for c in panel.controls}
+
+
+def panel(studio: Studio, title: str) -> Any:
+    """A panel by the title of its tab."""
+    return next(found for found in studio._panels if found.title == title)
+
+
+def act(items: Any, what: str, index: int, value: Any = None) -> None:
+    """As a click in the page of a list."""
+    message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}
+    items._handle_custom_msg(message, [])
+
+
+def wait_for(condition: Any, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.01)
