@@ -156,20 +156,25 @@ def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:
 
 def _draw(axes: Axes, picture: Picture, box: Box, look: Style,
           net: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
-    from matplotlib.colors import LinearSegmentedColormap, to_rgb
-
-    if picture.values.ndim == 3:
-        axes.imshow(picture.rgb8(to_rgb(look.dark)), extent=picture.extent, interpolation="bilinear")
-    else:
-        inks = LinearSegmentedColormap.from_list("inks", [look.dark, look.bright])
-        axes.imshow(picture.grey() ** look.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
-                    interpolation="bilinear")
+    show_picture(axes, picture, look)
     for line in net:
         axes.plot(line[:, 0], line[:, 1], color=look.net, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
     if points is not None:
         _draw_points(axes, points, look)
     axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")
     axes.set_axis_off()
+
+
+def show_picture(axes: Axes, picture: Picture, look: Style) -> None:
+    """The pixels of a picture in a look, where they lie."""
+    from matplotlib.colors import LinearSegmentedColormap, to_rgb
+
+    if picture.values.ndim == 3:
+        axes.imshow(picture.rgb8(to_rgb(look.dark)), extent=picture.extent, interpolation="bilinear")
+        return
+    inks = LinearSegmentedColormap.from_list("inks", [look.dark, look.bright])
+    axes.imshow(picture.grey() ** look.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
+                interpolation="bilinear")
 
 
 def _draw_points(axes: Axes, points: ControlPoints, look: Style) -> None:
