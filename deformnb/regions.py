@@ -24,9 +24,6 @@ LARGEST_SHAPE = 512
 # distances count this much. Far above the rounding of float32 squares, and only the sign is taken from it.
 _FRONTAL = 1e-6
 
-# NumPy measures this many pairs of a point and an edge at once: 8 MB an array, which stays in the cache.
-_PAIRS = 1_000_000
-
 
 class AbstractRegion(ABC):
     """A place with an inside: a frozen pytree that maps points to signed distances."""
@@ -125,39 +122,44 @@ class _Drawn(AbstractRegion):
         return 2
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        p = np.asarray(points, dtype=np.float64)
-        flat = p.reshape(-1, 2)
-        size = max(1, _PAIRS // len(self.vertices))
-        parts = [self._distance(flat[k : k + size], np) for k in range(0, len(flat), size)]
-        return np.concatenate([*parts, np.zeros(0)]).reshape(p.shape[:-1])
+        # Edge by edge: arrays of (points x edges) took six times as long.
+        x, y = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
+        v = np.asarray(self.vertices)
+        least, best, side = np.full(x.shape, np.inf), np.full(x.shape, np.inf), np.zeros(x.shape)
+        for (sx, sy), (ex, ey), low, high in self._edges(v):
+            ax, ay, length = x - sx, y - sy, ex * ex + ey * ey
+            t = np.clip((ax * ex + ay * ey) / length, low, high)
+            square = (ax - t * ex) ** 2 + (ay - t * ey) ** 2
+            cross = ex * ay - ey * ax
+            rank = square - _FRONTAL * cross * cross / length
+            nearer = rank < best
+            best, side = np.where(nearer, rank, best), np.where(nearer, cross, side)
+            least = np.minimum(least, square)
+        return np.where((side > 0) != self._is_reversed(v), 1.0, -1.0) * np.sqrt(least)
+
+    def _edges(self, v: NDArray[np.float64]) -> list[tuple[Any, Any, float, float]]:
+        """Start, direction, and the range along it from 0 to 1, which goes on at the ends of an open line."""
+        n = len(v) if self.is_closed else len(v) - 1
+        ends = [(-np.inf if k == 0 and not self.is_closed else 0.0,
+                 np.inf if k == n - 1 and not self.is_closed else 1.0) for k in range(n)]
+        return [(v[k], v[(k + 1) % len(v)] - v[k], *end) for k, end in enumerate(ends)]
 
     def __call__(self, points: Any) -> Any:
-        return self._distance(jnp.asarray(points), jnp)
-
-    def _distance(self, points: Any, xp: Any) -> Any:
-        """Signed distance by the nearest edge; xp is NumPy or JAX."""
-        v = xp.asarray(self.vertices)
-        start, end = (v, xp.roll(v, -1, axis=0)) if self.is_closed else (v[:-1], v[1:])
-        edge = end - start
+        x, v = jnp.asarray(points), jnp.asarray(self.vertices)
+        start, end = (v, jnp.roll(v, -1, axis=0)) if self.is_closed else (v[:-1], v[1:])
+        edge, away = end - start, x[..., None, :] - start
         length = (edge ** 2).sum(-1)
-        away = points[..., None, :] - start
-        t = (away * edge).sum(-1) / length
-        if self.is_closed:
-            t = xp.clip(t, 0.0, 1.0)
-        else:  # the first and the last edge go on for ever
-            n = len(length)
-            low = xp.where(xp.arange(n) == 0, -xp.inf, 0.0)
-            high = xp.where(xp.arange(n) == n - 1, xp.inf, 1.0)
-            t = xp.clip(t, low, high)
+        number = jnp.arange(len(edge))
+        low = jnp.where((number == 0) & (not self.is_closed), -jnp.inf, 0.0)
+        high = jnp.where((number == len(edge) - 1) & (not self.is_closed), jnp.inf, 1.0)
+        t = jnp.clip((away * edge).sum(-1) / length, low, high)
         square = ((away - t[..., None] * edge) ** 2).sum(-1)
         cross = edge[:, 0] * away[..., 1] - edge[:, 1] * away[..., 0]
         nearest = (square - _FRONTAL * cross ** 2 / length).argmin(-1)
-        side = xp.take_along_axis(cross, nearest[..., None], -1)[..., 0]
-        positive = (side > 0) != self._is_reversed(v)
-        # Safe for gradients: the root's slope is infinite on the boundary itself.
+        side = jnp.take_along_axis(cross, nearest[..., None], -1)[..., 0]
         least = square.min(-1)
-        distance = xp.sqrt(xp.where(least > 0, least, 1.0)) * (least > 0)
-        return xp.where(positive, distance, -distance)
+        distance = jnp.sqrt(jnp.where(least > 0, least, 1.0)) * (least > 0)  # the root has no slope at 0
+        return jnp.where((side > 0) != self._is_reversed(v), distance, -distance)
 
     def _is_reversed(self, v: Any) -> Any:
         if not self.is_closed:

@@ -164,11 +164,15 @@ class RigidInterpolant(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         base = self.base.on_outer_sum(r, c, resolution)
         places = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
-        back, distances = [], []
+        back, distances, all_still = [], [], True
         for region, m, t in zip(self.regions, self.matrices, self.shifts, strict=True):
-            y = places if _is_still(m, t) else places @ np.asarray(m).T + t
+            still = _is_still(m, t)
+            y = places if still else places @ np.asarray(m).T + t
             back.append(y)
             distances.append(_kept_distances(region, np.asarray(m), np.asarray(t), r, c, y))
+            all_still &= still
+        if all_still:  # the common case, without the drift that is zero everywhere
+            return np.asarray(_weight(distances, self.scales, self.weights, np), dtype=np.float32) * base
         moved, weight = _blend(places, back, distances, self.scales, self.weights, np)
         return np.asarray(np.moveaxis(moved, -1, 0) + weight * base, dtype=np.float32)
 
@@ -180,9 +184,7 @@ def _is_still(matrix: Any, shift: Any) -> bool:
 def _blend(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
            xp: Any) -> tuple[Any, Any]:
     """L(x) - x and w(x) from every part's motion and distance."""
-    weight = 1.0
-    for k, name in enumerate(weights):
-        weight = weight * WEIGHTS[name](distances[k] / scales[k], xp)
+    weight = _weight(distances, scales, weights, xp)
     if len(back) == 1:
         return back[0] - x, weight
     # 1 / distance^2, multiplied by the least of all, which is finite in the parts and keeps the digits beside them.
@@ -192,6 +194,15 @@ def _blend(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: 
     shares = [xp.where(d > least, (least / xp.where(d > 0, d, 1.0)) ** 2, 1.0) for d in distances]
     total = sum(shares)
     return sum((s / total)[..., None] * (y - x) for s, y in zip(shares, back, strict=True)), weight
+
+
+def _weight(distances: list[Any], scales: Any, weights: tuple[str, ...], xp: Any) -> Any:
+    """w(x), the product over the parts."""
+    weight = 1.0
+    for distance, scale, name in zip(distances, scales, weights, strict=True):
+        # A NumPy scalar of 64 bits would make 64 bits of all distances.
+        weight = weight * WEIGHTS[name](distance / (float(scale) if xp is np else scale), xp)
+    return weight
 
 
 _kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()
