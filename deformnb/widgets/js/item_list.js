@@ -50,7 +50,7 @@ class ItemListPage {
   get can() { return this.model.get("commands") || []; }
 
   act(what, index, value = null) {
-    if (this.isWaiting || !this.rows[index] || (what !== "choose" && what !== "switch" && !this.can.includes(what))) return;
+    if ((this.isWaiting && what !== "rename") || !this.rows[index] || (what !== "choose" && what !== "switch" && !this.can.includes(what))) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
     this.current = index + (what === "down" || what === "double") - (what === "up");
     this.#wait(true);
@@ -148,7 +148,7 @@ class ItemListPage {
   }
 
   #rename(k) {
-    if (!this.can.includes("rename") || this.isNaming || this.isWaiting || !this.rows[k]) return;
+    if (!this.can.includes("rename") || this.isNaming || !this.rows[k]) return;
     const cell = this.body.children[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
     const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME, spellcheck: "false",
       "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
