@@ -36,7 +36,7 @@ def a_drag(studio: Studio, by: float = 2.0) -> Any:
     points = studio.editor.points
     if len(points) == 4:
         points = points.add(points.target.mean(axis=0))
-    return points.move(points.ids[-1], points.target[-1] + [by, by / 2])
+    return points.move(points.ids[-1], points.target[-1] + np.array([by, by / 2, 0.0])[: points.dim])
 
 
 def controls(studio: Studio) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.io.formats import read_volume
 from deformnb.regions import HalfSpace
 from deformnb.rigid_parts import RigidPart
 from deformnb.widgets import Studio
@@ -252,3 +253,32 @@ def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> Non
     studio.wait()
     assert len(items.rows) == 1
     assert_array_equal(studio.result().values, studio.volume.values)
+
+
+@pytest.mark.parametrize("how", ["cut", "space", "blend", "off"])
+def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path, how: str) -> None:
+    draws(studio, "cuts", "add cut", a_line(studio))
+    drag(studio, a_drag(studio, -1.5))
+    if how == "off":
+        act(panel(studio, "Steps").items, "switch", 0, False)
+    elif how != "cut":
+        studio.session.add_step(in_space=how == "space")
+        studio.wait()
+        drag(studio, studio.editor.points.add(studio.editor.points.source.mean(axis=0)))
+        drag(studio, a_drag(studio))
+    if how == "blend":
+        studio.session.set_mode("blend")
+    for name in ("a.html", "a.py", "a.json", "a.nrrd"):
+        studio.export(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 0
+    scope: dict[str, Any] = {"volume": studio.volume}
+    exec(studio.session.code("volume"), scope)
+    assert scope["deformation"] == studio.deformation
+    assert_array_equal(scope["deformed"].values, studio.result().values)
+    kept = studio.deformation
+    studio.session.reset()
+    studio.load(tmp_path / "a.json")
+    studio.wait()
+    assert studio.deformation.steps == kept.steps
+    assert studio.deformation.mode == kept.mode
+    assert_array_equal(read_volume(tmp_path / "a.nrrd").values, studio.result().values)

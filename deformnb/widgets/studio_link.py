@@ -11,11 +11,20 @@ import threading
 from typing import Any
 
 from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.session import Session
 from deformnb.widgets.card_maps import MOST_MAPS, count_maps
 from deformnb.widgets.worker import Worker
+
+
+def followed_step(deformation: Deformation) -> int | None:
+    """The step whose drags a page can show by itself: the last in use, on a picture, and not added to others."""
+    in_use = [k for k, step in enumerate(deformation.steps) if step.enabled]
+    if not in_use or deformation.steps[in_use[-1]].plane is None:
+        return None
+    return in_use[-1] if deformation.mode == "compose" or len(in_use) == 1 else None
 
 
 class StudioLink:
@@ -57,12 +66,10 @@ class StudioLink:
         self._hear(None)
 
     def _page_can_follow(self, field: AbstractField) -> bool:
-        session = self._session
-        in_use = [k for k, step in enumerate(session.deformation.steps) if step.enabled]
-        is_last = session.index == max(in_use, default=-1)
-        is_alone = session.deformation.mode == "compose" or len(in_use) == 1
+        if self._session.index != followed_step(self._session.deformation):
+            return False
         maps = count_maps(field)
-        return is_last and is_alone and session.step.plane is not None and maps is not None and maps <= MOST_MAPS
+        return maps is not None and maps <= MOST_MAPS
 
     def _hear(self, editor: Any) -> None:
         if editor is self._heard:

@@ -18,6 +18,7 @@ from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.studio_editors import make_editor
+from deformnb.widgets.studio_link import followed_step
 from deformnb.widgets.view import AbstractView
 
 WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
@@ -55,14 +56,19 @@ def as_labels(given: Any, volume: Volume) -> Volume | None:
 
 
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
-    """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows."""
-    whole = Session(session.volume, session.deformation)
+    """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows.
+
+    What such a page cannot drag (points in space, steps that are added up) is done to its volume beforehand, and the
+    page goes on with a picture of that.
+    """
+    last = followed_step(session.deformation)
+    deformed = None if last is not None else session.result()
+    whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
     whole.method = session.method
-    used = [k for k, step in enumerate(whole.deformation.steps) if step.enabled and step.plane is not None]
-    whole.edit_step(used[-1] if used else 0)
+    whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme = editor.density, editor.theme
-    live = LiveView(session.volume, transfer=session.transfer_function, width=view.width, height=view.height)
+    live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows = dict(view.camera), view.shows
     if view.has_trait("projection"):
         live.projection = view.projection
