@@ -36,6 +36,7 @@ from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_only_in
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
+from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
@@ -43,7 +44,7 @@ from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text
 
 _FILES = ("rbf_solve.js", "rbf.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js",
           "camera.js", "frame_loop.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
-          "hands.js", "live_view.js")
+          *POINT_FILES, "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ _LOG = logging.getLogger(__name__)
 _OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
 
 
-class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters
@@ -86,7 +87,7 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """
 
     _esm = joined(*_FILES)
-    _css = style("live_view.css")
+    _css = style("live_view.css", *POINT_STYLES)
 
     volume_info = traitlets.Dict().tag(sync=True)
     table = traitlets.Bytes().tag(sync=True)
@@ -296,7 +297,8 @@ class LiveView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
             if shown is None:
                 return
             if self._maps is None:
-                self._maps = card_maps(self._field, shown, self._output, self._map_size, self._space_size)
+                nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
+                self._maps = card_maps(self._field, shown, self._output, self._map_size, nodes)
             maps = self._maps
         self._sent["field_bytes"] += maps.size
         self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)

@@ -18,7 +18,7 @@ class Hands {
     add("pointermove", (e) => this.move(e));
     for (const name of ["pointerup", "pointercancel"]) add(name, (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
-    add("dblclick", () => page.reset());
+    add("dblclick", (e) => { if (!page.spacePoints?.doubleClick(e)) page.reset(); });
     add("keydown", (e) => this.key(e));
     const lost = (e) => page.lost(e), back = () => page.restored();
     canvas.addEventListener("webglcontextlost", lost);

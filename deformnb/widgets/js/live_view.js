@@ -195,6 +195,7 @@ class LiveViewPage {
     this.link = new FieldLink(this.model, (planar) => { this.planarFromLink(planar); });
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
     this.hands = new Hands(this);
+    this.spacePoints = new SpacePoints(this);
   }
 
   receive(content, buffers) {
@@ -377,6 +378,7 @@ class LiveViewPage {
 
   touch(held = false) {
     if (this.info) { this.frames.write(this.camera); this.cube.draw(this.info.views, this.camera); }
+    this.spacePoints?.draw();
     if (this.loop) this.loop.touch(held);
   }
 
@@ -385,6 +387,7 @@ class LiveViewPage {
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.link.close();
     this.hands.close();
+    this.spacePoints.close();
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
