@@ -47,6 +47,11 @@ class AbstractMoments(traitlets.HasTraits):
         self.player = player
         self._offer()
 
+    @property
+    def moments(self) -> TimeMaps | None:
+        """What a player goes through now, if anything."""
+        return self._moments
+
     def _at_present(self, field: AbstractField | None) -> AbstractField | None:
         """What is seen now: the moment of the player, if it plays something, else a field."""
         return field if self._moments is None else self._moments.field(self.player.time)
