@@ -160,12 +160,14 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _app(options: argparse.Namespace) -> None:
     from deformnb.app.launch import check_app, made_up_carp, open_app
+    from deformnb.opening import as_deformation
 
     check_app(options.host, options.port, options.side)
+    deformation = as_deformation(options.session)
     with stages() as stage:
         volume = (read_input(options.file, options.spacing, stage) if options.file
                   else made_up_carp(stage("make the carp")))
-    open_app(volume, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
+    open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
              browser=not options.no_browser)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -27,6 +28,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "sqrt": (np.sqrt, 1), "abs": (np.abs, 1), "min": (np.minimum, 2), "max": (np.maximum, 2),
 }
 """Functions by name, with their number of arguments."""
+
+# A product as on paper: 2z, 3 sin(z), (1+z) z. With brackets alone it parses as a call: z(1-z).
+_PRODUCT = re.compile(rf"(\d[\d.]*(?:e[+-]?\d+)?|\bz|\bpi|\))\s*(z\b|pi\b|(?:{'|'.join(FUNCTIONS)})\(|\()")
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -74,7 +78,16 @@ def _parse(text: str) -> ast.expr:
     try:
         return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise DeformError(f"the curve {text!r} is not a formula; write for example z or sin(pi*z).") from None
+        raise DeformError(f"the curve {text!r} is not a formula; {_advice(text)}.") from None
+
+
+def _advice(text: str) -> str:
+    """What to write instead."""
+    product = _PRODUCT.search(text)
+    if product is None:
+        return "write for example z or sin(pi*z)"
+    left, right = product[1].replace(")", "(...)"), product[2].replace("(", "(...)")
+    return f"write every product with *, such as {left}*{right}"
 
 
 def _value(node: ast.expr, z: NDArray[np.float64], depth: int, text: str) -> Any:
@@ -101,6 +114,8 @@ def _value(node: ast.expr, z: NDArray[np.float64], depth: int, text: str) -> Any
             if len(args) != arity:
                 raise DeformError(f"{name} in the curve {text!r} takes {arity} argument(s), not {len(args)}.")
             return function(*(_value(a, z, depth + 1, text) for a in args))
+        case ast.Call(func=ast.Name(id="z" | "pi" | "e") | ast.BinOp() | ast.Constant() | ast.Call()):
+            raise DeformError(f"the curve {text!r} is not a formula; {_advice(text)}.")
         case _:
             pass
     raise DeformError(

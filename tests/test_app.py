@@ -17,6 +17,7 @@ from deformnb.app.desk import Desk
 from deformnb.app.launch import check_app, made_up_carp
 from deformnb.app.remote import RemoteView, dragged, zoomed
 from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.deformation import Deformation
 from deformnb.document import from_json
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS
@@ -485,3 +486,45 @@ def test_who_brings_no_volume_gets_a_carp() -> None:
     carp = made_up_carp(heard.append)
     assert carp.name.startswith("carp")
     assert heard
+
+
+# -- cuts, rigid parts, saved sessions ---------------------------------------------------------------------------------
+
+
+def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(desk: Desk) -> None:
+    line = {"region": {"kind": "line", "vertices": [[9.0, 20.0], [9.0, -1.0]]}}
+    desk.receive("editor", _message({"type": "shapes", "what": "cuts", "kind": "add cut", "shapes": [line]}, 1))
+    assert len(desk.session.step.cuts) == 1
+    assert desk.state()["undo"] == "add cut"
+    desk.act("undo")
+    assert desk.editor.cuts == []
+    points = _dragged_points(desk)
+    desk.receive("editor", _message(_edit(points, 2), 2))
+    corner = points[0]["source"]
+    around = {"name": "stone", "region": {"kind": "polygon", "vertices": [
+        [corner[0] - 2, corner[1] - 2], [corner[0] + 1, corner[1] - 2], [corner[0] + 1, corner[1] + 2],
+        [corner[0] - 2, corner[1] + 2]]}}
+    desk.receive("editor", _message({"type": "shapes", "what": "parts", "kind": "add", "shapes": [around]}, 3))
+    assert "stone" in desk.error
+    assert desk.editor.parts == []
+
+
+def _message(content: dict[str, Any], seq: int) -> dict[str, Any]:
+    return {"method": "custom", "content": {"sender": "window", **content, "seq": seq}}
+
+
+def test_a_desk_goes_on_with_a_session_and_edits_its_last_picture() -> None:
+    volume = _bar()
+    session = Session(volume, view="+y")
+    session.edit_points(session.points.add([8.0, 6.0], [10.0, 6.0]))
+    session.add_step(in_space=True)
+    session.edit_points(session.points.add([8.0, 6.0, 6.0], [8.0, 7.0, 6.0]))
+    kept = session.deformation
+    made = Desk(Session(volume, kept, view="+y"))
+    assert made.session.index == 0
+    assert made.session.deformation == kept
+    assert made.live.editor is None  # a step in space comes after it
+    made.close()
+    alone = Desk(Session(volume, Deformation(kept.steps[1:]), view="+y"))
+    assert [s.plane is None for s in alone.session.deformation.steps] == [True, False]
+    alone.close()

@@ -163,3 +163,21 @@ def test_no_text_ever_raises_anything_else(text: str) -> None:
 def test_names_do_not_collide() -> None:
     assert not set(CONSTANTS) & set(FUNCTIONS)
     assert "z" not in {*CONSTANTS, *FUNCTIONS}
+
+
+@pytest.mark.parametrize(("text", "advice"), [
+    ("2z", "2*z"), ("3 sin(pi*z)", "3*sin(...)"), ("2(z+1)", "2*(...)"), ("z(1-z)", "z*(...)"), ("2 pi z", "2*pi"),
+    ("(1+z)(2-z)", "(...)*(...)"), ("4*z(1-z)", "z*(...)"), ("1.5z", "1.5*z"), ("1e5z", "1e5*z"),
+    ("sin(z)cos(z)", "(...)*cos(...)"),
+])
+def test_products_as_on_paper_are_understood_and_refused_with_the_star(text: str, advice: str) -> None:
+    with pytest.raises(DeformError, match=r"every product with \*") as caught:
+        evaluate(text, Z)
+    assert str(caught.value).endswith(f"such as {advice}.")
+
+
+@pytest.mark.parametrize("text", ["?", "2*z +", "sin z", "zz", "sinh(z)"])
+def test_other_mistakes_are_not_taken_for_products(text: str) -> None:
+    with pytest.raises(DeformError) as caught:
+        evaluate(text, Z)
+    assert "product" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The tool as a web page of its own, without Jupyter: ``deformnb app FILE``.
+"""The tool as a web page of its own, without Jupyter: ``deformnb app FILE SESSION``.
 
 A picture with points to drag, the volume beside it, and what a session has to choose from, served by trame to the
 browsers of this machine. What is edited and remembered is a :class:`~deformnb.session.Session`, as in a notebook.
@@ -27,6 +27,7 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
     p = commands.add_parser("app", help=what, description=f"""{what[0].upper()}{what[1:]}: drag points on a picture of
         the volume and watch the volume follow. Only this machine reaches the page, by the address that is printed.""")
     p.add_argument("file", nargs="?", metavar="FILE", help="a volume (default: a carp that is made up)")
+    p.add_argument("session", nargs="?", metavar="SESSION", help="a saved session to go on with")
     p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
                    help="true voxel size of the input, where its file is wrong")
     p.add_argument("--side", help="side of the first picture: +x -x +y -y +z -z (default: the one that shows most)")

@@ -18,15 +18,16 @@ from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.session import Session
-from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.shape_messages import shapes_of
+from deformnb.widgets.studio_editors import make_editor, show_step
+from deformnb.widgets.studio_link import followed_step
 from deformnb.widgets.view import checked_camera
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
-_OF_THE_FIT = ("kernel", "support", "trend", "smoothing", "strength")
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 _OF_THE_EDITOR = ("show_net", "show_radius")
@@ -60,12 +61,12 @@ class Desk:
         self._listening = True
         self._shown: tuple[Any, ...] = ()
         self.remote: RemoteView | None = None
-        picture = session.picture()
-        self.editor = Editor(picture, session.points, label=f"Picture of {session.volume.name or 'the volume'}",
-                             height=1200, show_radius=False)
+        _choose_a_picture(session)
+        self.editor = make_editor(session, 1200)
         self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
         self._look(*_beside(session.plane))
         self.editor.observe(self._dragged, "points")
+        self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.on_history(self.act)
         self.thread.latest("warm up", session.warm_up)
         self._show()
@@ -183,6 +184,13 @@ class Desk:
         label = edit_label(self.session.points, points)
         self._try(lambda: self.session.edit_points(points, label, kind))
 
+    def _drawn(self, change: Any) -> None:
+        if not self._listening:
+            return
+        shapes, made = shapes_of(change["name"], change["new"]), self.editor.edit_under_way
+        edit = self.session.edit_cuts if change["name"] == "cuts" else self.session.edit_parts
+        self._try(lambda: edit(shapes, made.kind if made is not None else ""))
+
     def _show(self) -> None:
         """Bring the widgets to what the session says."""
         session, editor = self.session, self.editor
@@ -193,9 +201,7 @@ class Desk:
                 editor.picture = picture
             with editor.hold_sync():
                 editor.lone_support = lone_support(session.volume.grid)
-                for name in _OF_THE_FIT:
-                    setattr(editor, name, getattr(session.step, name))
-                editor.points = session.points
+                show_step(editor, session)
                 editor.history = dict(session.history)
         finally:
             self._listening = True
@@ -207,8 +213,7 @@ class Desk:
     def _show_volume(self) -> None:
         session, live = self.session, self.live
         field = session.field()
-        is_last = session.index == len(session.deformation.steps) - 1
-        if is_last and session.step.plane is not None and session.step.enabled:
+        if session.index == followed_step(session.deformation):
             live.follow(self.editor, field, session.key)
         else:
             live.follow(None, field)  # what is dragged passes through the others, in Python
@@ -247,6 +252,15 @@ class Desk:
         if self.remote is not None:
             self.remote.close()
         self.thread.close()
+
+
+def _choose_a_picture(session: Session) -> None:
+    """Edit the last step on a picture, or a new one: the page has no editor for points in space."""
+    on_pictures = [k for k, step in enumerate(session.deformation.steps) if step.plane is not None]
+    if not on_pictures:
+        session.set_view(session.plane)
+    elif session.step.plane is None:
+        session.edit_step(on_pictures[-1])
 
 
 def _camera(plane: Plane) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -16,6 +16,7 @@ from deformnb.app.desk import Desk
 from deformnb.app.guard import checked_host, is_loopback
 from deformnb.app.server import AppServer
 from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.opening import best_view
 from deformnb.plane import VIEWS
@@ -43,13 +44,14 @@ def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
     return PHANTOMS["fish"].make(progress=progress)
 
 
-def open_app(volume: Volume, *, side: str | None = None, viewer: str = "live", host: str = "127.0.0.1", port: int = 0,
-             browser: bool = True) -> None:
+def open_app(volume: Volume, deformation: Deformation | None = None, *, side: str | None = None, viewer: str = "live",
+             host: str = "127.0.0.1", port: int = 0, browser: bool = True) -> None:
     """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
 
     Parameters
     ----------
     volume : what is deformed.
+    deformation : to go on with.
     side : side of the first picture; default is the one that shows most.
     viewer : "live" or "vtk", see :data:`deformnb.app.VIEWERS`.
     host, port : where to listen; port 0 takes a free one.
@@ -63,7 +65,7 @@ def open_app(volume: Volume, *, side: str | None = None, viewer: str = "live", h
     host = check_app(host, port, side)
     if not is_loopback(host):
         _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
-    desk = Desk(Session(volume, view=side or best_view(volume)), viewer=viewer)
+    desk = Desk(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
     try:
         server = AppServer(desk, host=host, port=port)
         with contextlib.ExitStack() as stack:

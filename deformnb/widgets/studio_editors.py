@@ -28,11 +28,12 @@ def make_editor(session: Session, height: int) -> Editor:
                   label=f"Picture of {session.volume.name or 'the volume'}")
     made.lone_support = lone_support(session.volume.grid)
     if step.plane is not None:
-        _show_step(made, session)
+        show_step(made, session)
     return made
 
 
-def _show_step(editor: Any, session: Session) -> None:
+def show_step(editor: Any, session: Session) -> None:
+    """Show the points, settings and shapes of the step that a session edits, all at once."""
     step = session.step
     with editor.hold_sync():
         for name in _OF_THE_STEP:
@@ -117,7 +118,7 @@ class StudioEditors:
 
     def show_step(self) -> None:
         """Show the points, settings and shapes of the step."""
-        _show_step(self.current, self._session)
+        show_step(self.current, self._session)
 
     def tell(self, **traits: Any) -> None:
         """Set traits of both editors, such as their history."""

@@ -21,7 +21,8 @@ from deformnb.widgets.studio_editors import make_editor
 from deformnb.widgets.studio_link import followed_step
 from deformnb.widgets.view import AbstractView
 
-WELCOME = "The points in the corners hold the picture. Double-click on it to add a point, and drag that."
+WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
+           "something: draw a cut across it, then drag a point on either side of the cut apart.")
 """What a studio says before anything was dragged."""
 
 VIEW_KINDS = ("live", "vtk")
