@@ -14,7 +14,8 @@ from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 
-POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_points.js")
+POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_rays.js",
+               "space_points.js")
 """Scripts that a view needs for it, behind elements.js, link.js and camera.js."""
 
 POINT_STYLES = ("editor.css", "space_points.css")

@@ -32,11 +32,13 @@ from deformnb.widgets.frames import FrameSender, drawn, preview_png
 from deformnb.widgets.pages import LARGEST, Pages, about
 from deformnb.widgets.refit import Refit, follow_editor
 from deformnb.widgets.scene_loop import Frame, SceneLoop
+from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
 from deformnb.widgets.view_messages import LONGEST_TEXT, dropping, text, whole
 
-_FILES = ("elements.js", "camera.js", "live_parts.js", "orientation.js", "hands.js", "volume_view.js")
+_FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
+          "volume_view.js")
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
@@ -44,7 +46,7 @@ _Result = TypeVar("_Result")
 _OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height"})
 
 
-class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters
@@ -84,7 +86,7 @@ class VolumeView(AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """
 
     _esm = joined(*_FILES)
-    _css = style("live_view.css", "volume_view.css")
+    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
 
     volume_info = traitlets.Dict().tag(sync=True)
     projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)

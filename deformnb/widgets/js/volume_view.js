@@ -44,6 +44,7 @@ class VolumeViewPage {
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
     this.hands = new Hands(this);
+    this.spacePoints = new SpacePoints(this);
   }
 
   on(name, handler) {
@@ -180,6 +181,7 @@ class VolumeViewPage {
     if (!this.info) return;
     this.frames.write(this.camera);
     this.cube.draw(this.info.views, this.camera);
+    this.spacePoints?.draw();
   }
 
   /** The camera has moved. */
@@ -225,6 +227,7 @@ class VolumeViewPage {
     this.send({ type: "bye" });
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.hands.close();
+    this.spacePoints.close();
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
