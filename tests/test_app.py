@@ -498,7 +498,7 @@ def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(desk: De
     assert desk.state()["undo"] == "add cut"
     desk.act("undo")
     assert desk.editor.cuts == []
-    points = _dragged_points(desk)
+    points = _dragged_points(desk, 0.5)
     desk.receive("editor", _message(_edit(points, 2), 2))
     corner = points[0]["source"]
     around = {"name": "stone", "region": {"kind": "polygon", "vertices": [
