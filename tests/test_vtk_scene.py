@@ -142,11 +142,12 @@ def test_slopes_are_those_of_the_deformed_body(scene: Any, monkeypatch: pytest.M
     wanted = scene(warp(volume, field), "array").render()
     right = scene(volume)
     right.set_field(field)
+    good = right.render()  # which is when the shader is written
     monkeypatch.setattr(vtk_warp, "_REPLACED",
                         {k: v for k, v in vtk_warp._REPLACED.items() if "Pvec" not in k and "Nvec" not in k})
     wrong = scene(volume)
     wrong.set_field(field)
-    assert difference(right.render(), wanted) < 0.5 * difference(wrong.render(), wanted)
+    assert difference(good, wanted) < 0.5 * difference(wrong.render(), wanted)
 
 
 @pytest.mark.parametrize("method", ["texture", "array"])

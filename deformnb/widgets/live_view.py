@@ -7,8 +7,8 @@ Messages by the page (each with ``view``, the page's own name): ``hello`` (large
 page's), ``chunk`` (id, index: asks for a piece), ``still`` (width, height, background: asks for a picture), ``seen``
 (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``. Messages to the page: ``chunk`` (id,
 index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow: the
-index of the map that an editor moves and the points that the maps are of, or null), ``still`` (with a PNG),
-``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
+index of the map that an editor moves, and points, cuts and parts that the maps are of, or null), ``still`` (with a
+PNG), ``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
 """
 
 from __future__ import annotations
@@ -30,10 +30,13 @@ from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField
+from deformnb.time_maps import TimeMaps
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_only_in
+from deformnb.widgets.card_times import card_frames
+from deformnb.widgets.live_moments import AbstractMoments
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
@@ -42,17 +45,20 @@ from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
 
-_FILES = ("rbf_solve.js", "rbf.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js",
-          "camera.js", "frame_loop.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
+_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "cut_fits.js", "link.js",
+          "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js", "camera.js", "frame_loop.js",
+          "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js", "time_maps.js",
           *POINT_FILES, "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
+
+_SHAPES = ("cuts", "cut_rule", "parts")  # of an editor
 
 # Traits that a page may change: the camera by hand, the others by links of one widget with another in the page.
 _OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
 
 
-class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters
@@ -118,6 +124,7 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
         self._output: Grid | None = None
         self._followed: dict[str, Any] | None = None
         self._maps: CardMaps | None = None  # of the field, made when a page wants them
+        self._sent_cut: str | None = None  # whose distances all pages have
         self._pacer = Pacer(self._send_field)
         self._has_page = False
         self._page_theme = "dark"
@@ -152,7 +159,7 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
         with self._lock:
             self._volume, self._window, self._shown = volume, window, shown
             self._chunks = {}
-            self._field, self._output, self._followed, self._maps = field, output, followed, None
+            self._hold(field, output, followed)
         self.set_transfer(self._wanted_transfer)
         self.label = f"Volume {volume.name}".strip()
         self.volume_info = shown.info()
@@ -172,9 +179,14 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
         if field is not None and field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-        with self._lock:
-            self._field, self._output, self._followed, self._maps = field, output, followed, None
+        self._hold(field, output, followed)
         self._offer()
+
+    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None,
+              moments: TimeMaps | None = None) -> None:
+        with self._lock:
+            self._field, self._output, self._followed = field, output, followed
+            self._maps, self._moments = None, moments
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
@@ -197,12 +209,11 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
             raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
         if count is not None and not 0 <= index < count:
             raise DeformError(f"there is no map {index}; the extrusion has {count}.")
-        points = editor.get_state("points").get("points") if editor is not None else None
-        followed = None if points is None else {"index": index, "points": points}
-        goes_on = followed is not None and (editor, index, output) == (self.editor, self.editor_map, self._output)
+        followed = None if editor is None else _followed(editor, index)
+        goes_on = followed is not None and self._moments is None and (
+            editor, index, output) == (self.editor, self.editor_map, self._output)
         if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
-            with self._lock:
-                self._field, self._followed, self._maps = field, followed, None
+            self._hold(field, output, followed)
             return
         self._take(field, output, followed)
         self.editor_map = index
@@ -229,7 +240,7 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
         shown = self._ready()
         assert self._transfer is not None
         with self._lock:
-            field, output = self._field, self._output
+            field, output = self._at_present(self._field), self._output
         background = self._page_theme if self.background == "auto" else self.background
         return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows)
 
@@ -296,12 +307,20 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
             shown, followed = self._shown, self._followed
             if shown is None:
                 return
-            if self._maps is None:
-                nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-                self._maps = card_maps(self._field, shown, self._output, self._map_size, nodes)
-            maps = self._maps
+            maps = self._maps = self._maps or self._made_maps(shown)
+        cut = (maps.content["planar"] or {}).get("cut")
+        if number and cut and cut["id"] == self._sent_cut:
+            maps = maps.without("distances")
+        elif view is None:
+            self._sent_cut = cut and cut["id"]
         self._sent["field_bytes"] += maps.size
         self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+
+    def _made_maps(self, shown: ShownVolume) -> CardMaps:
+        if self._moments is not None:
+            return card_frames(self._moments, shown, self._output, self._map_size)
+        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
+        return card_maps(self._field, shown, self._output, self._map_size, nodes)
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
@@ -331,7 +350,9 @@ class LiveView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMet
         if 0 < largest < self._largest:
             self._largest = largest
             if self._volume is not None and self._shown is not None and max(self._shown.volume.shape) > largest:
+                moments = self._moments
                 self._put(self._volume, self._window, self._field, self._output, self._followed)
+                self._moments = moments
                 view = None  # for all pages: what they have is of a finer volume
         self._send_field(0, view)
 
@@ -375,6 +396,12 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
     "seen": LiveView._seen, "screenshot": LiveView._screenshot, "stats": LiveView._stats,
 }
 """What is done about each kind of message."""
+
+
+def _followed(editor: Any, index: int) -> dict[str, Any]:
+    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
+    state = editor.get_state(["points", *_SHAPES])
+    return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in _SHAPES}}
 
 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:

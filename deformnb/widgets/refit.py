@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,14 +10,50 @@ from functools import partial
 from typing import Any
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Decoupled, decoupled_fits
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
-from deformnb.extrusion import Extrusion
-from deformnb.fields import AbstractField, Composed
+from deformnb.fields import AbstractField, Composed, Identity
 from deformnb.rbf import RBFInterpolant, fit_rbf
-from deformnb.widgets.card_maps import count_maps
+from deformnb.rigid_parts import fit_rigid
+from deformnb.widgets.card_cuts import cut_plane
+from deformnb.widgets.card_maps import MOST_MAPS, count_maps, equal_fields
+from deformnb.widgets.shape_messages import shapes_of
 
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support")
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts", "cut_rule")
+
+
+def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:
+    """The same field with another map.
+
+    Parameters
+    ----------
+    field : an extrusion, cut or not, or a composition that ends with one. Plane, depths and weights stay.
+    index : which of its maps is another one.
+    flat : what takes its place, over the plane; its cuts become those of the field. Where the other maps would have to
+        be divided by other cuts than before, the field stays as it is, for only their points could tell how.
+    """
+    if isinstance(field, Composed):
+        return replace(field, then=with_map(field.then, index, flat))
+    last = cut_plane(field, MOST_MAPS)
+    if last is None:
+        raise DeformError("only an extrusion has maps that can be replaced, and this field is none.")
+    old = dict(zip(last.sides or ((),), last.regions, strict=True))
+    new = dict(zip(flat.sides, flat.fields, strict=True)) if isinstance(flat, Decoupled) else {(): flat}
+    cuts, before = (f.regions if isinstance(f, Decoupled) else () for f in (flat, field))
+    is_same = len(cuts) == len(before) and all(map(equal_fields, cuts, before))
+    if not is_same and last.count > 1:
+        return field
+    sides = sorted({*new, *(old if last.count > 1 else ())})
+    nothing = (Identity(2),) * last.count
+    made = []
+    for side in sides:
+        maps = old[side].maps if side in old and is_same else nothing
+        made.append(replace(last.first, maps=(*maps[:index], new.get(side, nothing[0]), *maps[index + 1 :])))
+    if not isinstance(flat, Decoupled):
+        return made[0]
+    softness = field.softness if isinstance(field, Decoupled) else flat.softness
+    return Decoupled(tuple(made), tuple(sides), flat.regions, last.first.plane, flat.rule, softness)
 
 
 class Refit:
@@ -35,33 +72,44 @@ class Refit:
 
     def __init__(self, field: AbstractField | None, index: int) -> None:
         count = count_maps(field)
-        if count is None:
+        if field is None or count is None:
             raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
         if not 0 <= index < count:
             raise DeformError(f"there is no map {index}; the extrusion has {count}.")
         self._field, self._index = field, index
         self._previous: RBFInterpolant | None = None
+        self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
 
-    def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField | None:
+    def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         """The field with the map of these points; the last one where they cannot be fitted, as the editor says."""
-        try:
-            support = settings["support"] or default_support(points) or settings["lone_support"]
-            strength = settings["strength"]
-            fit = fit_rbf(points if strength == 1 else points.blended(strength), kernel=settings["kernel"],
-                          support=support, trend=settings["trend"], smoothing=settings["smoothing"],
-                          previous=self._previous)
-        except DeformError:
-            return self._field
-        self._previous = fit
-        self._field = self._with(fit)
+        with contextlib.suppress(DeformError):
+            self._field = with_map(self._field, self._index, self._fitted(points, settings))
         return self._field
 
-    def _with(self, fit: RBFInterpolant) -> AbstractField:
-        field = self._field
-        last = field.then if isinstance(field, Composed) else field
-        assert isinstance(last, Extrusion)
-        moved = replace(last, maps=(*last.maps[: self._index], fit, *last.maps[self._index + 1 :]))
-        return replace(field, then=moved) if isinstance(field, Composed) else moved
+    def _fitted(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+        cuts = [cut.region for cut in self._made("cuts", settings) if cut.enabled]
+        if not cuts:
+            return self._fit(points, settings)
+        fits = decoupled_fits(points, cuts, lambda some: self._fit(some, settings))
+        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=settings["cut_rule"])
+
+    def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+        strength = settings["strength"]
+        dragged = points if strength == 1 else points.blended(strength)
+        options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
+        options["support"] = settings["support"] or default_support(points) or settings["lone_support"]
+        parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
+        if parts:
+            return fit_rigid(dragged, parts, **options)
+        self._previous = fit_rbf(dragged, previous=self._previous, **options)
+        return self._previous
+
+    def _made(self, what: str, settings: dict[str, Any]) -> tuple[Any, ...]:
+        """Cuts or parts of the editor's plain data, read once while it stays the same."""
+        data = settings.get(what, [])
+        if what not in self._shapes or self._shapes[what][0] is not data:
+            self._shapes[what] = (data, shapes_of(what, data))
+        return self._shapes[what][1]
 
 
 def follow_editor(editor: Any, refit: Refit,

@@ -25,16 +25,17 @@ from deformnb.deformation import Deformation, Step, VolumeReference
 from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion, extrude
-from deformnb.fields import AbstractField, Composed
+from deformnb.fields import AbstractField, Composed, Identity
 from deformnb.io.atomic import atomic_write
 from deformnb.kernels import KERNELS
-from deformnb.rbf import RBFInterpolant
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
-from deformnb.widgets.card_maps import CardMaps, card_maps
+from deformnb.widgets.card_cuts import cut_plane
+from deformnb.widgets.card_maps import MOST_MAPS, CardMaps, card_maps
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.refit import with_map
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import as_png, render_scene
 from deformnb.widgets.view import SHOWS
@@ -166,22 +167,18 @@ def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractFie
     if view.editor is None or view._field is None:
         step = editor.step()
         assert step.plane is not None
-        return extrude(step.plane, volume.grid, (fit,), step.weights()), 0
+        return with_map(extrude(step.plane, volume.grid, (Identity(2),), step.weights()), 0, fit), 0
     index = int(view.editor_map)
-    return _with_map(view._field, fit, index), index
+    _extrusion(view._field)
+    return with_map(view._field, index, fit), index
 
 
 def _extrusion(field: AbstractField) -> Extrusion:
-    last = field.then if isinstance(field, Composed) else field
-    if not isinstance(last, Extrusion):
+    """What was done last; of a cut one the extrusion of one of its regions, which says as much of plane and depths."""
+    last = cut_plane(field.then if isinstance(field, Composed) else field, MOST_MAPS)
+    if last is None:
         raise DeformError("the view was shown another deformation since it follows the editor; call follow() again.")
-    return last
-
-
-def _with_map(field: AbstractField, fit: RBFInterpolant, index: int) -> AbstractField:
-    last = _extrusion(field)
-    edited = replace(last, maps=(*last.maps[:index], fit, *last.maps[index + 1 :]))
-    return replace(field, then=edited) if isinstance(field, Composed) else edited
+    return last.first
 
 
 def _step_of(editor: Editor, field: Extrusion) -> Step | None:
@@ -209,15 +206,23 @@ def _chunk(shown: ShownVolume, index: int) -> dict[str, Any]:
 def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
     """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
-    buffers = [np.frombuffer(b, "<f4") for b in maps.buffers]
-    if maps.content["planar"] is not None:
-        own = buffers[0].reshape(maps.content["planar"]["shape"][0], -1).copy()
-        own[index] = 0
-        buffers[0] = _rounded(own, step)
-    if maps.content["space"] is not None:
-        buffers[-1] = _rounded(buffers[-1], step)
-    content = {"type": "field", "seq": 0, "follow": {"index": index, "points": []}, **maps.content}
-    return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers]}
+    buffers = {name: np.frombuffer(maps.buffer(name), "<f4") for name in maps.content["buffers"]}
+    planar = maps.content["planar"]
+    if planar is not None:
+        layers, cut = planar["shape"][0], planar["cut"]
+        count = layers // len(cut["sides"]) if cut else layers
+        own = buffers["maps"].reshape(layers, -1).copy()
+        own[index::count] = 0
+        if cut and count == 1:  # the page divides its only map by itself, and measures the distances
+            own, planar = own[:1], {**planar, "shape": [1, *planar["shape"][1:]], "cut": None}
+            del buffers["distances"]
+        buffers["maps"] = _rounded(own, step)
+    for name in ("space", "distances"):
+        if name in buffers:
+            buffers[name] = _rounded(buffers[name], step)
+    content = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []}, "planar": planar,
+               "buffers": list(buffers)}
+    return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
 
 
 def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:

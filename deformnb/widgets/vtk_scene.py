@@ -8,7 +8,6 @@ of VTK cannot, the core warps the voxels and they are written over the old ones 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -22,15 +21,15 @@ from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Plane
 from deformnb.render import for_vtk, gl_status, set_vtk_transfer
-from deformnb.transfer import TransferFunction, levels, preset
+from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.warp import Warper
 from deformnb.widgets.card_maps import CardMaps, card_maps
-from deformnb.widgets.shown_volume import ShownVolume
 from deformnb.widgets.stills import _INKS as INKS
 from deformnb.widgets.stills import BACKGROUNDS, seen_height
 from deformnb.widgets.view import SHOWS, Image, checked_camera
-from deformnb.widgets.vtk_probe import is_like, probe, warped
+from deformnb.widgets.vtk_probe import cut_probe, is_like, probe, warped
+from deformnb.widgets.vtk_voxels import covering, frame_of, white_of
 from deformnb.widgets.vtk_warp import VolumeWarp
 from deformnb.widgets.vtk_window import new_plotter, pixels
 
@@ -72,6 +71,7 @@ class VtkScene:
         if method not in ("auto", "texture", "array"):
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
+        self._is_trusted = method == "texture"
         self._map_size, self._space_size = int(map_size), int(space_size)
         self._plotter = new_plotter()
         self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
@@ -80,7 +80,7 @@ class VtkScene:
         self._maps: CardMaps | None = None
         self._loaded: CardMaps | None = None  # what the shader has of them
         self._plain: NDArray[Any] | None = None
-        self._shows_deformed: bool | None = False  # whether VTK's voxels are deformed; None if that is not known
+        self._written: tuple[str, AbstractField | None] = ("plain", None)  # what VTK's voxels are: see _deform
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
         self.set_size(size)
@@ -125,13 +125,18 @@ class VtkScene:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         if isinstance(wanted, Identity):
             wanted = None
-        maps: CardMaps | None = None
+        maps = None
         if wanted is not None and self._warp is not None:
-            maps = card_maps(wanted, _frame_of(self._volume), output, self._map_size, self._space_size)
+            maps = card_maps(wanted, frame_of(self._volume), output, self._map_size, self._space_size)
+            maps = maps if self._can(maps) else None  # and it is done in the voxels
         if output != self._output:
             self._load(output)
         self._field, self._maps = wanted, maps
-        self._shows_deformed = None
+
+    def _can(self, maps: CardMaps) -> bool:
+        """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
+        has_cuts = bool((maps.content["planar"] or {}).get("cut"))
+        return not maps.content["coarse"] and (self._is_trusted or not has_cuts or cuts_work())
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
@@ -247,10 +252,10 @@ class VtkScene:
 
     def _load(self, output: Grid | None) -> None:
         """Voxels that reach as far as what can be seen, in a new actor."""
-        around, start = _covering(self._volume, output)
+        around, start = covering(self._volume, output)
         ready = for_vtk(around)
         self._output, self._lattice, self._first = output, ready.grid, start + 1
-        self._values, self._plain, self._shows_deformed = ready.values, None, False if output is None else None
+        self._values, self._plain, self._written = ready.values, None, ("plain", None)
         self._maps = self._loaded = None
         self._close_actor()
         self._image = ready.to_pyvista()
@@ -258,7 +263,8 @@ class VtkScene:
                                                cmap="gray", opacity="linear", reset_camera=False, render=False,
                                                opacity_unit_distance=1.0)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
-        self._low, self._high = self._box(output)
+        corners = self._lattice.point_to_index((output or self._volume.grid).corners())
+        self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
         if self.path == "texture":
             self._plotter.render_window.SetSize(8, 8)
             self._plotter.render_window.Render()  # makes the context that textures live in
@@ -267,17 +273,12 @@ class VtkScene:
             self._warp.set_box(self._low - margin, self._high + margin, self._lattice)
         self._apply_looks()
 
-    def _box(self, output: Grid | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Low and high edge of what can be seen, as indices of the lattice."""
-        corners = self._lattice.point_to_index((output or self._volume.grid).corners())
-        return corners.min(axis=0), corners.max(axis=0)
-
     def _apply_looks(self) -> None:
         if self._actor is None or self._transfer is None:
             return
         prop, mapper = self._actor.prop, self._actor.mapper
         if self._projection == "mip":
-            low, white = self._volume.background, _white(self._volume)
+            low, white = self._volume.background, white_of(self._volume)
             ink = INKS[self._background]
             set_vtk_transfer(prop, TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0))))
             mapper.SetBlendModeToMaximumIntensity()
@@ -285,6 +286,8 @@ class VtkScene:
             set_vtk_transfer(prop, self._transfer)
             mapper.SetBlendModeToComposite()
         prop.SetShade(self._projection == "shaded")
+        if self._warp is not None:
+            self._warp.set_projection(self._projection == "mip")
 
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
@@ -293,15 +296,28 @@ class VtkScene:
                 self._warp.set_maps(self._maps, self._lattice, self._first)
                 self._loaded = self._maps
             self._warp.set_strength(1.0 if wanted else 0.0)
-        elif wanted is not self._shows_deformed:
-            self._overwrite(self._field if wanted else None)
-            self._shows_deformed = wanted
+        by_shader = self._warp is not None and (not wanted or self._maps is not None)
+        # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
+        kind = "plain" if by_shader or self._output is None else "cropped"
+        state = (kind, None) if by_shader or not wanted else ("warped", self._field)
+        if state[0] != self._written[0] or state[1] is not self._written[1]:
+            self._overwrite(state[1], whole=state[0] == "plain")
+            self._written = state
 
-    def _overwrite(self, field: AbstractField | None) -> None:
+    def _overwrite(self, field: AbstractField | None, *, whole: bool) -> None:
         """Other voxels in the memory that VTK has, which it sends to the card with the next picture."""
         if self._plain is None:
             self._plain = self._values.copy()  # only this way needs the voxels twice
-        # The voxels whose centres can be seen; around them lies background.
+        if whole:
+            self._values[...] = self._plain
+        else:
+            self._put_inside(field)
+        self._image.GetPointData().GetScalars().Modified()
+        self._image.Modified()
+
+    def _put_inside(self, field: AbstractField | None) -> None:
+        """Only the voxels whose centres can be seen; around them lies background."""
+        assert self._plain is not None
         low = np.ceil(self._low - 1e-6).astype(int)[::-1]
         high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
         inside = tuple(map(slice, low, high))
@@ -311,8 +327,6 @@ class VtkScene:
         else:
             part = self._volume.grid if self._output is None else self._lattice.crop(tuple(low), tuple(high - low))
             self._values[inside] = self._warper_for(part, field)(field).values
-        self._image.GetPointData().GetScalars().Modified()
-        self._image.Modified()
 
     def _warper_for(self, part: Grid, field: AbstractField) -> Warper:
         if self._warper is None or self._warper.output != part:
@@ -345,39 +359,24 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     return name
 
 
-def _covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
-    """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is."""
-    grid = volume.grid if output is None else volume.grid.covering(output.corners())
-    if grid.shape == volume.grid.shape:
-        return volume, np.zeros(3)
-    start = np.round(grid.point_to_index(volume.grid.origin))
-    values = np.full(grid.shape, volume.dtype.type(volume.background))
-    nz, ny, nx = volume.shape
-    x, y, z = start.astype(int)
-    values[z : z + nz, y : y + ny, x : x + nx] = volume.finite_values
-    return replace(volume, values=values, grid=grid), start
-
-
-def _frame_of(volume: Volume) -> ShownVolume:
-    """The frame that maps of displacements lie in: lengths along the axes from the centre of the first voxel."""
-    return ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
-
-
-def _white(volume: Volume) -> float:
-    """The value that is white in a maximum projection."""
-    discrete = volume.is_labels or volume.dtype == np.bool_
-    return volume.value_range[1] if discrete else levels(volume)[3]
-
-
 @cache
 def texture_works() -> bool:
     """Whether VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
 
     To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
     """
+    return _is_right(*probe())
+
+
+@cache
+def cuts_work() -> bool:
+    """The same of displacements with cuts, whose text is another one."""
+    return texture_works() and _is_right(*cut_probe())
+
+
+def _is_right(volume: Volume, field: AbstractField) -> bool:
     from vtkmodules.vtkCommonCore import vtkObject
 
-    volume, field = probe()
     says = vtkObject.GetGlobalWarningDisplay()
     vtkObject.GlobalWarningDisplayOff()
     try:
@@ -386,7 +385,7 @@ def texture_works() -> bool:
         return False
     finally:
         vtkObject.SetGlobalWarningDisplay(says)
-    return is_like(got, wanted)
+    return is_like(got, wanted, has_cuts=field.has_cuts)
 
 
 def _still_of(volume: Volume, field: AbstractField | None, method: str) -> Image:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from deformnb.errors import DeformError
 from deformnb.volume import Grid
 from deformnb.widgets.card_maps import CardMaps
+from deformnb.widgets.vtk_cuts import REPLACED as _REPLACED_FOR_CUTS
+from deformnb.widgets.vtk_cuts import cut_glsl
 
 Float3 = NDArray[np.float64]
 
@@ -33,7 +35,7 @@ _REPLACED = {
        for k, x in enumerate("xyz")},
 }
 
-_SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D"}
+_SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D", "dnb_cuts": "sampler2D"}
 
 # Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
 # outside the box of what is seen is looked up in the corner 0, where the scene keeps background. The slope needs six
@@ -98,40 +100,48 @@ class VolumeWarp:
         self._textures["dnb_maps"].load(np.zeros((1, 1, 2)))
         self._textures["dnb_weights"].load(np.zeros((1, 1, 1)))
         self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
+        self._textures["dnb_cuts"].load(np.zeros((1, 1, 1)))
         self._bind()
         self._is_boxed = False
-        self._kind = ("", False, False)
-        self._inject("none", False)
+        self._kind: Any = None
+        self._what: tuple[str, bool, Any] = ("none", False, None)
+        self._inject(*self._what)
 
     def _set_plain(self) -> None:
         """Every uniform once: VTK declares in the shader those that have a value when it is made."""
         u = self._uniforms
         u.SetUniformi("dnb_count", 0)
         u.SetUniformf("dnb_strength", 1.0)
-        for name in ("dnb_column", "dnb_row", "dnb_depth"):
+        u.SetUniformf("dnb_softness", 1.0)
+        u.SetUniformf("dnb_is_mip", 0.0)
+        for name in ("dnb_column", "dnb_row", "dnb_depth", "dnb_cut_column", "dnb_cut_row"):
             u.SetUniform4f(name, [0.0] * 4)
         for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low"):
             u.SetUniform3f(name, [0.0] * 3)
         u.SetUniform3f("dnb_high", [1.0] * 3)
-        for name in ("dnb_edges", "dnb_knots"):
+        for name in ("dnb_edges", "dnb_knots", "dnb_cut_edges", "dnb_cut_scale"):
             u.SetUniform2f(name, [0.0] * 2)
 
     def _bind(self) -> None:
         for name, texture in self._textures.items():
             self._uniforms.SetUniformi(name, texture.unit())
 
-    def _inject(self, planar: str, space: bool) -> None:
+    def _inject(self, planar: str, space: bool, cut: Any) -> None:
         """Write what is needed into VTK's shader, which is compiled anew if that is another text than before."""
-        if self._kind == (planar, space, self._is_boxed):
+        self._what = (planar, space, cut)
+        wanted = (*self._what, self._is_boxed)
+        if self._kind == wanted:
             return
-        self._kind = (planar, space, self._is_boxed)
+        self._kind = wanted
+        self._property.ClearAllFragmentShaderReplacements()
         add = self._property.AddFragmentShaderReplacement
-        ours = _GLSL % {"planar": _PLANAR[planar], "space": _SPACE if space else "",
-                        "inside": _INSIDE if self._is_boxed else ""}
+        inside, more = _INSIDE if self._is_boxed else "", _SPACE if space else ""
+        ours = (_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
+                cut_glsl(cut[0], cut[1], planar == "weighted", inside, more))
         add(_HOOK, True, f"{ours}\n{_HOOK}", False)
         for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
-        for theirs, replacement in _REPLACED.items():
+        for theirs, replacement in (_REPLACED if cut is None else _REPLACED_FOR_CUTS).items():
             add(theirs, False, replacement, True)
 
     def set_box(self, low: Float3, high: Float3, lattice: Grid) -> None:
@@ -140,11 +150,15 @@ class VolumeWarp:
         self._is_boxed = bool((low > 1e-6).any() or (high < n - 1 - 1e-6).any())
         self._uniforms.SetUniform3f("dnb_low", ((low - 1e-4 + 0.5) / n).tolist())
         self._uniforms.SetUniform3f("dnb_high", ((high + 1e-4 + 0.5) / n).tolist())
-        self._inject(*self._kind[:2])
+        self._inject(*self._what)
 
     def set_strength(self, strength: float) -> None:
         """1 deforms, 0 shows the volume as it is, without another shader."""
         self._uniforms.SetUniformf("dnb_strength", strength)
+
+    def set_projection(self, is_mip: bool) -> None:
+        """Whether the largest value of a ray is seen, for which what has been cut away is background."""
+        self._uniforms.SetUniformf("dnb_is_mip", float(is_mip))
 
     def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Float3) -> None:
         """Displace by these maps; None for no deformation.
@@ -157,36 +171,35 @@ class VolumeWarp:
         self._window.MakeCurrent()
         planar = maps.content["planar"] if maps is not None else None
         space = maps.content["space"] if maps is not None else None
-        self._inject("none" if planar is None else "same" if planar["isReplicated"] else "weighted", space is not None)
+        cut = planar["cut"] if planar is not None else None
+        self._inject("none" if planar is None else "same" if planar["isReplicated"] else "weighted", space is not None,
+                     cut and (tuple(map(tuple, cut["sides"])), cut["rule"]))
         if maps is None:
             return
         # A texture coordinate q is the length scale q + shift of the maps' frame.
         spacing = np.asarray(lattice.spacing)
         scale, shift = spacing * lattice.shape[::-1], -(0.5 + first) * spacing
         if planar is not None:
-            self._set_planar(planar, maps.buffers, scale, shift)
+            self._set_planar(planar, maps, scale, shift)
+        if planar is not None and cut is not None:
+            self._set_cut(cut, maps.buffer("distances"), planar["plane"], scale, shift)
         if space is not None:
-            self._set_space(space, maps.buffers[-1], scale, shift)
+            self._set_space(space, maps.buffer("space"), scale, shift)
         self._bind()
 
-    def _set_planar(self, about: dict[str, Any], buffers: list[bytes], scale: Float3, shift: Float3) -> None:
+    def _set_planar(self, about: dict[str, Any], given: CardMaps, scale: Float3, shift: Float3) -> None:
         count, rows, columns = about["shape"]
-        maps = np.frombuffer(buffers[0], "<f4").reshape(count * rows, columns, 2)
-        weights = np.frombuffer(buffers[1], "<f4").reshape(count, -1)
+        regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
+        maps = np.frombuffer(given.buffer("maps"), "<f4").reshape(count * rows, columns, 2)
+        weights = np.frombuffer(given.buffer("weights"), "<f4").reshape(count // regions, -1)
         if max(count * rows, weights.shape[1]) > self._textures["dnb_maps"].largest:
             raise DeformError(f"{count} maps of {rows} rows are more than the graphics card takes; use fewer.")
         plane, u = about["plane"], self._uniforms
-        origin = np.asarray(plane["origin"])
-
-        def along(axis: str, start: float, length: float, offset: float = 0.0) -> list[float]:
-            w = np.asarray(plane[axis])
-            return [*(w * scale / length).tolist(), float((w @ (shift - origin) - start) / length + offset)]
-
         (a, b), (da, db) = about["origin"], about["spacing"]
-        u.SetUniform4f("dnb_column", along("u", a, columns * da, 0.5 / columns))
-        u.SetUniform4f("dnb_row", along("v", b, rows * db, 0.5 / rows))
+        u.SetUniform4f("dnb_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
+        u.SetUniform4f("dnb_row", _along(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
         c0, c1 = about["depth"]
-        u.SetUniform4f("dnb_depth", along("n", c0, c1 - c0) if c1 > c0 else [0.0] * 4)
+        u.SetUniform4f("dnb_depth", _along(plane, "n", scale, shift, c0, c1 - c0) if c1 > c0 else [0.0] * 4)
         u.SetUniform2f("dnb_edges", [0.5 / rows, 1 - 0.5 / rows])  # one map does not run into the next
         n = weights.shape[1]
         u.SetUniform2f("dnb_knots", [(n - 1) / n, 0.5 / n])
@@ -195,6 +208,20 @@ class VolumeWarp:
         u.SetUniformi("dnb_count", count)
         self._textures["dnb_maps"].load(maps)
         self._textures["dnb_weights"].load(weights[..., None])
+
+    def _set_cut(self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Float3,
+                 shift: Float3) -> None:
+        count, rows, columns = about["shape"]
+        if count * rows > self._textures["dnb_cuts"].largest:
+            raise DeformError(f"{count} cuts are more than the graphics card takes; use fewer.")
+        (a, b), (da, db) = about["origin"], about["spacing"]
+        u = self._uniforms
+        u.SetUniform4f("dnb_cut_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
+        u.SetUniform4f("dnb_cut_row", _along(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
+        u.SetUniform2f("dnb_cut_edges", [0.5 / rows, 1 - 0.5 / rows])
+        u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
+        u.SetUniformf("dnb_softness", about["softness"])
+        self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
 
     def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
@@ -209,6 +236,14 @@ class VolumeWarp:
         self._window.MakeCurrent()
         for texture in self._textures.values():
             texture.close()
+
+
+def _along(plane: dict[str, Any], axis: str, scale: Float3, shift: Float3, start: float, length: float,
+           offset: float = 0.0) -> list[float]:
+    """Four numbers that turn a texture coordinate of the volume into one of a raster over a plane."""
+    w = np.asarray(plane[axis])
+    return [*(w * scale / length).tolist(),
+            float((w @ (shift - np.asarray(plane["origin"])) - start) / length + offset)]
 
 
 class _Texture:

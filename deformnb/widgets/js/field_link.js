@@ -1,8 +1,11 @@
-// Follows an Editor in the same page: what it has fitted is sampled here, by rbf.js, and nothing goes to Python.
+// Follows an Editor in the same page: what it has fitted is sampled here, by cut_fits.js, and nothing goes to Python.
 //
 // Python's maps and the editor's points reach the page by different ways. Python's maps are shown as they are where
 // they are of the points that the editor has now, where another map begins to be followed, or where Python shows
 // something else; they give way where the editor has gone on since, so that no old picture flashes up.
+
+const SHAPES = ["cuts", "cut_rule", "parts"];
+const FOLLOWED = ["points", "kernel", "support", "trend", "smoothing", "strength", ...SHAPES];
 
 class FieldLink {
   /** apply(planar) is called with what RayCaster.setPlanar takes. */
@@ -29,7 +32,7 @@ class FieldLink {
     this.undo.push(() => bus.removeEventListener("deformnb:points", moved), () => releaseBus(bus, uid));
     // An editor that is not drawn on this page publishes nothing; its traits still change.
     const changed = () => { if (!bus.latest) this.moved(this.#traits()); };
-    for (const name of ["points", "kernel", "support", "trend", "smoothing", "strength"]) {
+    for (const name of FOLLOWED) {
       editor.on(`change:${name}`, changed);
       this.undo.push(() => editor.off(`change:${name}`, changed));
     }
@@ -37,13 +40,13 @@ class FieldLink {
   }
 
   /**
-   * Python's maps, with what the editor has shown since in place of one of them. follow: {index, points} if Python
-   * follows the editor, with the points that the maps are of; null if it shows something else.
+   * Python's maps, with what the editor has shown since in place of one of them. follow: {index, points, shapes} if
+   * Python follows the editor, with the points, cuts and parts that the maps are of; null if it shows something else.
    */
   merged(planar, follow) {
     const isSwitch = Boolean(follow) && this.index !== null && this.index !== follow.index;
     this.base = planar;
-    this.expected = follow ? pointsKey(follow.points) : null;
+    this.expected = follow ? madeKey(follow.points, follow.shapes ?? this.#shapes()) : null;
     if (follow) this.index = follow.index;
     if (!planar || !this.editor) return planar;
     const isMoving = Boolean(this.bus.latest && this.bus.latest.phase === "move");
@@ -56,7 +59,11 @@ class FieldLink {
   }
 
   /** Whether the editor has other points than Python's maps. */
-  #isNewer() { return this.expected === null || this.expected !== pointsKey(pointsOf(this.bus, this.editor) || []); }
+  #isNewer() {
+    return this.expected === null || this.expected !== madeKey(pointsOf(this.bus, this.editor) || [], this.#shapes());
+  }
+
+  #shapes() { return Object.fromEntries(SHAPES.map((name) => [name, this.editor?.get(name) ?? null])); }
 
   #traits() { return { points: pointsOf(this.bus, this.editor), settings: settingsOf(this.editor) }; }
 
@@ -77,21 +84,18 @@ class FieldLink {
     if (planar) this.apply(planar);
   }
 
-  #sampled({ points, settings, fit, phase }) {
+  #sampled({ points, settings, layered, phase }) {
     if (!this.base) return null;
-    const start = performance.now(), { shape, origin, spacing } = this.base, [maps, rows, columns] = shape;
-    let found = fit;
+    const start = performance.now();
+    let found = null;
     try {
-      found = found === undefined ? rbfFit(points, settings) : found;
+      const fits = layered === undefined ? layeredFit(points, settings) : layered;
+      found = fits && withLayers(this.base, fits, settings, this.index ?? this.model.get("editor_map") ?? 0);
     } catch (error) {
-      if (!(error instanceof RbfError)) throw error;
-      found = null; // the editor says what is wrong
+      if (!(error instanceof RbfError)) throw error; // the editor says what is wrong
     }
-    const index = this.index ?? this.model.get("editor_map") ?? 0;
-    if (!found || index >= maps) return null; // the last good picture stays
-    const values = this.base.maps.slice();
-    values.set(rbfOnRaster(found, { shape: [rows, columns], origin, spacing }), index * rows * columns * 2);
-    this.base = { ...this.base, maps: values };
+    if (!found) return null; // the last good picture stays
+    this.base = found;
     this.isMoving = phase === "move";
     this.settled = "";
     this.count += 1;
@@ -114,5 +118,7 @@ class FieldLink {
 function pointsKey(points) {
   return JSON.stringify(points.map((p) => [p.id, p.source, p.target, p.active !== false, p.weight ?? 1]));
 }
+
+function madeKey(points, shapes) { return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name])); }
 
 function detailKey({ points, settings }) { return pointsKey(points || []) + JSON.stringify(settings); }

@@ -13,6 +13,7 @@ class LiveViewPage {
     this.values = null;
     this.info = null;
     this.sent = { received: 0 };
+    this.cuts = {}; // distances to the cuts that came last
     this.handlers = [];
     this.#build(el);
     this.#listen();
@@ -117,11 +118,15 @@ class LiveViewPage {
       this.#prepare();
       this.caster.present(null);
     }
-    this.send({ type: "hello", largest: this.caster ? this.caster.largest : 0, renderer: this.caster ? this.caster.name : "",
-      software: this.caster ? this.caster.isSoftware : true, background: this.theme.name });
+    this.hello();
     this.setShows();
     this.setTable();
     this.setInfo();
+  }
+
+  hello() {
+    const { largest = 0, name = "", isSoftware = true } = this.caster || {};
+    this.send({ type: "hello", largest, renderer: name, software: isSoftware, background: this.theme.name });
   }
 
   #prepare() {
@@ -194,6 +199,9 @@ class LiveViewPage {
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));
     this.link = new FieldLink(this.model, (planar) => { this.planarFromLink(planar); });
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
+    this.times = new TimeLink(this);
+    this.on("change:player", () => this.times.follow(this.model.get("player")));
+    this.times.follow(this.model.get("player")).catch((error) => this.fail(error));
     this.hands = new Hands(this);
     this.spacePoints = new SpacePoints(this);
   }
@@ -258,12 +266,12 @@ class LiveViewPage {
   }
 
   receiveField(content, buffers) {
-    const [maps, weights, space] = content.planar ? [buffers[0], buffers[1], buffers[2]] : [null, null, buffers[0]];
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
-    const planar = content.planar ? { ...content.planar, maps: floatsOf(maps), weights: floatsOf(weights) } : null;
+    this.times.drop();
+    const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
+    if (!field) { this.hello(); return; } // which is answered with all of it
     this.reframed(() => { // a larger field of view is seen whole
-      this.field = { box: content.box, planar: this.link.merged(planar, content.follow || null),
-        space: content.space ? { ...content.space, values: floatsOf(space) } : null };
+      this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null) };
     });
     this.applyField();
     this.touch();
@@ -386,6 +394,7 @@ class LiveViewPage {
     this.closed = true;
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.link.close();
+    this.times.close();
     this.hands.close();
     this.spacePoints.close();
     this.observer.disconnect();

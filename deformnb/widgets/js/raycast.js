@@ -1,7 +1,9 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It knows no widget and no mouse; all that comes in is arrays and numbers.
 
-const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7 };
+const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8 };
+
+const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
 const BACKGROUNDS = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
@@ -33,6 +35,13 @@ function linked(gl, fragment) {
     at[name] = gl.getUniformLocation(program, name);
   }
   return { program, at };
+}
+
+// From places in the volume's frame to texture coordinates over a plane: a matrix, column by column, and an offset.
+function toTextures({ origin, u, v, n }, starts, lengths) {
+  const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
+  return [[0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
+    [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5))];
 }
 
 class RayCaster {
@@ -76,8 +85,10 @@ class RayCaster {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    this.#texture("maps", gl.TEXTURE_2D_ARRAY, true);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    for (const name of ["maps", "distances"]) {
+      this.#texture(name, gl.TEXTURE_2D_ARRAY, true);
+      gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    }
     for (const name of ["table", "weights", "picture"]) {
       this.#texture(name, gl.TEXTURE_2D, true);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
@@ -148,28 +159,46 @@ class RayCaster {
   }
 
   /**
-   * Displacement maps over a plane, or null. maps: Float32Array [k][row][column][2]; shape [k, rows, columns];
-   * origin and spacing of the map's nodes in picture coordinates; depth [c0, c1]; weights Float32Array [k][knots];
-   * plane {origin, u, v, n} already in the volume's frame; isReplicated: no weight changes with depth.
+   * Displacement maps over a plane, or null. maps: Float32Array [k][row][column][2]; shape [k, rows, columns], where k
+   * counts the maps of one region after those of another if there is a cut;
+   * origin and spacing of the map's nodes in picture coordinates; depth [c0, c1]; weights Float32Array [k][knots]
+   * for the maps of one region; plane {origin, u, v, n} already in the volume's frame; isReplicated: no weight changes
+   * with depth. cut: null, or {shape [cuts, rows, columns], origin, spacing, distances Float32Array, sides: for each
+   * region whether it lies inside of each cut, rule, softness}.
    */
   setPlanar(planar) {
     this.planar = planar;
     if (!planar) return;
-    const gl = this.gl, [count, rows, columns] = planar.shape, knots = planar.weights.length / count;
+    const gl = this.gl, [layers, rows, columns] = planar.shape, regions = planar.cut ? planar.cut.sides.length : 1;
+    const count = layers / regions, knots = planar.weights.length / count;
     const kind = this.smoothFloats ? [gl.RG32F, gl.R32F] : [gl.RG16F, gl.R16F];
     this.#texture("maps", gl.TEXTURE_2D_ARRAY, true);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, count, 0, gl.RG, gl.FLOAT, planar.maps);
+    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, layers, 0, gl.RG, gl.FLOAT, planar.maps);
     this.#texture("weights", gl.TEXTURE_2D, true);
     gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, planar.weights);
-    const [c0, c1] = planar.depth, { origin, u, v, n } = planar.plane;
+    const [c0, c1] = planar.depth;
     const lengths = [planar.spacing[0] * columns, planar.spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
     const starts = [planar.origin[0] - planar.spacing[0] / 2, planar.origin[1] - planar.spacing[1] / 2,
       c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
-    const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
-    planar.toMap = [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])); // column by column
-    planar.toMap0 = [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5));
-    planar.slope = extrusionSlope(planarBounds(planar.maps, planar.shape, planar.spacing), planar.weights, count, knots,
-      c1 - c0);
+    [planar.toMap, planar.toMap0] = toTextures(planar.plane, starts, lengths);
+    const bounds = planarBounds(planar.maps, planar.shape, planar.spacing), each = Array.from({ length: regions }, (_, r) => r);
+    planar.count = count;
+    planar.slope = Math.max(...each.map((r) => extrusionSlope({ steep: bounds.steep.subarray(r * count, (r + 1) * count),
+      far: bounds.far.subarray(r * count, (r + 1) * count) }, planar.weights, count, knots, c1 - c0)));
+    if (planar.cut) this.#setCut(planar.cut, planar.plane);
+  }
+
+  #setCut(cut, plane) {
+    const gl = this.gl, [count, rows, columns] = cut.shape, [da, db] = cut.spacing;
+    const lengths = [columns * da, rows * db, 0];
+    [cut.toCut, cut.toCut0] = toTextures(plane, [cut.origin[0] - da / 2, cut.origin[1] - db / 2, 0], lengths);
+    cut.scale = [1 / lengths[0], 1 / lengths[1]];
+    cut.bits = cut.sides.map((sides) => sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0));
+    if (this.distances === cut.distances) return; // they change when a cut is drawn, not when points move
+    this.distances = cut.distances;
+    this.#texture("distances", gl.TEXTURE_2D_ARRAY, true);
+    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, this.smoothFloats ? gl.R32F : gl.R16F, columns, rows, count, 0, gl.RED, gl.FLOAT,
+      cut.distances);
   }
 
   /** A displacement sampled in space, or null. values: Float32Array [z][y][x][3] in the volume's frame. */
@@ -190,7 +219,9 @@ class RayCaster {
 
   #program({ planar, space }) {
     const weighted = planar && !planar.isReplicated, mip = this.projection === "mip";
-    const defines = [planar && "PLANAR", weighted && "WEIGHTED", space && "SPACE", (planar || space) && "WARPED", mip && "MIP", this.projection === "shaded" && "SHADED"].filter(Boolean);
+    const cut = planar && planar.cut;
+    const defines = [planar && "PLANAR", weighted && "WEIGHTED", space && "SPACE", (planar || space) && "WARPED", mip && "MIP",
+      this.projection === "shaded" && "SHADED", cut && "CUT", cut && cut.rule === "paper" && "BY_PLACE"].filter(Boolean);
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");
@@ -296,14 +327,28 @@ class RayCaster {
     gl.uniform3fv(at.axisV, axes.v);
     gl.uniform3fv(at.axisN, axes.n);
     if (planar) {
-      gl.uniform1i(at.mapCount, planar.shape[0]);
+      gl.uniform1i(at.mapCount, planar.count);
       gl.uniformMatrix3fv(at.toMap, false, planar.toMap);
       gl.uniform3fv(at.toMap0, planar.toMap0);
     }
+    if (planar && planar.cut) this.#setCutNumbers(at, planar.cut, Math.hypot(...slope));
     if (space) { gl.uniform3fv(at.toSpace, space.toSpace); gl.uniform3fv(at.toSpace0, space.toSpace0); }
     const finest = Math.min(...this.volume.spacing);
     gl.uniform1f(at.slopeStep, Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0,
       planar ? Math.min(...planar.spacing) : 0));
+  }
+
+  #setCutNumbers(at, cut, slope) {
+    const gl = this.gl, softness = Math.max(cut.softness, Math.min(...this.volume.spacing));
+    gl.uniformMatrix3fv(at.toCut, false, cut.toCut);
+    gl.uniform3fv(at.toCut0, cut.toCut0);
+    gl.uniform2fv(at.cutScale, cut.scale);
+    gl.uniform1i(at.cutCount, cut.shape[0]);
+    gl.uniform1i(at.regionCount, cut.bits.length);
+    gl.uniform1iv(at["sides[0]"], cut.bits);
+    gl.uniform1f(at.softness, softness);
+    gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
+    gl.uniform1f(at.rate, 1.2 * (1 + slope)); // more than 1, because distances between samples are not quite distances
   }
 
   /** Copies a picture into a larger one: what is not refined yet shows it. */

@@ -5,34 +5,112 @@ const VERTEX = `#version 300 es
 in vec2 corner;
 void main() { gl_Position = vec4(corner, 0., 1.); }`;
 
+// A uniform of the shader has this many places; below 1024 numbers every card takes it.
+const MOST_REGIONS = 32;
+
 const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
 uniform sampler2D weights;     // row k: the weight of map k, from the first slice to the last
-uniform int mapCount;
+uniform int mapCount;          // of each region; its layers lie one after the other
 uniform mat3 toMap; uniform vec3 toMap0;     // from the volume's frame to (column, row, depth) in texture coordinates
 uniform vec3 axisU, axisV, axisN;
 uniform sampler3D space; uniform vec3 toSpace, toSpace0;
 
 #ifdef PLANAR
-vec3 planar(vec3 x) {
+vec2 planar(vec3 x, int region) {
   vec3 m = toMap * x + toMap0;
 #ifdef WEIGHTED
   vec2 d = vec2(0.);
   for (int k = 0; k < mapCount; k++) {
     float w = textureLod(weights, vec2(m.z, (float(k) + .5) / float(mapCount)), 0.).r;
-    if (w != 0.) d += w * textureLod(maps, vec3(m.xy, float(k)), 0.).rg;
+    if (w != 0.) d += w * textureLod(maps, vec3(m.xy, float(region * mapCount + k)), 0.).rg;
   }
+  return d;
 #else
-  vec2 d = textureLod(maps, vec3(m.xy, 0.), 0.).rg;
+  return textureLod(maps, vec3(m.xy, float(region)), 0.).rg;
 #endif
+}
+
+vec3 along(vec3 x, int region) {
+  vec2 d = planar(x, region);
   return axisU * d.x + axisV * d.y;
+}
+#endif
+
+#ifndef CUT
+const int chosen = 0;
+#else
+// What origin() has found at the place asked for last. Of a region's coverage half lies on each side of its edge.
+int chosen;    // the region that is seen there
+float seen;    // share of what is there that has not been cut away
+float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
+float firm;    // how far one may go until another region may count, or what counts may begin or end
+uniform float softness, faceWidth;
+
+float covered(float depth, float width) { return clamp(.5 + depth / width, 0., 1.); }
+
+// Regions of the plane: layer c holds the distance from cut c, negative inside; sides[r] has a bit for each cut that
+// region r lies inside of. Something comes from a region as far as its own map leads into that region.
+uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
+uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
+
+float into(int region, vec2 at) {
+  float depth = 1e9;
+  for (int c = 0; c < cutCount; c++) {
+    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
+    depth = min(depth, ((sides[region] >> c) & 1) == 1 ? -d : d);
+  }
+  return depth;
+}
+
+vec3 fromPlane(vec3 x) {
+  vec2 at = (toCut * x + toCut0).xy;
+  int bits = 0, own = 0;
+  float edge = 1e9;
+  for (int c = 0; c < cutCount; c++) {
+    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
+    edge = min(edge, abs(d));
+    if (d < 0.) bits |= 1 << c;
+  }
+  for (int r = 0; r < regionCount; r++) if (sides[r] == bits) own = r;
+  vec2 d = planar(x, own);
+  chosen = own;
+  float depth = edge - length(d); // at least: a distance changes by no more than the way
+  if (depth < .5 * faceWidth) depth = into(own, at + d * cutScale);
+  firm = min(edge, abs(depth) - .5 * softness);
+  seen = closed = 1.;
+#ifdef BY_PLACE
+  seen = min(1., covered(depth, softness) / covered(edge, softness));
+  closed = min(1., covered(depth, faceWidth) / covered(edge, faceWidth));
+#else
+  if (depth < .5 * faceWidth) {
+    float best = covered(depth, softness);
+    bool isOwn = best >= .5;
+    seen = best;
+    closed = covered(depth, faceWidth);
+    for (int r = 0; r < regionCount; r++) {
+      if (r == own) continue;
+      vec2 other = planar(x, r);
+      float far = into(r, at + other * cutScale), cover = covered(far, softness);
+      firm = min(firm, abs(far) - .5 * softness);
+      seen += cover;
+      closed += covered(far, faceWidth);
+      if (!isOwn && cover > best) { best = cover; chosen = r; d = other; }
+    }
+    if (seen > .999) seen = 1.; // a half and a half are one
+    if (closed > .999) closed = 1.;
+  }
+#endif
+  return x + axisU * d.x + axisV * d.y;
 }
 #endif
 
 // Where the value at x of the result comes from: the plane's displacement was done last, so it is undone first.
 vec3 origin(vec3 x) {
-#ifdef PLANAR
-  x += planar(x);
+#ifdef CUT
+  x = fromPlane(x);
+#elif defined(PLANAR)
+  x += along(x, 0);
 #endif
 #ifdef SPACE
   x += textureLod(space, x * toSpace + toSpace0, 0.).xyz;
@@ -41,21 +119,46 @@ vec3 origin(vec3 x) {
 }
 
 #ifdef WARPED
+// The same, as the region says that was found last: beyond its edge its own map goes on.
+vec3 onward(vec3 x) {
+#ifdef CUT
+  x += along(x, chosen);
+#ifdef SPACE
+  x += textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+#endif
+  return x;
+#else
+  return origin(x);
+#endif
+}
+
 uniform float slopeStep;
 // The gradient of f(x + D(x)) is the transposed Jacobian of x + D(x) times the gradient of f there.
 vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
 #ifdef SPACE
-  vec3 r = vec3(dot(origin(x + slopeStep * axisU) - at, g), dot(origin(x + slopeStep * axisV) - at, g),
-                dot(origin(x + slopeStep * axisN) - at, g)) / slopeStep;
+  vec3 r = vec3(dot(onward(x + slopeStep * axisU) - at, g), dot(onward(x + slopeStep * axisV) - at, g),
+                dot(onward(x + slopeStep * axisN) - at, g)) / slopeStep;
   return axisU * r.x + axisV * r.y + axisN * r.z;
 #else
   vec3 d = at - x;
-  float u = dot(planar(x + slopeStep * axisU) - d, g), v = dot(planar(x + slopeStep * axisV) - d, g), n = 0.;
+  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g), n = 0.;
 #ifdef WEIGHTED
-  n = dot(planar(x + slopeStep * axisN) - d, g);
+  n = dot(along(x + slopeStep * axisN, chosen) - d, g);
 #endif
   return g + (axisU * u + axisV * v + axisN * n) / slopeStep;
 #endif
+}
+#endif
+
+#ifdef CUT
+// Out of the gap into what is seen beside it; a cut face has no grain.
+vec3 intoMatter(vec3 x) {
+  float here = closed, e = .25 * faceWidth;
+  vec3 slope;
+  origin(x + vec3(e, 0., 0.)); slope.x = closed;
+  origin(x + vec3(0., e, 0.)); slope.y = closed;
+  origin(x + vec3(0., 0., e)); slope.z = closed;
+  return slope - here;
 }
 #endif`;
 
@@ -69,7 +172,7 @@ uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
 uniform vec2 place, resolution, shift; uniform float phase;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
-uniform float stepLength, outside, outsideOpacity, certain, reach;
+uniform float stepLength, outside, outsideOpacity, certain, reach, rate;
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
 out vec4 color;
@@ -114,6 +217,10 @@ void main() {
     if (t >= t1) break;
     vec3 x = start + t * ray, from = origin(x), q = from * toTexture + toTexture0;
     vec3 cell = clamp(q, 0., 1.) * blockScale;
+#ifdef CUT
+    float fixedFor = max(0., firm) / rate;     // nothing of the cuts changes until then
+    if (seen <= 0.) { most = max(most, outside); t += max(1., floor(fixedFor / stepLength)) * stepLength; continue; }
+#endif
     vec2 block = textureLod(blocks, cell, 0.).rg * 255.;
 #ifdef MIP
     bool skip = block.g <= most * 255. + .5;
@@ -125,27 +232,48 @@ void main() {
     if (skip) {
       vec3 inside = fract(cell * vec3(textureSize(blocks, 0)));
       vec3 room = min((1. - inside + rings) * upward, (inside + rings) * downward);
-      t += max(1., floor(min(min(room.x, room.y), room.z) / stepLength)) * stepLength;
+      float free = min(min(room.x, room.y), room.z);
+#ifdef CUT
+      free = min(free, fixedFor);
+#endif
+      t += max(1., floor(free / stepLength)) * stepLength;
       continue;
     }
     t += stepLength;
     bool out_ = any(lessThan(q, vec3(0.))) || any(greaterThanEqual(q, vec3(1.)));
 #ifdef MIP
-    most = max(most, out_ ? outside : textureLod(volume, q, 0.).a);
+    float value = out_ ? outside : textureLod(volume, q, 0.).a;
+#ifdef CUT
+    value = mix(outside, value, seen);
+#endif
+    most = max(most, value);
 #else
     if (out_ && outsideOpacity == 0.) continue;
     vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
     vec4 rgba = textureLod(table, vec2(here.a * (255. / 256.) + .5 / 256., .5), 0.);
     if (rgba.a <= 0.) continue;
+#ifdef CUT
+    rgba.a *= seen;
+#endif
 #ifdef SHADED
+    float light = textureLod(ambience, clamp(q, 0., 1.), 0.).r;
     vec3 g = here.rgb * 255. - 128.;
 #ifdef WARPED
     // Where the box cuts through the body its face is lit, not the grain of the voxels behind it.
     if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.;
     else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
 #endif
-    rgba.rgb = lit(rgba.rgb, g, textureLod(ambience, clamp(q, 0., 1.), 0.).r,
-      clamp((t - nearT) / (.6 * reach), 0., 1.));
+#ifdef CUT
+    if (closed < 1.) {
+      vec3 inward = intoMatter(x);
+      inward /= max(length(inward), 1e-4);
+      // A face that looks away lies behind its matter: what is seen there is the surface in front of it.
+      float open = smoothstep(0., 1., 2. - 2. * closed) * smoothstep(-.05, .25, dot(inward, ray));
+      g = mix(g, inward * 127., open);
+      light = mix(light, max(light, .9), open); // what was deep inside lies open now
+    }
+#endif
+    rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));
 #endif
     sum += (1. - sum.a) * rgba.a * vec4(rgba.rgb, 1.);
     if (sum.a > .985) { sum /= sum.a; break; }
