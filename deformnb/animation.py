@@ -178,7 +178,7 @@ class Animation:
                 if np.abs(shares * n - np.round(shares * n)).max() < 1e-6)
         return next(fits, least) + 1
 
-    def stack(self, grid: Grid, frames: int | None = None, *, raster: Raster | None = None,
+    def stack(self, grid: Grid, frames: int | None = None, *, raster: Raster | None = None, size: int | None = None,
               degrees: float = 10.0) -> TimeMaps:
         """The maps of all moments as ONE array whose third axis is time.
 
@@ -186,7 +186,8 @@ class Animation:
         ----------
         grid : of the volume.
         frames : their number; default is :meth:`frame_count` of ``degrees``.
-        raster : samples of a map; default is one for every voxel of the grid.
+        raster : samples of a map; default covers the grid with one for every voxel, or with ``size`` along its longer
+            side.
 
         Raises
         ------
@@ -197,7 +198,7 @@ class Animation:
         if not 1 <= count <= MOST_FRAMES:
             raise DeformError(f"a stack has 1 to {MOST_FRAMES} frames, got {count}.")
         plane, weights = self._common(grid)
-        lattice = raster or covering_raster(plane, grid)
+        lattice = raster or covering_raster(plane, grid, size)
         values = np.empty((count, *lattice.shape, 2), np.float32)
         for k, t in enumerate(np.linspace(0.0, self.duration, count).tolist()):
             step = one_map(self._steps(t))

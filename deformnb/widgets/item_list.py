@@ -36,6 +36,7 @@ class ItemList(anywidget.AnyWidget):
     ----------
     columns : headings of name and facts; none is shown without.
     commands : those of :data:`COMMANDS` that a row has buttons and keys for.
+    switches : whether rows can be switched on and off.
     label : what a screen reader calls the list; empty : shown where there is no row.
 
     Examples
@@ -56,6 +57,7 @@ class ItemList(anywidget.AnyWidget):
     version = traitlets.Int(0).tag(sync=True)
     columns = traitlets.List(traitlets.Unicode()).tag(sync=True)
     commands = traitlets.List(traitlets.Enum(COMMANDS), list(COMMANDS)).tag(sync=True)
+    switches = traitlets.Bool(True).tag(sync=True)
     label = traitlets.Unicode("List").tag(sync=True)
     empty = traitlets.Unicode("").tag(sync=True)
 

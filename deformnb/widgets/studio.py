@@ -29,6 +29,7 @@ from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets import studio_parts as parts
+from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import LookPanel, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.depth_panel import DepthPanel
@@ -129,7 +130,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         files = FilesPanel(session, guard, self.view, folder, self.export_html)
         return [head, PicturePanel(session, guard, self._editors.plane), StepsPanel(session, guard),
                 ShapesPanel(session, guard, None, labels, names), MapPanel(session, guard),
-                DepthPanel(session, guard), LookPanel(session, guard, self.view, self._opacity), files]
+                DepthPanel(session, guard), AnimationPanel(session, guard, self.view, folder),
+                LookPanel(session, guard, self.view, self._opacity), files]
 
     # -- what happens --------------------------------------------------------------------------------------------------
 

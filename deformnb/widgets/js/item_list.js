@@ -47,6 +47,7 @@ class ItemListPage {
   }
 
   get rows() { return this.model.get("rows") || []; }
+  get hasSwitches() { return this.model.get("switches") !== false; }
   get can() { return this.model.get("commands") || []; }
 
   act(what, index, value = null) {
@@ -83,7 +84,7 @@ class ItemListPage {
     this.head.replaceChildren();
     if (!columns.length || !isShown) return;
     const line = pageElement("tr", "", this.head);
-    for (const text of ["", ...columns, "On", ""]) pageElement("th", "", line, { scope: "col" }).textContent = text;
+    for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) pageElement("th", "", line, { scope: "col" }).textContent = text;
   }
 
   #row(row, k, isChosen) {
@@ -106,12 +107,16 @@ class ItemListPage {
       shown.textContent = fact;
       shown.title = fact;
     }
+    if (this.hasSwitches) this.#switch(line, row, k, name);
+    this.#buttons(pageElement("td", "dnb-il-buttons", line), k, name);
+    return line;
+  }
+
+  #switch(line, row, k, name) {
     const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), { type: "checkbox",
       "data-part": "switch", title: "Switch on or off", "aria-label": `${name} is on`, ...OWN_KEYS });
     on.checked = row.on;
     on.addEventListener("change", () => { this.act("switch", k, on.checked); on.checked = row.on; });
-    this.#buttons(pageElement("td", "dnb-il-buttons", line), k, name);
-    return line;
   }
 
   #buttons(cell, k, name) {
