@@ -41,6 +41,7 @@ class StudioLink:
         self._lock = threading.Lock()
         self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
         self._heard: Any = None  # the editor whose movements come to Python
+        self._in_space: Any = None  # the editor whose points are seen in the view as well
         self.previews = 0
 
     def show(self, editor: Any) -> None:
@@ -54,7 +55,11 @@ class StudioLink:
                 self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1))
             else:
                 self._view.follow(None, field)
-        self._hear(None if follows else editor)
+        in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
+        if in_space is not self._in_space:
+            self._in_space = in_space
+            self._view.edit_points(in_space, self._field_of)
+        self._hear(None if follows or in_space is not None else editor)
 
     def turn(self) -> None:
         """Look at the volume from the side of the picture, turned a little so that it looks solid."""
@@ -64,6 +69,8 @@ class StudioLink:
     def close(self) -> None:
         """Hear no editor any more."""
         self._hear(None)
+        if self._in_space is not None:
+            self._view.edit_points(None)
 
     def _page_can_follow(self, field: AbstractField) -> bool:
         if self._session.index != followed_step(self._session.deformation):
@@ -86,14 +93,19 @@ class StudioLink:
             self._worker.latest("preview", lambda: self._preview(points, serial))
 
     def _preview(self, points: ControlPoints, serial: int) -> None:
-        session = self._session
         try:
-            step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
-            moved = session.deformation.with_step(session.index, step)
-            field = moved.field(session.volume.grid)
+            field = self._field_of(points)
         except DeformError:  # two points met on their way; the edit will say it if it ends so
             return
         with self._lock:
             if serial == self._serial:
                 self._view.show_deformation(field)
                 self.previews += 1
+
+    def _field_of(self, points: ControlPoints) -> AbstractField:
+        """The displacement of the whole document, had the step that is edited these points."""
+        session = self._session
+        if points == session.points:
+            return session.field()
+        step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
+        return session.deformation.with_step(session.index, step).field(session.volume.grid)
