@@ -14,14 +14,19 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from numpy.typing import NDArray
 
 from deformnb.compilation import compiled
 from deformnb.cuts import Decoupled, decide
 from deformnb.extrusion import Extrusion
-from deformnb.fields import raster_lines
+from deformnb.fields import AbstractField, raster_lines
 from deformnb.plane import Plane, Raster
 from deformnb.volume import Grid
+from deformnb.warp_plan import BLOCK_VOXELS, Extruded, checked, parts, shared_axis, to_voxels
+
+# Pixels along the side of a square that is looked at closely: small ones leave out more, large ones cost fewer calls.
+_TILE = 32
 
 # Displacements that lead farther than this share of the picture see the distances of the raster's edge, whose sign is
 # right for all but closed cuts out there.
@@ -30,30 +35,38 @@ _MARGIN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CutPlan:
-    """What :meth:`block` needs of a field and an output grid; made by :func:`plan_cut`."""
+    """A displacement that jumps along cuts, in two halves; made by :func:`plan_cut`.
 
-    normal: int
-    maps: NDArray[np.float32]  # (R, K, 2, A, B) over the two other array axes
-    weights: NDArray[np.float32]  # (K, n) along the normal
-    here: NDArray[np.float32]  # (C, A, B) distances to the cuts
-    places: NDArray[np.float32]  # (2, A, B) index of every voxel in the raster of distances, columns first
-    distances: NDArray[np.float32]  # (C, rows, columns)
-    scale: NDArray[np.float32]  # (2,) pixels of that raster per length
-    axes: NDArray[np.float32]  # (2, 3) the plane's u and v
+    Parameters
+    ----------
+    apart : the displacement as if no matter could come from another region: right wherever a cut is far.
+    tiles : parts of the output (slices along z, y, x) with voxels so near a cut that it may open or close there; they
+        may end beyond the last voxel.
+    maps : every region's maps (R, K, 2, A, B) over the two array axes across the normal.
+    here : (C, A, B) distances to the cuts.
+    places : (2, A, B) index of every voxel in the raster of distances, columns first.
+    distances : (C, rows, columns) on that raster; scale : (2,) its pixels per length.
+    field : whose plan this is.
+    """
+
+    apart: Extruded
+    tiles: list[tuple[slice, slice, slice]]
+    maps: NDArray[np.float32]
+    here: NDArray[np.float32]
+    places: NDArray[np.float32]
+    distances: NDArray[np.float32]
+    scale: NDArray[np.float32]
     field: Decoupled
 
-    def block(self, part: tuple[slice, slice], shape: tuple[int, int, int]) -> tuple[Any, Any]:
-        """Displacements x, y, z and opacity, each [z, y, x], of a part of the output along z and y.
-
-        Parts may end beyond the last voxel, as :func:`deformnb.warp_plan.blocks` makes them.
-        """
-        every = (*part, slice(0, shape[2]))
-        across = [_indices(every[axis], shape[axis]) for axis in range(3) if axis != self.normal]
-        along = _indices(every[self.normal], shape[self.normal])
+    def tile(self, part: tuple[slice, slice, slice]) -> tuple[Any, NDArray[np.float32]]:
+        """Displacements along u and v (2, z, y, x) and opacity [z, y, x] of one of the tiles."""
+        normal, weights = self.apart.normal, self.apart.weights
+        assert weights is not None
+        across = [_indices(s, n) for s, n in zip(np.delete(np.array(part), normal), self.here.shape[1:], strict=True)]
         a, b = np.ix_(*across)
-        d, opacity = _evaluate(self.maps[..., a, b], self.weights[:, along], self.here[:, a, b], self.places[:, a, b],
-                               self.distances, self.scale, self.axes, np.float32(self.field.softness),
-                               sides=self.field.sides, rule=self.field.rule, normal=self.normal)
+        d, opacity = _evaluate(self.maps[..., a, b], weights[:, part[normal]], self.here[:, a, b], self.places[:, a, b],
+                               self.distances, self.scale, np.float32(self.field.softness), sides=self.field.sides,
+                               rule=self.field.rule, normal=normal)
         return d, np.asarray(opacity)
 
 
@@ -61,37 +74,60 @@ def _indices(part: slice, count: int) -> NDArray[np.intp]:
     return np.minimum(np.arange(part.start, part.stop), count - 1)
 
 
-def plan_cut(field: Any, output: Grid) -> CutPlan | None:
+def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> CutPlan | None:
     """The plan of a cut field, or None where only the slow way is right: an oblique plane, no extrusion."""
-    if not isinstance(field, Decoupled) or field.plane is None or not field.fields:
+    fields = _extrusions(field)
+    if not fields or not isinstance(field, Decoupled):
         return None
-    if not all(isinstance(f, Extrusion) and f.plane == field.plane for f in field.fields):
-        return None
-    fields: list[Extrusion] = list(field.fields)  # type: ignore[arg-type]
-    normal = fields[0].axis_of(output)
-    same = all(np.array_equal(f.weights, fields[0].weights) and np.array_equal(f.knots, fields[0].knots)
-               and f.depth == fields[0].depth for f in fields)
-    if normal is None or not same:
+    plane, softness = fields[0].plane, field.softness
+    normal = shared_axis(plane, source, output)
+    if normal is None:
         return None
     index = np.zeros((output.shape[normal], 3))
     index[:, 2 - normal] = np.arange(len(index))
-    weights = fields[0].weights_at(field.plane.to_plane(output.index_to_point(index))[:, 2])
-    at = _on_slice(field.plane, output, normal)  # (A, B, 2)
-    rows, columns = np.moveaxis(at[:, :1] - at[0, 0], -1, 0)[..., 0] + at[0, 0][:, None], np.moveaxis(
-        at[0] - at[0, 0], -1, 0)
-    resolution = min(output.spacing)
-    maps = np.stack([[m.on_outer_sum(rows, columns, resolution) for m in f.maps] for f in fields])
-    raster = _around(at, np.abs(maps).max(initial=0.0), output, normal)
+    weights = fields[0].weights_at(plane.to_plane(output.index_to_point(index))[:, 2])
+    at = _on_slice(plane, output, normal)  # (A, B, 2)
+    rows, columns = at[:, 0].T, (at[0] - at[0, 0]).T
+    maps = checked(np.stack([[m.on_outer_sum(rows, columns, min(output.spacing)) for m in f.maps] for f in fields]))
+    here = np.stack([r.signed_distance(at) for r in field.regions])
+    own = [np.all([(d < 0) == inside for d, inside in zip(here, side, strict=True)], axis=0) for side in field.sides]
+    # From here the way to a cut is farther than any displacement: what is seen is the region's own, and all of it.
+    farthest = (np.abs(weights).max(axis=1)[:, None, None] * np.linalg.norm(maps, axis=2)).sum(axis=1).max(axis=0)
+    is_near = np.abs(here).min(axis=0) < farthest + softness + 2 * max(output.spacing)
+    apart = Extruded(normal, np.einsum("rab,rkmab->kmab", np.asarray(own, np.float32), maps), checked(weights),
+                     to_voxels(plane, source, compute))
+    raster = _around(at, float(np.abs(maps).max()), output, normal)
     lines = raster_lines(raster)
     centres = np.moveaxis(lines[0][:, :, None] + lines[1][:, None, :], 0, -1)
-    scale = 1 / np.asarray(raster.spacing)
-    return CutPlan(
-        normal, maps.astype(np.float32), weights.astype(np.float32),
-        np.stack([r.signed_distance(at) for r in field.regions]).astype(np.float32),
-        np.moveaxis((at - raster.origin) * scale, -1, 0).astype(np.float32),
-        np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32), scale.astype(np.float32),
-        field.plane.frame[:2].astype(np.float32), field,
-    )
+    scale = (1 / np.asarray(raster.spacing)).astype(np.float32)
+    places = np.moveaxis((at - raster.origin) * scale, -1, 0).astype(np.float32)
+    distances = np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32)
+    return CutPlan(apart, _tiles(is_near, normal, output), maps, here.astype(np.float32), places, distances, scale,
+                   field)
+
+
+def _extrusions(field: AbstractField) -> list[Extrusion]:
+    """The fields of all regions, if they are extruded alike from the plane of the cuts; else none."""
+    if not isinstance(field, Decoupled):
+        return []
+    found = [f for f in field.fields if isinstance(f, Extrusion) and f.plane == field.plane]
+    same = all(np.array_equal(f.weights, found[0].weights) and np.array_equal(f.knots, found[0].knots)
+               and f.depth == found[0].depth for f in found)
+    return found if same and len(found) == len(field.fields) else []
+
+
+def _tiles(is_near: NDArray[np.bool_], normal: int, output: Grid) -> list[tuple[slice, slice, slice]]:
+    """The squares of the picture that hold such pixels, with all slices behind them, some slices at a time."""
+    n = output.shape[normal]
+    squares = [(slice(a, a + _TILE), slice(b, b + _TILE)) for a in range(0, is_near.shape[0], _TILE)
+               for b in range(0, is_near.shape[1], _TILE) if is_near[a : a + _TILE, b : b + _TILE].any()]
+    made = []
+    for depth in parts(n, BLOCK_VOXELS // _TILE**2):
+        for square in squares:
+            slices = list(square)
+            slices.insert(normal, depth)
+            made.append((slices[0], slices[1], slices[2]))
+    return made
 
 
 def _on_slice(plane: Plane, output: Grid, normal: int) -> NDArray[np.float64]:
@@ -118,22 +154,23 @@ def _look_up(table: Any, x: Any, y: Any) -> Any:
     i, j = x.astype(jnp.int32), y.astype(jnp.int32)
     s, t = x - i, y - j
     flat, k = table.reshape(-1), j * columns + i
-    upper = flat[k] * (1 - s) + flat[k + 1] * s
-    return upper * (1 - t) + (flat[k + columns] * (1 - s) + flat[k + columns + 1] * s) * t
+    a, b, c, d = (flat.at[k + n].get(mode="promise_in_bounds") for n in (0, 1, columns, columns + 1))
+    return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
 
 @partial(compiled, static_argnames=("sides", "rule", "normal"))
-def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, scale: Any, axes: Any, softness: Any, *,
-              sides: Any, rule: str, normal: int) -> tuple[tuple[Any, ...], Any]:
-    count = maps.shape[0]
-    moves = [sum(weights[k][None, :, None, None] * maps[r, k][:, None] for k in range(maps.shape[1]))
-             for r in range(count)]  # each (2, n, A, B)
-    at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
-    there = [[_look_up(table, x, y) for table in distances] for x, y in at]
-    shape = moves[0].shape[1:]
-    choice, opacity = decide([jnp.broadcast_to(d, shape) for d in here], there, sides, rule, softness, jnp)
-    total = jnp.zeros_like(moves[0])
-    for r, d in enumerate(moves):
-        total = jnp.where(choice == r, d, total)
-    d = tuple(jnp.moveaxis(axes[0, m] * total[0] + axes[1, m] * total[1], 0, normal) for m in range(3))
-    return d, jnp.moveaxis(opacity, 0, normal)
+def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, scale: Any, softness: Any, *,
+              sides: Any, rule: str, normal: int) -> tuple[Any, Any]:
+    def one_slice(w: Any) -> tuple[Any, Any]:  # its arrays stay in the cache; all slices at once took 5 times as long
+        moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
+        at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
+        # The barrier keeps XLA from looking everything up again for each use.
+        there = lax.optimization_barrier([[_look_up(table, x, y) for table in distances] for x, y in at])
+        choice, opacity = decide(list(here), there, sides, rule, softness, jnp)
+        total = jnp.zeros_like(moves[0])
+        for r, d in enumerate(moves):
+            total = jnp.where(choice == r, d, total)
+        return total, opacity
+
+    total, opacity = lax.map(one_slice, weights.T)
+    return jnp.moveaxis(total, 0, normal + 1), jnp.moveaxis(opacity, 0, normal)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import sampling, warp_plan
-from deformnb.cut_plan import plan_cut
+from deformnb.cut_plan import CutPlan, plan_cut
 from deformnb.errors import DeformError
-from deformnb.fields import AbstractField
+from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Raster
 from deformnb.sampling import METHODS
 from deformnb.transparency import faded
@@ -99,23 +99,29 @@ class Warper:
         """The volume deformed by ``field``; see :func:`warp`."""
         if field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-        plan = None
+        plan, cut = None, None
         if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
             plan = warp_plan.extruded(field, self.volume.grid, self.output, self._compute)
+            cut = None if plan else plan_cut(field, self.volume.grid, self.output, self._compute)
+        values = self._beside(cut, progress) if cut else self._planned(plan, field, progress)
+        if self.volume.dtype == np.bool_:
+            values = values.view(np.bool_)
+        return Volume(values, self.output, self.volume.name, self.volume.is_labels)
+
+    def _planned(self, plan: warp_plan.Extruded | None, field: AbstractField,
+                 progress: Progress | None) -> NDArray[Any]:
         if plan is None:
-            values = self._general(field, progress)
-        elif plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
+            return self._general(field, progress)
+        if plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
             values = self._rows(plan, progress)
         elif plan.weights is not None and plan.normal == 2:
             values = self._along_rows(plan, progress)
         else:
             values = self._extruded(plan, progress)
-        if plan is not None and plan.opacity is not None:  # rows along the normal fade together
-            rows = np.moveaxis(values, plan.normal, 2)
-            values = np.moveaxis(self._faded(rows, plan.opacity), 2, plan.normal)
-        if self.volume.dtype == np.bool_:
-            values = values.view(np.bool_)
-        return Volume(values, self.output, self.volume.name, self.volume.is_labels)
+        if plan.opacity is None:
+            return values
+        rows = np.moveaxis(values, plan.normal, 2)  # which fade as a whole
+        return np.moveaxis(self._faded(rows, plan.opacity), 2, plan.normal)
 
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
@@ -152,13 +158,10 @@ class Warper:
         out = np.empty(grid.shape, self._voxels.dtype)
         with self._arithmetic():
             flat = self._flat
-
         step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
-        cut = plan_cut(field, grid)
 
         def work(block: tuple[slice, slice]) -> None:
-            d, opacity = cut.block(block, grid.shape) if cut else warp_plan.seen(
-                field, warp_plan.lattice(grid, block, step))
+            d, opacity = warp_plan.seen(field, warp_plan.lattice(grid, block, step))
             with self._arithmetic():
                 result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
                                                      **self._settings()))
@@ -168,6 +171,26 @@ class Warper:
             target[...] = result[: target.shape[0], : target.shape[1]]
 
         warp_plan.share(warp_plan.blocks(grid.shape, step), work, progress)
+        return out
+
+    def _beside(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
+        """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
+        out = self._planned(cut.apart, Identity(3), None)
+        with self._arithmetic():
+            flat = self._flat
+
+        def work(tile: tuple[slice, slice, slice]) -> None:
+            d, opacity = cut.tile(tile)
+            weights = np.ones((1, d.shape[cut.apart.normal + 1]), np.float32)
+            with self._arithmetic():
+                result = np.asarray(sampling.extruded(
+                    flat, d[None], weights, cut.apart.matrix, *self._places.block(tile), self._fill,
+                    normal=cut.apart.normal, **self._settings()))
+            result = self._faded(result, opacity)
+            target = out[tile]
+            target[...] = result[tuple(slice(n) for n in target.shape)]
+
+        warp_plan.share(cut.tiles, work, progress)
         return out
 
     def _extruded(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:

@@ -195,7 +195,7 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
             maps = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32)
     else:
         kept = weights.astype(np.float32)
-    return Extruded(normal, maps, kept, _to_voxels(field.plane, source, compute))
+    return Extruded(normal, maps, kept, to_voxels(field.plane, source, compute))
 
 
 def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
@@ -208,10 +208,10 @@ def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: s
         return None
     flat = replace(field, fields=tuple(f.maps[0] for f in field.fields), plane=None)  # type: ignore[attr-defined]
     map_, opacity = _on_voxels(flat, plane, output, normal)
-    return Extruded(normal, map_[None], None, _to_voxels(plane, source, compute), opacity)
+    return Extruded(normal, map_[None], None, to_voxels(plane, source, compute), opacity)
 
 
-def _to_voxels(plane: Plane, source: Grid, compute: str) -> NDArray[np.floating[Any]]:
+def to_voxels(plane: Plane, source: Grid, compute: str) -> NDArray[np.floating[Any]]:
     """3 x 2, from displacement along (u, v) to input voxels (z, y, x)."""
     return (np.linalg.inv(source.matrix) @ plane_vectors(plane))[::-1].astype(compute)
 
