@@ -1,0 +1,212 @@
+"""Points in space over the views, with the real mouse; the Python of all widgets is in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import LivePage
+
+from deformnb.control_points import ControlPoints
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.widgets.volume_view import VolumeView
+
+pytestmark = pytest.mark.needs_browser
+
+SIZE, CENTER = (360, 300), np.array([30.0, 26.0, 40.0])
+POINTS = "document.querySelector('.dnb-view').deformnb.spacePoints"
+
+
+def ball() -> Volume:
+    """A ball of radius 14 away from the middle of the volume, with an edge that is no voxel wide."""
+    grid = Grid((44, 50, 56), (1.0, 1.0, 1.5), (2.0, 1.0, 5.0))
+    z, y, x = np.indices(grid.shape)
+    far = np.linalg.norm(grid.index_to_point(np.stack([x, y, z], axis=-1)) - CENTER, axis=-1)
+    return Volume(np.clip(250 - 60 * (far - 14), 0, 250).astype(np.uint8), grid, "ball")
+
+
+class Shown:
+    """A view with the points of an editor that is not drawn."""
+
+    def __init__(self, page: LivePage, points: ControlPoints | None = None) -> None:
+        self.page, self.volume = page, ball()
+        self.editor = SpaceEditor(self.volume, points, trend="none", support=40.0)
+        self.view = LiveView(self.volume, transfer="surface", width=SIZE[0], height=SIZE[1], background="dark")
+        self.view.set_camera((0, 1, 0))
+        page.add(self.editor, "editor", draw=False)
+        page.add(self.view)
+        self.view.edit_points(self.editor)
+        page.loaded()
+        page.wait(f"{POINTS}.editor && {POINTS}.camera")
+        self.mouse = page.page.mouse
+
+    def on_screen(self, place: Any) -> tuple[float, float]:
+        x, y = self.page.page.evaluate(f"(p) => {POINTS}.camera.see(p).at", [float(v) for v in place])
+        box = self.page.page.locator(".dnb-canvas").first.bounding_box()
+        return box["x"] + x, box["y"] + y
+
+    def scale(self, place: Any) -> float:
+        """A length in space for one pixel."""
+        return float(self.page.page.evaluate(f"(p) => {POINTS}.camera.see(p).scale", [float(v) for v in place]))
+
+    def drag(self, place: Any, by: tuple[float, float], key: str = "") -> None:
+        x, y = self.on_screen(place)
+        self.mouse.move(x, y)
+        self.mouse.down()
+        self.mouse.move(x + by[0] / 2, y + by[1] / 2, steps=3)
+        if key:
+            self.page.page.keyboard.press(key)
+        self.mouse.move(x + by[0], y + by[1], steps=3)
+        self.mouse.up()
+        self.settled()
+
+    def settled(self) -> None:
+        self.page.wait(f"!{POINTS}.sender.isBehind()")
+
+
+@pytest.fixture
+def shown(page: LivePage) -> Iterator[Any]:
+    made: list[Shown] = []
+
+    def show(points: ControlPoints | None = None) -> Shown:
+        made.append(Shown(page, points))
+        return made[-1]
+
+    yield show
+    assert page.errors == []
+    for each in made:
+        each.view.edit_points(None)
+        each.editor.close()
+
+
+def one() -> ControlPoints:
+    return ControlPoints.from_arrays([CENTER])
+
+
+def lit(image: np.ndarray) -> np.ndarray:
+    return np.asarray(image.max(axis=2) > 64)
+
+
+def middle(image: np.ndarray) -> np.ndarray:
+    """Column and row in the middle of what is lit."""
+    return np.array([places.mean() for places in np.nonzero(lit(image))[::-1]])
+
+
+@pytest.mark.parametrize(("direction", "perspective"), [((0, 1, 0), False), ((1, 0.4, -0.3), True), ((0, 0, -1), True)])
+def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, direction: Any, perspective: bool) -> None:
+    here = shown(one())
+    here.view.set_camera(direction, perspective=perspective)
+    at = middle(page.pixels())
+    np.testing.assert_allclose(at, here.on_screen(CENTER), atol=1.5)
+    box = page.page.locator(".dnb-sp-over [data-id='0'] .dnb-ed-disc").bounding_box()
+    np.testing.assert_allclose(at, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), atol=1.5)
+
+
+def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown: Any, page: LivePage) -> None:
+    here = shown(one())
+    before, scale = middle(page.pixels()), here.scale(CENTER)
+    phases: list[str] = []
+    here.editor.on_edit(lambda points, phase: phases.append(phase))
+    here.drag(CENTER, (30, -18))
+    target = here.editor.points.target[0]
+    np.testing.assert_allclose(target, CENTER + np.array([30, 0, 18]) * scale, atol=1.01 * scale)  # seen along +y
+    assert target[1] == pytest.approx(CENTER[1], abs=1e-9)
+    assert phases[-1] == "end"
+    assert "move" in phases
+    page.wait("document.querySelector('.dnb-view').deformnb.field.space?.shape[2] === 64")
+    live, still = page.pixels(), here.view.still(SIZE)
+    assert (middle(live) - before)[0] > 6  # to the right, and up
+    assert (middle(live) - before)[1] < -3
+    np.testing.assert_allclose(middle(live), middle(still), atol=1.0)  # as the core draws it
+    assert 2 * (lit(live) & lit(still)).sum() / (lit(live).sum() + lit(still).sum()) > 0.965
+
+
+@pytest.mark.parametrize("key", ["x", "z"])
+def test_a_key_locks_an_axis(shown: Any, key: str) -> None:
+    here = shown(one())
+    here.drag(CENTER, (30, -20), key)
+    moved = here.editor.points.target[0] - CENTER
+    scale, k = here.scale(CENTER), "xyz".index(key)
+    np.testing.assert_allclose(moved[k], (30 if key == "x" else 20) * scale, atol=1.01 * scale)
+    assert np.abs(np.delete(moved, k)).max() == 0
+
+
+def test_a_double_click_puts_a_point_on_the_front_of_the_body(shown: Any, page: LivePage) -> None:
+    here = shown()
+    x, y = here.on_screen(CENTER)
+    here.mouse.dblclick(x + 8, y - 6)
+    here.settled()
+    (target,) = here.editor.points.target
+    assert np.linalg.norm(target - CENTER) == pytest.approx(15, abs=2.0)  # on the skin of the ball
+    assert target[1] < CENTER[1] - 8  # on the side of the viewer
+    np.testing.assert_allclose(here.on_screen(target), (x + 8, y - 6), atol=1.0)
+    np.testing.assert_array_equal(here.editor.points.source[0], target)
+    before = here.editor.points
+    here.mouse.dblclick(12, 12)  # beside the body: what it always did
+    here.settled()
+    assert here.editor.points == before
+
+
+def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(shown: Any, page: LivePage) -> None:
+    here = shown(ControlPoints.from_arrays([CENTER], [CENTER + np.array([12, 0, 0])]))
+    page.wait("document.querySelector('.dnb-view').deformnb.field?.space")
+    x, y = middle(page.pixels())
+    here.mouse.dblclick(x - 4, y - 24)
+    here.settled()
+    target, source = here.editor.points.target[1], here.editor.points.source[1]
+    assert np.linalg.norm(source - CENTER) == pytest.approx(15, abs=2.5)  # of the body as it was
+    np.testing.assert_allclose(here.on_screen(target), (x - 4, y - 24), atol=1.0)
+
+
+def test_points_behind_the_body_are_fainter(shown: Any, page: LivePage) -> None:
+    here = shown(ControlPoints.from_arrays([CENTER + np.array([0, 18, 0]), CENTER - np.array([3, 18, 0])]))
+    page.wait("document.querySelector('.dnb-sp-over [data-id=\"0\"]').classList.contains('dnb-sp-hidden')")
+    front = page.page.locator(".dnb-sp-over [data-id='1']")
+    assert "dnb-sp-hidden" not in front.get_attribute("class")
+    drawn = page.page.locator(".dnb-sp-over [data-id]")
+    order = drawn.evaluate_all("(nodes) => nodes.map((node) => node.dataset.id)")
+    assert order == ["0", "1"]  # the nearer one is drawn last
+    here.view.set_camera((0, -1, 0))
+    page.wait("document.querySelector('.dnb-sp-over [data-id=\"1\"]').classList.contains('dnb-sp-hidden')")
+    assert "dnb-sp-hidden" not in page.page.locator(".dnb-sp-over [data-id='0']").get_attribute("class")
+
+
+def test_keys_move_and_delete_a_point(shown: Any, page: LivePage) -> None:
+    here = shown(one())
+    page.page.locator(".dnb-sp-over [data-id='0']").focus()
+    page.page.keyboard.press("Shift+ArrowUp")
+    here.settled()
+    np.testing.assert_allclose(here.editor.points.target[0], CENTER + np.array([0, 0, 10.0]), atol=1e-9)
+    page.page.keyboard.press("Control+z")
+    here.settled()
+    np.testing.assert_array_equal(here.editor.points.target[0], CENTER)
+    page.page.keyboard.press("Delete")
+    here.settled()
+    assert len(here.editor.points) == 0
+
+
+def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> None:
+    here = Shown(page, one())
+    page.draw("editor")
+    other = VolumeView(here.volume, width=200, height=160, method="core")
+    page.add(other, "other")
+    other.edit_points(here.editor)
+    page.wait("document.querySelector('.dnb-volume').deformnb.spacePoints.points.length === 1")
+    x, y = here.on_screen(CENTER)
+    here.mouse.move(x, y)
+    here.mouse.down()
+    here.mouse.move(x + 25, y, steps=4)
+    places = page.page.evaluate("() => [document.querySelector('.dnb-space').deformnb.points[0].target, "
+                                "document.querySelector('.dnb-volume').deformnb.spacePoints.points[0].target]")
+    assert places[0] == places[1]
+    assert places[0][0] == pytest.approx(CENTER[0] + 25 * here.scale(CENTER), abs=0.5)  # before Python has heard of it
+    here.mouse.up()
+    here.settled()
+    np.testing.assert_allclose(here.editor.points.target[0], places[0])
+    assert page.errors == []
+    other.close()
+    here.editor.close()
