@@ -72,8 +72,8 @@ class AnimationPanel(Panel):
             key_frames.move_key, index=self._chosen, time=value)))
         self._update = self._button("Update", "The chosen key frame becomes what the document is now",
                                     "update a key frame", lambda d: key_frames.update_key(d, self._chosen))
-        add = self._button("Add key frame", "The document as it is now; where the player rests between two key frames, or "
-                           "one second after the last", "add a key frame", self._added)
+        add = self._button("Add key frame", "The document as it is now; where the player rests between two key frames, "
+                           "or one second after the last", "add a key frame", self._added)
         self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
                                   "go to a moment", self._at_moment)
         self.box = ipw.VBox([self.items, row(add, self._update, self._time, self._here), self.player,
