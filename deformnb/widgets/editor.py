@@ -33,8 +33,9 @@ from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_f
 from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "link.js",
-          "maps.js", "edits.js", "sender.js", "elements.js", "paint.js", "paint_layers.js", "handles.js", "toolbar.js",
-          "gestures.js", "editor_drawing.js", "editor.js")
+          "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
+          "shape_handles.js", "handles.js", "toolbar.js", "pen.js", "gestures.js", "editor_drawing.js",
+          "editor_shapes.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -27,7 +27,10 @@ function layeredFit(points, settings = {}) {
   }
   if (!regions.length) groups.set(0, points);
   const order = regions.map((_, k) => 1 << k);
-  const inOrder = [...groups].sort(([p], [q]) => { const bit = order.find((b) => (p ^ q) & b); return bit ? (p & bit) - (q & bit) : 0; });
+  const inOrder = [...groups].sort(([p], [q]) => {
+    const bit = order.find((b) => (p ^ q) & b);
+    return bit ? (p & bit) - (q & bit) : 0;
+  });
   const fits = inOrder.map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
     fit: rigidFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
   const layered = { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit };

@@ -1,9 +1,12 @@
 // The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
 // To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
-const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "cuts", "parts"];
+const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule"];
 
-class EditorPage extends EditorDrawing {
+const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
+  switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };
+
+class EditorPage extends EditorShapes {
   constructor(model, el) {
     super();
     this.model = model;
@@ -12,12 +15,15 @@ class EditorPage extends EditorDrawing {
     this.id = Math.random().toString(36).slice(2);
     this.sender = senderOf(this.bus, model);
     this.sender.receive();
-    Object.assign(this, { points: this.sender.points, selected: new Set(model.get("selected")), layered: null,
+    Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
+      selected: new Set(model.get("selected")), layered: null,
       error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
     this.painter = new Painter(this.canvas);
+    this.shapeHandles = new ShapeHandles(this.svg); // under the points
     this.handles = new Handles(this.svg);
+    this.pen = new Pen(this);
     this.gestures = new Gestures(this);
     this.#listen();
     this.guard(() => this.showWaiting());
@@ -37,12 +43,13 @@ class EditorPage extends EditorDrawing {
     const veil = pageElement("div", "dnb-ed-veil", this.stage);
     this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" }); // there from the start: so it is read out
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
-      "aria-label": "name of the point", ...OWN_KEYS });
+      "aria-label": "name", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", this.stage, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", this.stage, { role: "alert", hidden: "" });
     this.help = helpPanel(this.stage);
     this.status = pageElement("div", "dnb-ed-status", this.root);
     this.facts = pageElement("span", "dnb-ed-facts", this.status);
+    this.legend = pageElement("span", "dnb-ed-legend", this.status, { role: "img" });
     this.foldFact = pageElement("span", "dnb-ed-folds", this.status);
     this.notes = pageElement("div", "dnb-ed-notes", this.status);
     this.spoken = pageElement("div", "dnb-ed-spoken", this.root, { "aria-live": "polite" });
@@ -67,9 +74,12 @@ class EditorPage extends EditorDrawing {
     for (const name of ["density", "show_net", "show_radius", "read_only", "history"]) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
-      const { origin, points, phase } = event.detail;
-      if (origin === this.id || this.drag0) return;
-      if (phase === "move") { this.points = points; this.changed(true); } else this.receive();
+      const { origin, points, phase, settings } = event.detail;
+      if (origin === this.id || this.drag0 || this.shapes0) return;
+      if (phase !== "move") { this.receive(); return; }
+      this.points = points;
+      this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
+      this.changed(true);
     });
     this.unlisten = this.sender.listen((what) => this.guard(() => (what === "points" ? this.receive() : this.showStatus())));
     this.bus.addEventListener("deformnb:points", this.moved);
@@ -122,8 +132,10 @@ class EditorPage extends EditorDrawing {
 
   // The points of this window, wherever they came from; the hand goes first.
   receive() {
-    if (this.drag0 || samePoints(this.sender.points, this.points)) return;
+    if (this.drag0 || this.shapes0) return;
+    if (samePoints(this.sender.points, this.points) && this.sender.shapes === this.shapes) return;
     this.points = this.sender.points;
+    this.shapes = this.sender.shapes;
     this.select([...this.selected]);
     this.changed();
   }
@@ -164,6 +176,7 @@ class EditorPage extends EditorDrawing {
       this.gestures.cancel();
       this.endRename(false);
       this.setAdding(false);
+      this.pen.stop();
     }
     this.stage.classList.toggle("dnb-ed-waiting", isWaiting);
     this.stage.setAttribute("aria-busy", String(isWaiting));
@@ -191,8 +204,8 @@ class EditorPage extends EditorDrawing {
     return true;
   }
 
-  accepts(points) {
-    try { layeredFit(points, { ...this.settings, previous: this.layered }); } catch (error) {
+  accepts(points, shapes = this.shapes) {
+    try { layeredFit(points, { ...this.settings, ...shapes, previous: this.layered }); } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       this.say(error.message, true);
       this.handles.blink(points.filter((p) => error.message.includes(rbfLabel(p))).map((p) => p.id));
@@ -214,7 +227,15 @@ class EditorPage extends EditorDrawing {
 
   drag(ids, dx, dy, what) {
     if (!this.drag0) return;
-    this.points = movedPoints(this.drag0, ids, dx / this.view.k, dy / this.view.k, what);
+    const points = movedPoints(this.drag0, ids, dx / this.view.k, dy / this.view.k, what);
+    const allowed = this.shapes.parts.length ? this.allowedShare(this.drag0, points) : { share: 1, held: [] };
+    this.points = allowed.share < 1 ? allowed.points : points;
+    this.handles.lock(allowed.held.map(({ point }) => point.id));
+    if (allowed.held.length) {
+      const [{ point, part }] = allowed.held;
+      const why = part.motion ? "has a motion of its own" : "is fixed";
+      this.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
+    }
     this.changed(true);
     this.isLive = true;
   }
@@ -222,6 +243,7 @@ class EditorPage extends EditorDrawing {
   endDrag(isCancelled) {
     const before = this.drag0, points = this.points;
     this.drag0 = null;
+    this.handles.lock([]);
     if (!before) return;
     this.points = before;
     if (!isCancelled && this.edit(points)) return;
@@ -271,34 +293,13 @@ class EditorPage extends EditorDrawing {
     else if (hadFocus) this.focusStage();
   }
 
-  rename(id) {
-    const p = this.points.find((q) => q.id === id);
-    if (!p || this.isLocked) return;
-    const { k, x, y, width, height } = this.view;
-    this.renamed = id;
-    this.input.hidden = false;
-    this.input.value = p.name;
-    this.input.placeholder = `point ${id}`;
-    this.input.style.left = `${Math.max(4, Math.min(width - 164, k * p.target[0] + x + 12))}px`;
-    this.input.style.top = `${Math.max(4, Math.min(height - 32, k * p.target[1] + y - 30))}px`;
-    this.input.focus();
-    this.input.select();
-  }
-
-  endRename(isKept) {
-    if (this.input.hidden) return;
-    const id = this.renamed, hadFocus = this.root.getRootNode().activeElement === this.input;
-    this.input.hidden = true;
-    if (isKept) this.guard(() => this.edit(renamedPoint(this.points, id, this.input.value), "rename"));
-    if (!this.handles.focus(id) && hadFocus) this.focusStage(); // the point may be gone meanwhile
-  }
-
   // ---- selection and commands ---------------------------------------------------------------------------------------
 
   select(ids, isShared = true) {
     const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
+    if (next.size) this.chosen = null;
     this.invalidate();
     if (isSame || !isShared) return;
     clearTimeout(this.selectTimer); // a band selects many times before it is done
@@ -321,7 +322,10 @@ class EditorPage extends EditorDrawing {
     const ids = focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
     const { width, height } = this.view, all = this.points.map((p) => p.id);
     if (focused === null && this.toolbar.isOff(command)) return;
+    const isShape = this.chosen !== null && focused === null && ids.length === 0;
+    if (isShape && SHAPE_COMMANDS[command]) { if (!this.isLocked) SHAPE_COMMANDS[command](this); return; }
     const commands = {
+      cut: () => this.setTool("cut"), part: () => this.setTool("part"), ground: () => this.setTool("ground"),
       add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0]),
       switch: () => this.edit(switchedPoints(this.points, ids), "switch"),
@@ -336,6 +340,7 @@ class EditorPage extends EditorDrawing {
   }
 
   setAdding(isAdding) {
+    if (isAdding) this.pen.stop();
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");

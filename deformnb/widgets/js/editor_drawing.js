@@ -107,7 +107,8 @@ class EditorDrawing {
     if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
     const drawn = performance.now();
     const reach = this.reach(), radius = this.model.get("show_radius") ? reach : 0;
-    if (this.handles.update(this.points, this.selected, this.view, radius, reach)) this.focusStage();
+    const isLost = this.drawShapes(), marks = (p) => this.markOf(p);
+    if (this.handles.update(this.points, this.selected, this.view, radius, reach, marks) || isLost) this.focusStage();
     this.describe();
     const end = performance.now();
     Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
@@ -133,8 +134,6 @@ class EditorDrawing {
     }
     this.isLive = false;
   }
-
-  get settings() { return settingsOf(this.model); }
 
   // The fit where there are no cuts, as tests and the curious look for it.
   get fit() { return this.layered?.fit ?? null; }
@@ -182,6 +181,9 @@ class EditorDrawing {
     this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
   }
 
+  // Takes a hint away before its time, if it is one of these.
+  hideHint(texts) { if (texts.includes(this.tip.textContent)) this.tip.hidden = true; }
+
   speak(text) { setText(this.spoken, text); }
 
   // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
@@ -200,7 +202,8 @@ class EditorDrawing {
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
-      : selected.size ? `${selected.size} selected` : "";
+      : selected.size ? `${selected.size} selected` : this.describeShapes();
+    this.showLegend();
     setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
       : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
     if (fit && !this.folds) this.folds = foldsOf(fit, this.box, fit.count > 200 ? 9 : this.isMoving ? 17 : 33);
@@ -212,9 +215,12 @@ class EditorDrawing {
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
     this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
-    const pressed = Object.entries({ add: this.isAdding, compare: this.isComparing,
+    const tool = this.pen.draft?.tool, isShape = this.chosenShape !== null && selected.size === 0;
+    const pressed = Object.entries({ add: this.isAdding, cut: tool === "cut", part: tool === "part",
+      ground: tool === "ground", compare: this.isComparing,
       net: this.model.get("show_net"), radius: this.model.get("show_radius"), help: !this.help.hidden });
-    this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
+    this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, turns: isShape &&
+      turnedRegion(this.chosenShape.region) !== null, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
       pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
   }
@@ -233,6 +239,11 @@ class EditorDrawing {
     if (this.model.get("read_only")) return "These points are shown only";
     const isUntouched = this.points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
+    if (this.pen.isOn) return "Backspace takes the last place back, Escape gives up";
+    if (this.chosenShape) {
+      return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
+        `${turnedRegion(this.chosenShape.region) ? ", F turns it over" : ""}`;
+    }
     if (this.selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }

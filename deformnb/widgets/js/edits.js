@@ -57,6 +57,27 @@ function nextId(points, least) {
   return points.reduce((id, p) => Math.max(id, p.id + 1), least);
 }
 
+// ---- cuts and rigid parts, as far as whoever sends them needs to know (shapes.js edits them) ------------------------
+
+// Any lists as full shapes, in one order of their fields. Regions that are there already are kept as the same objects:
+// their distances are known (regions.js).
+function cleanShapes(list, what, old = []) {
+  const known = new Map(old.map(({ region }) => [JSON.stringify(region), region]));
+  return (Array.isArray(list) ? list : []).filter((shape) => shape?.region?.kind).map((shape) => {
+    const plain = plainRegion(shape.region), region = known.get(JSON.stringify(plain)) ?? plain;
+    const kept = { name: String(shape.name ?? ""), enabled: shape.enabled !== false };
+    if (what === "cuts") return { ...kept, region };
+    return { ...kept, weight: shape.weight ?? "saturated", reach: shape.reach ?? null, motion: shape.motion ?? null, region };
+  });
+}
+
+function plainRegion({ kind, vertices, point, normal, shape, spacing, origin, bits }) {
+  if (kind === "half_space") return { kind, point, normal };
+  return kind === "mask" ? { kind, shape, spacing, origin, bits } : { kind, vertices };
+}
+
+function sameShapes(p, q) { return p === q || JSON.stringify(p) === JSON.stringify(q); }
+
 // Undo as a list of old states. Edits of one kind in quick succession (arrow keys) count as one.
 class History {
   constructor(most = 200) {

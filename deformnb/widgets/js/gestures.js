@@ -43,6 +43,18 @@ class Gestures {
     return source ? { id: Number(source.dataset.source), what: "source" } : null;
   }
 
+  // What of a shape an event is about: its line, a corner, or the middle of an edge.
+  shapeAt(event) {
+    const isClick = event.type === "dblclick" || event.type === "contextmenu";
+    const hit = isClick ? this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY) : event.target;
+    const grip = hit?.closest?.(".dnb-ed-grip"), line = hit?.closest?.("[data-shape]");
+    const number = (text) => (text ? Number(text) : null);
+    if (grip) return { chosen: this.page.chosen, corner: number(grip.dataset.corner), middle: number(grip.dataset.middle) };
+    if (!line) return null;
+    const [what, index] = line.dataset.shape.split(":");
+    return { chosen: { what, index: Number(index) }, corner: null, middle: null };
+  }
+
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
   down(event) {
@@ -56,6 +68,10 @@ class Gestures {
     event.preventDefault();
     if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) this.gesture = { kind: "pan", at };
     else if (event.button !== 0) this.gesture = null;
+    else if (this.page.pen.isOn) {
+      this.page.focusStage();
+      this.gesture = { kind: "pen", from: at, at, isPress: true };
+    } else if (!grabbed && !this.page.isAdding && this.shapeAt(event)) this.grabShape(this.shapeAt(event), at);
     else if (grabbed) this.grab(event, grabbed, at);
     else if (this.page.isAdding) {
       this.page.focusStage();
@@ -76,8 +92,22 @@ class Gestures {
       what: event.altKey ? "both" : what, ids: page.selected.has(id) ? [...page.selected] : [id] };
   }
 
+  grabShape(grip, at) {
+    const { page } = this, was = page.chosen, { what, index } = grip.chosen;
+    const isSame = was !== null && was.what === what && was.index === index;
+    page.chooseShape(grip.chosen);
+    page.drawNow();
+    if (grip.corner !== null) page.shapeHandles.focusCorner(grip.corner);
+    else page.shapeHandles.focus(grip.chosen);
+    // A line that is only now chosen stays where it is: nobody shall move what he wanted to look at.
+    this.gesture = { kind: "shape", grip, from: at, at, isPress: true, isFirst: !isSame };
+  }
+
   move(event) {
-    if (!this.pointers.has(event.pointerId)) return;
+    if (!this.pointers.has(event.pointerId)) {
+      if (this.page.pen.isOn) this.page.pen.hover(this.place(event));
+      return;
+    }
     const at = this.place(event), g = this.gesture;
     this.pointers.set(event.pointerId, at);
     if (!g) return;
@@ -85,6 +115,11 @@ class Gestures {
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < SLACK[this.kind]) return;
     if (g.kind === "pan") this.page.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.band(g, at);
+    else if (g.kind === "pen") this.page.pen.drag(at);
+    else if (g.kind === "shape" && !g.isFirst) {
+      if (g.isPress) this.page.beginShapeDrag(g.grip);
+      this.page.dragShape(at[0] - g.from[0], at[1] - g.from[1]);
+    }
     else if (g.kind === "points") {
       if (g.isPress) this.page.beginDrag();
       this.page.drag(g.ids, (at[0] - g.from[0]), (at[1] - g.from[1]), g.what);
@@ -109,10 +144,12 @@ class Gestures {
     this.gesture = null;
     this.page.stage.classList.remove("dnb-ed-panning");
     this.page.handles.showBand(null);
-    if (g.kind === "points") {
+    if (g.kind === "pen") { if (!isCancelled && this.page.pen.isOn) this.page.pen.up(g.from, this.place(event)); }
+    else if (g.kind === "shape") { if (!g.isPress && !g.isFirst) this.page.endShapeDrag(isCancelled); }
+    else if (g.kind === "points") {
       if (!g.isPress) this.page.endDrag(isCancelled);
       else if (g.was && !g.isNew) this.page.select(g.adds ? [...this.page.selected].filter((id) => id !== g.id) : [g.id]);
-    } else if (g.isPress && !isCancelled && !g.adds && g.from) this.page.select([]);
+    } else if (g.isPress && !isCancelled && !g.adds && g.from) { this.page.select([]); this.page.chooseShape(null); }
     else if (g.kind === "band" && !g.isPress && !isCancelled && this.page.selected.size === 0 && !this.page.isLocked) {
       this.page.hint("Double-click adds a point to drag", 5000);
     }
@@ -124,6 +161,7 @@ class Gestures {
     this.gesture = null;
     this.page.handles.showBand(null);
     if (g?.kind === "points" && !g.isPress) this.page.endDrag(true);
+    if (g?.kind === "shape" && !g.isPress && !g.isFirst) this.page.endShapeDrag(true);
     return g !== null;
   }
 
@@ -147,8 +185,11 @@ class Gestures {
 
   doubleClick(event) {
     if (this.page.isWaiting) return;
-    const grabbed = this.idAt(event);
-    if (grabbed) this.page.rename(grabbed.id);
+    const grabbed = this.idAt(event), shape = this.shapeAt(event);
+    if (this.page.pen.isOn) this.page.pen.finish(this.page.pen.draft.tool === "part");
+    else if (this.isPenDone(event)) return; // the second press set the last place
+    else if (grabbed) this.page.rename(grabbed.id);
+    else if (shape) this.page.renameShape();
     else this.page.addAt(this.place(event));
     event.preventDefault();
   }
@@ -158,6 +199,12 @@ class Gestures {
     event.stopPropagation();
     const grabbed = this.idAt(event); // a long press of a finger also comes here, and must not delete
     if (grabbed && this.kind !== "touch") this.page.remove([grabbed.id]);
+    const shape = grabbed || this.kind === "touch" ? null : this.shapeAt(event);
+    if (shape && !this.page.isLocked) {
+      this.page.chooseShape(shape.chosen);
+      if (shape.corner !== null) this.page.removeCorner(shape.corner);
+      else this.page.removeShape();
+    }
   }
 
   // The wheel belongs to the page that scrolls, until someone works in the editor.
@@ -198,10 +245,27 @@ class Gestures {
     return true;
   }
 
+  // Keys on a line, a corner or the middle of an edge.
+  shapeKey(key, event, shape, arrow) {
+    const { page } = this, isOther = JSON.stringify(shape.chosen) !== JSON.stringify(page.chosen);
+    if (key === "Enter" && shape.middle !== null) { if (!page.isLocked) page.insertCorner(shape.middle); return true; }
+    if (key === "Enter") { page.chooseShape(isOther || shape.corner !== null ? shape.chosen : null); return true; }
+    if (!arrow && !["Delete", "Backspace", "F2", "o", "f"].includes(key)) return false;
+    if (isOther) page.chooseShape(shape.chosen);
+    if (page.isLocked) return true;
+    if (arrow) page.nudgeShape(shape, arrow, event.shiftKey ? 10 : 1);
+    else if ((key === "Delete" || key === "Backspace") && shape.middle !== null) page.hint("Here is no corner to delete yet");
+    else if (shape.corner !== null && (key === "Delete" || key === "Backspace")) page.removeCorner(shape.corner);
+    else page.run(KEYS[key], null);
+    return true;
+  }
+
   plain(key, event) {
     const { page } = this, onButton = event.target.closest("button");
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-    const focused = this.idAt(event);
+    const focused = this.idAt(event), shape = focused ? null : this.shapeAt(event);
+    if (!onButton && page.pen.isOn && !event.altKey && page.pen.key(key, event, arrows[key])) return true;
+    if (shape && !onButton && !event.altKey && this.shapeKey(key, event, shape, arrows[key])) return true;
     if (onButton && (key in arrows)) return page.toolbar.focusNext(onButton, key);
     if (onButton && (key === "Enter" || key === " ")) return false;
     if (key in arrows) {
@@ -216,8 +280,9 @@ class Gestures {
       return true;
     }
     if (key === "Escape") {
-      if (!this.cancel() && !page.closeHelp() && !page.stopAdding()) {
-        if (page.selected.size === 0) return false;
+      if (!this.cancel() && !page.pen.cancel() && !page.closeHelp() && !page.stopAdding()) {
+        if (page.selected.size === 0 && !page.chosen) return false;
+        page.chooseShape(null);
         page.select([]);
       }
       return true;
@@ -229,5 +294,6 @@ class Gestures {
   }
 }
 
-const KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", o: "switch", n: "net", r: "radius",
+const KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", x: "cut", p: "part", g: "ground", f: "turn",
+  o: "switch", n: "net", r: "radius",
   c: "compare", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };

@@ -38,7 +38,8 @@ class Handles {
 
   // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
   // told in the tips. True if the focus was on a point that is gone: the browser would give it to the body.
-  update(points, selected, view, radius, reach) {
+  // `markOf(point)` numbers the region that a point belongs to, or is null (shape_handles.js).
+  update(points, selected, view, radius, reach, markOf = () => null) {
     const seen = new Set(points.map((p) => p.id)), focused = this.svg.getRootNode().activeElement;
     let isFocusLost = false;
     for (const [id, parts] of this.byId) {
@@ -52,6 +53,7 @@ class Handles {
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
       this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
         ? radius : 0);
+      this.#mark(parts, markOf(p));
       setText(parts.tip, this.words.tip(p, reach));
     });
     return isFocusLost;
@@ -72,13 +74,31 @@ class Handles {
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
     svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
     svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
+    const form = svgElement("path", { class: "dnb-ed-form" }, target);
     svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
+    svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, target);
     svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
     svgElement("text", { class: "dnb-ed-name" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts = { arrow, source, target, radius, tip };
+    const parts = { arrow, source, target, radius, tip, form, mark: null };
     this.byId.set(id, parts);
     return parts;
+  }
+
+  #mark(parts, mark) {
+    if (mark === parts.mark) return;
+    parts.mark = mark;
+    for (const part of [parts.target, parts.source]) {
+      if (mark === null) part.removeAttribute("data-region");
+      else part.setAttribute("data-region", mark);
+    }
+    parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]);
+    parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
+  }
+
+  // Shows that these points cannot go on; no others are.
+  lock(ids) {
+    for (const [id, { target }] of this.byId) target.classList.toggle("dnb-ed-locked", ids.includes(id));
   }
 
   // Tab follows the order of the list, so the elements must.

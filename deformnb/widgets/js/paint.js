@@ -156,8 +156,9 @@ class Painter {
     const pixels = this.source.level(level), { channels, fill } = this.source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
     const layers = isLayered ? new LayerPlan(fit, this.maps, { rows, columns, a0, b0, step: lattice * size },
-      { origin: raster.origin, scale, shift }, Math.max(size, Math.min(...raster.spacing))) : null;
-    (channels === 1 ? lookUpGrey : lookUpColour)(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
+      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2)) : null;
+    const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
+    lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
   }
 

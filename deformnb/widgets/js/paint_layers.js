@@ -90,9 +90,10 @@ class LayerPlan {
     if (made) return made;
     const j = cell % columns, i = (cell - j) / columns, a = a0 + (j + 0.5) * step, b = b0 + (i + 0.5) * step;
     let radius = 0.7072 * step;
-    const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + Math.min(j + 1, columns - 1)]);
-    for (let k = 0; k < this.layered.fits.length; k++) {
-      for (const c of corners) radius = Math.max(radius, Math.hypot(this.#a(maps[k][2 * c]) - a, this.#b(maps[k][2 * c + 1]) - b));
+    const right = Math.min(j + 1, columns - 1);
+    const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
+    for (const map of maps.slice(0, this.layered.fits.length)) {
+      for (const c of corners) radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
     }
     this.near.set(cell, made = regions.map((region) => ({ distance: region.near(a, b, radius) })));
     return made;

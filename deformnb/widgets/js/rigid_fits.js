@@ -107,8 +107,9 @@ function rigidFit(points, parts, settings = {}) {
   const dragged = draggedPoints(points, strength), { free, notes, refused } = sortedPoints(dragged, ready), out = [0, 0, 1];
   if (refused.length) {
     const [{ point, part }] = refused;
-    throw new RbfError(`${rbfLabel(point)} lies in ${partLabel(part)}, which ${part.motion ? "has a motion of its own" : "is fixed"}` +
-      "; move or remove the point, or change the part.");
+    const held = part.motion ? "has a motion of its own" : "is fixed";
+    throw new RbfError(`${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
+      "change the part.");
   }
   for (const r of ready) r.scale = partScale(r, free);
   const asked = free.map((p) => {

@@ -20,14 +20,16 @@ class Sender {
     Object.assign(this, { clock, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, lastAt: -Infinity,
       points: null, nextId: 0, models: [], listeners: new Set(), history: new History(), timer: null, sentAt: 0,
       waiting: { move: new Set(), end: new Set() }, pending: { move: null, end: null }, status: "", isHeard: false,
-      isCut: false });
+      isCut: false, shapes: { cuts: [], parts: [] } });
   }
 
   // ---- models and listeners: whoever shows the points ---------------------------------------------------------------
 
   attach(model) {
     if (this.models.some((held) => held.model === model)) return;
-    const handlers = { "change:points": () => this.receive(true, model), "change:seen": () => this.receive(false, model),
+    const news = () => this.receive(true, model);
+    const handlers = { "change:points": news, "change:cuts": news, "change:parts": news,
+      "change:seen": () => this.receive(false, model),
       "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
       comm_live_update: () => { this.isCut = true; } };
     for (const [name, handler] of Object.entries(handlers)) model.on(name, handler);
@@ -61,10 +63,22 @@ class Sender {
     this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
     const isLate = isNews && this.clock.now() - this.lastAt > TRUSTED_FOR; // an answer that is lost blocks nothing
     if (this.points !== null && this.isBehind(model) && !isLate) return;
-    const points = cleanPoints(model.get("points"));
-    if (this.points !== null && samePoints(points, this.points)) return;
-    if (this.points !== null) this.history.record(this.points);
-    this.#take(points);
+    const points = cleanPoints(model.get("points")), shapes = this.#shapesOf(model);
+    if (this.points !== null && samePoints(points, this.points) && sameShapes(shapes, this.shapes)) return;
+    if (this.points !== null) this.history.record(this.state);
+    this.#take(points, shapes);
+  }
+
+  // What can be undone: points, cuts and parts together.
+  get state() { return { points: this.points, shapes: this.shapes }; }
+
+  #shapesOf(model) {
+    const made = {};
+    for (const what of ["cuts", "parts"]) {
+      const clean = cleanShapes(model.get(what), what, this.shapes[what]);
+      made[what] = sameShapes(clean, this.shapes[what]) ? this.shapes[what] : clean;
+    }
+    return made;
   }
 
   done(seq, sender = this.id) {
@@ -80,8 +94,14 @@ class Sender {
 
   // `kind` says what was done; edits that share `join` in quick succession are undone as one.
   edit(points, kind, join = null) {
-    const joins = this.history.record(this.points, join);
+    const joins = this.history.record(this.state, join);
     this.#leave(points, kind, joins);
+  }
+
+  // All cuts or all parts after an edit of one; `kind` says what was done, in words.
+  editShapes(what, shapes, kind) {
+    this.history.record(this.state);
+    this.#leaveShapes(what, shapes, kind);
   }
 
   move(points) {
@@ -99,8 +119,13 @@ class Sender {
   // One step of the history, this page's or Python's. False where there is none.
   step(way) {
     if (!this.canStep(way)) return false;
-    if (!this.isPythons) this.#leave(this.history[way](this.points), way, false);
-    else {
+    if (!this.isPythons) {
+      const { points, shapes } = this.history[way](this.state);
+      for (const what of ["cuts", "parts"]) {
+        if (!sameShapes(shapes[what], this.shapes[what])) this.#leaveShapes(what, shapes[what], way);
+      }
+      if (!samePoints(points, this.points)) this.#leave(points, way, false);
+    } else {
       this.pending.move = null;
       this.flush();
       this.last = this.seq + 1;
@@ -129,8 +154,19 @@ class Sender {
     this.#next();
   }
 
-  #take(points) {
+  // Shapes are drawn now and then, and go at once, behind what waits.
+  #leaveShapes(what, shapes, kind) {
+    this.pending.move = null;
+    this.flush();
+    this.lastAt = this.clock.now();
+    this.last = this.seq + 1;
+    this.#take(this.points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
+    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what] });
+  }
+
+  #take(points, shapes = this.shapes) {
     this.points = points;
+    this.shapes = shapes;
     this.nextId = nextId(points, this.nextId);
     for (const listener of this.listeners) listener("points");
   }

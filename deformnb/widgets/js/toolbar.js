@@ -6,6 +6,10 @@ const ICONS = {
   remove: "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4",
   rename: "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2",
   switch: "M8 2.5v5M5 4.2a5 5 0 1 0 6 0",
+  cut: "M3.5 13.5L12 3M4 3l8.5 10.5M2.6 2.6a1.5 1.5 0 1 0 .1 0M13.3 2.6a1.5 1.5 0 1 0 .1 0",
+  part: "M8 2.2l5.2 3.6-2 6.8H4.8l-2-6.8zM5.2 11l4.6-6M8 12.3l3.4-4.6",
+  ground: "M1.5 9h13M3 13l3-4M7 13l3-4M11 13l3-4",
+  turn: "M8 2v12M5.5 5L2.5 8l3 3M10.5 5l3 3-3 3",
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
   redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
   reset: "M3 8a5 5 0 1 0 1.6-3.7M3 2.5v3h3",
@@ -22,10 +26,14 @@ const ICONS = {
 // command, label, tip, whether it stays pressed, what it needs: points, a selection, or history
 const GROUPS = [
   [["add", "Add", "Add points: click where (A, or double-click)", true],
-    ["remove", "Delete", "Delete the selected points (Del)", false, "selection"],
-    ["rename", "Rename", "Name the selected point (F2)", false, "one"],
-    ["switch", "On/off", "Switch the selected points on or off (O)", false, "selection"],
+    ["remove", "Delete", "Delete the selected points, or the chosen shape (Del)", false, "selection"],
+    ["rename", "Rename", "Name the selected point or shape (F2)", false, "one"],
+    ["switch", "On/off", "Switch the selected points or shape on or off (O)", false, "selection"],
     ["reset", "Put back", "Put the selected points, or all, back where they were taken (Home)", false, "points"]],
+  [["cut", "Cut", "Draw a cut, along which the picture comes apart (X)", true],
+    ["part", "Rigid", "Draw around a part that stays rigid (P)", true],
+    ["ground", "Ground", "Draw a line beyond which all stays where it is (G)", true],
+    ["turn", "Turn over", "Turn the chosen line over to its other side (F)", false, "turns"]],
   [["undo", "Undo", "Undo (Ctrl+Z)", false, "past"], ["redo", "Redo", "Redo (Ctrl+Y)", false, "future"]],
   [["net", "Grid", "Show the deformed grid (N)", true], ["radius", "Radius", "Show how far points reach (R)", true],
     ["compare", "Before", "Show the picture as it was (C)", true]],
@@ -42,6 +50,8 @@ const HELP = [
   ["Tab", "next point"], ["Arrows", "move by 1 pixel"],
   ["Shift + arrows", "move by 10 pixels"], ["Enter on a point", "select it"],
   ["Enter on the picture", "add a point in the middle"],
+  ["X", "draw a cut"], ["P, G", "draw a rigid part, the ground"], ["Click a line", "choose a shape"],
+  ["Drag a corner", "reshape; a middle makes one"], ["F", "turn a line over"],
   ["Ctrl + Z, Ctrl + Y", "undo, redo"],
   ["Wheel, pinch, +, -", "zoom"], ["Space, middle drag", "move the view"],
   ["0", "whole picture"], ["N, R, C", "grid, radius, before"],
@@ -68,9 +78,9 @@ class Toolbar {
     }
   }
 
-  update({ count, selected, past, future, steps, pressed, readOnly }) {
-    const met = { points: count > 0, selection: selected > 0, one: selected === 1, past, future };
-    const edits = ["add", "remove", "rename", "switch", "reset", "undo", "redo"];
+  update({ count, selected, turns, past, future, steps, pressed, readOnly }) {
+    const met = { points: count > 0, selection: selected > 0, one: selected === 1, turns, past, future };
+    const edits = ["add", "cut", "part", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo"];
     for (const [command, { button, tip, needs }] of this.buttons) {
       const isOff = (needs !== undefined && !met[needs]) || (readOnly && edits.includes(command));
       if (button.ariaDisabled !== String(isOff)) button.setAttribute("aria-disabled", String(isOff));

@@ -1,0 +1,270 @@
+// What the editor does with cuts and rigid parts. EditorPage is this and the edits of points.
+
+const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
+
+class EditorShapes extends EditorDrawing {
+  // The settings of a fit, with the shapes as they are under the hand.
+  get settings() { return { ...settingsOf(this.model), ...this.shapes }; }
+
+  get strength() { return this.model.get("strength") ?? 1; }
+
+  // How far the two places lie apart that turn a half plane, in units of the picture.
+  get shapeReach() {
+    const [a0, a1, b0, b1] = this.box;
+    return Math.hypot(a1 - a0, b1 - b0) / 8;
+  }
+
+  get chosenShape() { return this.chosen ? this.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
+
+  drawShapes() {
+    const regions = this.layered?.regions ?? [];
+    if (this.chosen && !this.chosenShape) this.chosen = null;
+    const isLost = this.shapeHandles.update(this.shapes, this.chosen, this.view, { reach: this.shapeReach,
+      isLocked: this.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
+    this.shapeHandles.showDraft(this.pen.draft, this.view);
+    return isLost;
+  }
+
+  // Which mark a point has: that of the region in which its source lies; null where no cut parts the picture.
+  markOf(point) {
+    const regions = this.layered?.regions ?? [];
+    return regions.length ? sidesKey(regions, ...point.source) % REGION_MARKS : null;
+  }
+
+  // ---- edits --------------------------------------------------------------------------------------------------------
+
+  // All cuts or parts after an edit, unless it is no shape or no fit is possible with it: then it is said why.
+  editShapes(what, shapes, kind, wasFine = !this.error) {
+    if (this.isLocked || sameShapes(shapes, this.sender.shapes[what])) return false;
+    if (shapes.length > MOST_SHAPES[what]) {
+      this.say(`A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`, true);
+      return false;
+    }
+    const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
+    if (fault) { this.say(fault, true); return false; }
+    if (wasFine && !this.accepts(this.points, { ...this.shapes, [what]: shapes })) return false;
+    if (JSON.stringify(shapes).length > LONGEST_EDIT) { this.say("These shapes are too large to send.", true); return false; }
+    this.sender.editShapes(what, shapes, kind); // which tells all views, this one too
+    return true;
+  }
+
+  addShape(what, region, name = "") {
+    const shape = cleanShapes([{ region, name }], what)[0], index = this.shapes[what].length;
+    if (!this.editShapes(what, [...this.shapes[what], shape], ADD_WORDS[what])) { this.focusStage(); return; }
+    this.chooseShape({ what, index });
+    this.drawNow();
+    this.shapeHandles.focus(this.chosen);
+    this.speak(`${shapeLabel(shape, what, index)}, added`);
+    if (what === "cuts") this.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
+  }
+
+  #change(change, kind) {
+    const { what, index } = this.chosen, shape = this.chosenShape;
+    return this.editShapes(what, withShape(this.shapes[what], index, change), `${kind} ${shape.name || SHAPE_NAMES[what]}`);
+  }
+
+  removeShape() {
+    const { what, index } = this.chosen, name = shapeName(this.chosenShape, what, index);
+    if (!this.editShapes(what, this.shapes[what].filter((_, k) => k !== index), `remove ${SHAPE_NAMES[what]}`)) return;
+    this.chosen = null;
+    this.drawNow();
+    this.focusStage();
+    this.speak(`${name} deleted`);
+  }
+
+  switchShape() {
+    const isOn = this.chosenShape.enabled;
+    if (this.#change({ enabled: !isOn }, "switch")) this.speak(`switched ${isOn ? "off" : "on"}`);
+  }
+
+  turnShape() {
+    const region = turnedRegion(this.chosenShape.region);
+    if (!region) { this.hint("What is closed has only one inside"); return; }
+    if (this.#change({ region }, "turn over")) this.speak("turned over");
+  }
+
+  removeCorner(k) {
+    const region = removedCorner(this.chosenShape.region, k);
+    if (!region) { this.removeShape(); return; }
+    if (!this.#change({ region }, "change")) return;
+    this.drawNow();
+    this.shapeHandles.focusCorner(Math.min(k, region.vertices.length - 1));
+    this.speak(`corner ${k + 1} deleted`);
+  }
+
+  // A corner in the middle of edge k, of which the number is returned.
+  insertCorner(k) {
+    const { vertices } = this.chosenShape.region, p = vertices[k], q = vertices[(k + 1) % vertices.length];
+    const region = insertedCorner(this.chosenShape.region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
+    if (!this.#change({ region }, "change")) return null;
+    this.drawNow();
+    this.shapeHandles.focusCorner(k + 1);
+    return k + 1;
+  }
+
+  nudgeShape(grip, [dx, dy], pixels) {
+    const { region } = this.chosenShape, [du, dv] = this.model.get("raster").spacing, by = [dx * pixels * du, dy * pixels * dv];
+    let corner = grip?.corner ?? null;
+    if (grip?.middle !== undefined && grip.middle !== null) corner = this.insertCorner(grip.middle);
+    if (corner === null) this.#change({ region: movedRegion(region, ...by) }, "move");
+    else {
+      const at = cornersOf(this.chosenShape.region, this.shapeReach)[corner];
+      const place = [at[0] + by[0], at[1] + by[1]];
+      this.#change({ region: movedCorner(this.chosenShape.region, corner, place, this.shapeReach) }, "change");
+    }
+    this.drawNow();
+  }
+
+  // ---- drags --------------------------------------------------------------------------------------------------------
+
+  beginShapeDrag(grip) {
+    if (this.isLocked || !this.chosenShape) return;
+    let { region } = this.chosenShape;
+    if (grip.middle !== null) {
+      const { vertices } = region, p = vertices[grip.middle], q = vertices[(grip.middle + 1) % vertices.length];
+      region = insertedCorner(region, grip.middle, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
+    }
+    const corner = grip.middle !== null ? grip.middle + 1 : grip.corner;
+    this.shapes0 = { shapes: this.shapes, region, corner, wasFine: !this.error,
+      at: corner === null ? null : cornersOf(region, this.shapeReach)[corner] };
+  }
+
+  // The last place that makes a shape stays where the next one does not.
+  dragShape(dx, dy) {
+    const start = this.shapes0, { k } = this.view;
+    if (!start) return;
+    const region = start.corner === null ? movedRegion(start.region, dx / k, dy / k)
+      : movedCorner(start.region, start.corner, [start.at[0] + dx / k, start.at[1] + dy / k], this.shapeReach);
+    const fault = regionFault(region);
+    this.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
+    if (fault) { this.hint(fault, 3000); return; }
+    const { what, index } = this.chosen;
+    this.shapes = { ...this.shapes, [what]: withShape(this.shapes[what], index, { region }) };
+    this.changed(true);
+  }
+
+  endShapeDrag(isCancelled) {
+    const start = this.shapes0, shapes = this.shapes;
+    this.shapes0 = null;
+    this.stage.classList.remove("dnb-ed-refusing");
+    if (!start || !this.chosen) return;
+    const { what } = this.chosen, name = this.chosenShape?.name || SHAPE_NAMES[what];
+    const kind = `${start.corner === null ? "move" : "change"} ${name}`;
+    this.shapes = start.shapes;
+    if (!isCancelled && this.editShapes(what, shapes[what], kind, start.wasFine)) {
+      this.drawNow();
+      if (start.corner !== null) this.shapeHandles.focusCorner(start.corner); // of a new one: it had no grip yet
+      return;
+    }
+    this.shapes = this.sender.shapes;
+    this.changed();
+  }
+
+  // ---- points that a part holds -------------------------------------------------------------------------------------
+
+  // How far a drag may go before a point would enter a rigid part and ask for something else than the part does.
+  allowedShare(before, points) {
+    const parts = this.shapes.parts, was = new Set(heldPoints(before, parts, this.strength).map(({ point }) => point.id));
+    const heldIn = (given) => heldPoints(given, parts, this.strength).filter(({ point }) => !was.has(point.id));
+    const held = heldIn(points);
+    if (!held.length) return { share: 1, held };
+    const then = new Map(points.map((p) => [p.id, p])), way = (p, q, t) => p.map((v, c) => v + t * (q[c] - v));
+    const between = (t) => before.map((p) => ({ ...p, source: way(p.source, then.get(p.id).source, t),
+      target: way(p.target, then.get(p.id).target, t) }));
+    let low = 0, high = 1;
+    for (let turn = 0; turn < 10; turn++) {
+      const middle = (low + high) / 2;
+      if (heldIn(between(middle)).length) high = middle;
+      else low = middle;
+    }
+    return { share: low, held, points: between(low) };
+  }
+
+  // ---- names --------------------------------------------------------------------------------------------------------
+
+  rename(id) {
+    const p = this.points.find((q) => q.id === id);
+    if (!p || this.isLocked) return;
+    const { k, x, y } = this.view;
+    this.ask(p.name, `point ${id}`, [k * p.target[0] + x, k * p.target[1] + y], (text) => {
+      this.edit(renamedPoint(this.points, id, text), "rename");
+    }, () => this.handles.focus(id));
+  }
+
+  renameShape() {
+    if (this.isLocked || !this.chosenShape) return;
+    const { chosen, view } = this, shape = this.chosenShape, { label } = shapePaths(shape.region, view, this.shapeReach);
+    this.ask(shape.name, shapeName({ name: "" }, chosen.what, chosen.index), [label[0] - 12, label[1] + 18], (text) => {
+      const name = text.trim().slice(0, 80);
+      this.editShapes(chosen.what, withShape(this.shapes[chosen.what], chosen.index, { name }), "rename");
+    }, () => { this.shapeHandles.focus(chosen); return true; });
+  }
+
+  // Asks for a name beside a place of the view; `after` gives the focus back and says whether there was anything to.
+  ask(text, placeholder, [x, y], take, after) {
+    const { width, height } = this.view;
+    this.asked = { take, after };
+    this.input.hidden = false;
+    this.input.value = text;
+    this.input.placeholder = placeholder;
+    this.input.style.left = `${Math.max(4, Math.min(width - 164, x + 12))}px`;
+    this.input.style.top = `${Math.max(4, Math.min(height - 32, y - 30))}px`;
+    this.input.focus();
+    this.input.select();
+  }
+
+  endRename(isKept) {
+    if (this.input.hidden) return;
+    const { take, after } = this.asked, hadFocus = this.root.getRootNode().activeElement === this.input;
+    this.input.hidden = true;
+    if (isKept) this.guard(() => take(this.input.value));
+    if (!after() && hadFocus) this.focusStage(); // the point may be gone meanwhile
+  }
+
+  // ---- choice and tools ---------------------------------------------------------------------------------------------
+
+  chooseShape(chosen) {
+    this.chosen = chosen && this.shapes[chosen.what]?.[chosen.index] ? chosen : null;
+    if (this.chosen) this.select([]);
+    this.invalidate();
+  }
+
+  setTool(tool) {
+    const was = this.pen.draft?.tool;
+    this.pen.stop();
+    if (!tool || was === tool || this.isLocked) { this.invalidate(); return; }
+    this.setAdding(false);
+    this.chooseShape(null);
+    this.pen.start(tool);
+    this.focusStage();
+  }
+
+  describeShapes() {
+    const shape = this.chosenShape;
+    if (!shape) return "";
+    const { what, index } = this.chosen;
+    return shapeLabel(shape, what, index);
+  }
+
+  // "2 regions: (disc) 4, (diamond) 3" where cuts part the picture.
+  showLegend() {
+    const counts = new Map();
+    for (const p of this.points) {
+      const mark = this.markOf(p);
+      if (mark !== null && p.active) counts.set(mark, (counts.get(mark) ?? 0) + 1);
+    }
+    const key = JSON.stringify([...counts]);
+    if (key === this.legendKey) return;
+    this.legendKey = key;
+    this.legend.replaceChildren();
+    for (const [mark, count] of [...counts].sort(([p], [q]) => p - q)) {
+      const title = "points of this region: it bends by these only";
+      const entry = pageElement("span", "dnb-ed-region", this.legend, { title });
+      const icon = svgElement("svg", { viewBox: "-10 -10 20 20", "aria-hidden": "true", "data-region": mark }, entry);
+      if (REGION_FORMS[mark]) svgElement("path", { d: REGION_FORMS[mark] }, icon);
+      else svgElement("circle", { r: 7 }, icon);
+      pageElement("span", "", entry).textContent = String(count);
+    }
+    setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
+  }
+}

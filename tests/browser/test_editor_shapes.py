@@ -1,0 +1,371 @@
+"""Cuts and rigid parts in the editor: drawn with the real mouse and keys, their pixels held against the core."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.editor_page import PAGE, EditorOnPage
+
+from deformnb.control_points import ControlPoints
+from deformnb.cuts import CUT_RULES, Cut
+from deformnb.errors import DeformError
+from deformnb.picture import Picture
+from deformnb.regions import HalfSpace, Line, Polygon
+from deformnb.rigid_parts import RigidPart
+from deformnb.warp import warp_picture
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.shape_messages import ShapesMessage
+
+pytestmark = pytest.mark.needs_browser
+
+PAPER = 86  # the red of the stage in the light theme: what is seen through a gap
+
+
+def two_sides() -> ControlPoints:
+    """Three points on either side of a = 71."""
+    return ControlPoints.from_arrays([[50.0, -10], [45, 25], [50, 60], [95, -10], [102, 25], [95, 60]])
+
+
+def pull(page: EditorOnPage, points: ControlPoints, ids: list[int], by: tuple[float, float]) -> None:
+    """Drags these points together."""
+    page.page.locator(f"[data-id='{ids[0]}']").click()
+    for k in ids[1:]:
+        page.page.locator(f"[data-id='{k}']").click(modifiers=["Shift"])
+    page.drag(points.target[ids[0]], by)
+
+
+def draw(page: EditorOnPage, key: str, places: list[tuple[float, float]], end: str | None = "Enter") -> None:
+    """Sets places of a shape with the mouse, and ends it with a key."""
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.keyboard.press(key)
+    for place in places:
+        page.page.mouse.click(*page.on_screen(place))
+    if end:
+        page.page.keyboard.press(end)
+    page.answered()
+
+
+def assert_as_the_core(page: EditorOnPage, picture: Picture, least: int) -> np.ndarray:
+    """All that is opaque is what the core shows, all else the paper; returns the opacity."""
+    field, raster = page.editor.fit(), page.raster()
+    at, d = raster.points(), 2 * raster.spacing[0]
+    a0, a1, b0, b1 = picture.raster.box
+    inside = (at[..., 0] > a0 + d) & (at[..., 0] < a1 - d) & (at[..., 1] > b0 + d) & (at[..., 1] < b1 - d)
+    opacity, shown = field.opacity(at), page.canvas()[..., 0]
+    expected = warp_picture(picture.values, picture.raster, field, output=raster).astype(int)
+    full, empty = inside & (opacity == 1), inside & (opacity == 0)
+    assert full.sum() > least
+    assert np.quantile(np.abs(shown - expected)[full], 0.999) <= 2
+    assert (shown[empty] == PAPER).all()
+    return np.where(inside, opacity, np.nan)
+
+
+# ---- cuts -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides(), show_net=False, theme="light"))
+    before = page.canvas()
+    draw(page, "x", [(71, -25), (71, 75)])
+    (cut,) = page.editor.cuts
+    assert cut["region"]["kind"] == "line"
+    assert cut["region"]["vertices"] == pytest.approx(np.array([[71, -25], [71, 75]]), abs=0.4)
+    assert np.abs(page.canvas() - before).max() <= 1  # a closed cut is not seen
+    pull(page, two_sides(), [0, 1, 2], (-40, 0))
+    pull(page, two_sides(), [3, 4, 5], (50, 0))
+    page.answered()
+    opacity = assert_as_the_core(page, picture, 100_000)
+    row = opacity[opacity.shape[0] // 2]
+    gap = np.nansum(1 - row) / page.js(f"{PAGE}.view.ratio")
+    assert gap == pytest.approx(90, abs=1.0)
+    columns = np.flatnonzero(row < 0.5)
+    middle = page.on_screen((71, 0))[0] - page.page.locator(".dnb-ed-stage").bounding_box()["x"]
+    assert (columns.min(), columns.max()) == pytest.approx((middle - 40, middle + 50), abs=4)
+
+
+@pytest.mark.parametrize("rule", list(CUT_RULES))
+@pytest.mark.parametrize("region", [Line([(71, -20), (78, 10), (64, 30), (76, 70)]),
+                                    Polygon([(80, 0), (120, 5), (115, 50), (80, 45)])])
+def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: Picture, region: Any, rule: str) -> None:
+    page = opened(Editor(picture, two_sides(), show_net=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
+    pull(page, two_sides(), [0, 1, 2], (-33, 12))
+    pull(page, two_sides(), [4, 5], (41, -20))
+    assert page.points.displacement.any(axis=1).tolist() == [True, True, True, False, True, True]
+    opacity = assert_as_the_core(page, picture, 100_000)
+    assert (opacity == 0).sum() > 500
+
+
+def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides()))
+    draw(page, "x", [(30, 0), (60, 0), (60, 40), (30, 0)], end=None)
+    assert page.editor.cuts[0]["region"]["kind"] == "polygon"
+    assert len(page.editor.cuts[0]["region"]["vertices"]) == 3
+    page.page.locator("[data-command='cut']").click()
+    turns = np.linspace(0, 1, 30)
+    stroke = np.stack([80 + 10 * np.sin(9 * turns), -20 + 90 * turns], axis=-1)
+    mouse = page.page.mouse
+    mouse.move(*page.on_screen(stroke[0]))
+    mouse.down()
+    for place in stroke[1:]:
+        mouse.move(*page.on_screen(place))
+    mouse.up()
+    page.answered()
+    line = page.editor.cuts[1]["region"]
+    assert line["kind"] == "line"
+    assert 5 < len(line["vertices"]) < 25
+    assert np.abs(Line(line["vertices"]).signed_distance(stroke)).max() < 1.0
+    assert page.js(f"{PAGE}.pen.isOn") is False
+
+
+def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
+    fills = page.js("""[...document.querySelectorAll('.dnb-ed-target')].map((t) => {
+        const [disc, form] = ['disc', 'form'].map((name) => getComputedStyle(t.querySelector(`.dnb-ed-${name}`)));
+        return [t.dataset.region, disc.display, form.display, form.fill]; })""")
+    right, left = ["1", "none", "inline", "rgb(0, 158, 115)"], ["0", "inline", "none", "rgb(213, 94, 0)"]
+    assert fills == [left] * 3 + [right] * 3
+    assert page.page.locator(".dnb-ed-legend").inner_text().split() == ["3", "3"]
+    bands = page.js("[...document.querySelectorAll('.dnb-ed-shape-bands path')].map((b) => b.dataset.region)")
+    assert sorted(bands) == ["0", "1"]
+    page.editor.cuts = []
+    page.settled()
+    assert page.js("document.querySelector('.dnb-ed-target').hasAttribute('data-region')") is False
+
+
+def test_the_net_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
+    points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
+    page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))], density=8))
+    runs = page.js(f"{PAGE}.net.lines.map((l) => l.runs.map((r) => Array.from(r)))")
+    across = [line for line in runs if len(line) == 2]
+    assert len(across) == 8  # the lines from left to right, 7 cells high
+    for left, right in across:
+        assert left[-2] == pytest.approx(61, abs=0.02)
+        assert right[0] == pytest.approx(71, abs=0.02)
+
+
+# ---- rigid parts ----------------------------------------------------------------------------------------------------
+
+
+def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> None:
+    points = ControlPoints.from_arrays([[30.0, -10], [110, -5], [100, 60], [35, 70], [60, 25]])
+    page = opened(Editor(picture, points, show_net=False, theme="light"))
+    before = page.canvas()
+    corners = [(75, 10), (100, 12), (98, 45), (72, 40)]
+    draw(page, "p", corners)
+    (part,) = page.editor.parts
+    assert part["region"]["vertices"] == pytest.approx(np.array(corners), abs=0.4)
+    page.drag((60, 25), (-30, 45))
+    page.answered()
+    at, after = page.raster().points(), page.canvas()
+    within = Polygon(part["region"]["vertices"]).signed_distance(at) < -0.2
+    assert within.sum() > 5000
+    assert np.abs(after - before)[within].max() <= 1
+    assert np.abs(after - before)[~within].max() > 40
+    assert_as_the_core(page, picture, 100_000)
+
+
+def test_a_point_cannot_be_dragged_into_a_part(opened: Any, picture: Picture) -> None:
+    part = RigidPart(Polygon([(75, 10), (100, 10), (100, 45), (75, 45)]), name="bone")
+    page = opened(Editor(picture, two_sides(), parts=[part]))
+    x, y = page.on_screen((45, 25))
+    there = page.on_screen((85, 25))
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(*there, steps=4)
+    page.settled()
+    assert page.js("document.querySelector('[data-id=\"1\"]').classList.contains('dnb-ed-locked')")
+    assert "cannot go into the rigid part \"bone\"" in page.page.locator(".dnb-ed-hint").inner_text()
+    page.page.mouse.up()
+    assert page.points.target[1] == pytest.approx([75, 25], abs=0.1)  # as far as it may go
+    assert page.points.target[1][0] < 75
+    assert page.js("document.querySelectorAll('.dnb-ed-locked').length") == 0
+    page.editor.fit()
+
+
+def test_a_part_over_a_dragged_point_is_refused_and_said(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides().move(1, [55, 25])))
+    draw(page, "p", [(45, 15), (70, 15), (70, 35), (45, 35)])
+    assert page.editor.parts == []
+    assert "control point 1 lies in a rigid part, which is fixed" in page.page.locator(".dnb-ed-alert").inner_text()
+
+
+def test_the_ground_lies_on_the_far_side_of_its_line(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides()))
+    draw(page, "g", [(20, 65), (120, 70)], end=None)
+    region = page.editor.parts[0]["region"]
+    ground = HalfSpace(region["point"], region["normal"])
+    assert ground.signed_distance([[70.0, 20.0], [70.0, 78.0]]) == pytest.approx([47.4, -10.5], abs=0.6)
+    page.page.keyboard.press("f")
+    page.answered()
+    assert page.editor.parts[0]["region"]["normal"] == pytest.approx(-np.array(region["normal"]))
+
+
+# ---- reshaping ------------------------------------------------------------------------------------------------------
+
+
+def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> None:
+    start = [(71.0, -20.0), (75.0, 20.0), (71.0, 70.0)]
+    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line(start))]))
+    k = page.js(f"{PAGE}.view.k")
+    page.page.mouse.click(*page.on_screen((73, 0)))  # choose it by its line
+    page.drag((75, 20), (30, 10))
+    vertices = np.array(start) + np.array([[0, 0], [30 / k, 10 / k], [0, 0]])
+    page.answered()
+    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(vertices, abs=1e-6)
+    middle = vertices[1:].mean(axis=0)
+    page.drag(middle, (-25, 0))
+    page.answered()
+    assert page.editor.cuts[0]["region"]["vertices"][2] == pytest.approx(middle - [25 / k, 0], abs=1e-6)
+    page.page.keyboard.press("Delete")  # the new corner has the focus
+    page.answered()
+    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(vertices, abs=1e-6)
+    for _ in range(3):
+        page.page.keyboard.press("Control+z")
+    page.answered()
+    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(np.array(start))
+
+
+def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Picture) -> None:
+    start = [(50.0, -20.0), (50.0, 20.0), (90.0, 20.0), (90.0, 70.0)]
+    page = opened(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))
+    page.page.mouse.click(*page.on_screen((50, 0)))
+    page.drag((90, 70), (-50, -500))
+    assert "crosses itself" in page.page.locator(".dnb-ed-hint").inner_text()
+    page.answered()
+    Line(page.editor.cuts[0]["region"]["vertices"])
+    page.page.keyboard.press("Escape")
+    draw(page, "x", [(30, -10), (60, 60), (110, 0), (20, 20)])
+    assert "Draw it without a loop" in page.page.locator(".dnb-ed-alert").inner_text()
+    assert len(page.editor.cuts) == 1
+    assert page.js(f"{PAGE}.pen.draft.places.length") == 4  # and can be mended
+    page.page.keyboard.press("Backspace")
+    page.page.keyboard.press("Enter")
+    page.answered()
+    assert len(page.editor.cuts) == 2
+
+
+# ---- history and Python ---------------------------------------------------------------------------------------------
+
+
+def test_shapes_and_points_are_undone_in_their_order(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides()))
+    draw(page, "x", [(71, -25), (71, 75)])
+    page.drag((45, 25), (-30, 0))
+    draw(page, "p", [(105, -20), (125, -20), (125, 10)])
+    state = [len(page.editor.cuts), len(page.editor.parts), bool(page.points.displacement.any())]
+    assert state == [1, 1, True]
+    seen = []
+    for key in ["Control+z"] * 3 + ["Control+y"] * 3:
+        page.page.keyboard.press(key)
+        page.answered()
+        seen.append((len(page.editor.cuts), len(page.editor.parts), bool(page.editor.points.displacement.any())))
+    assert seen == [(1, 0, True), (1, 0, False), (0, 0, False), (1, 0, False), (1, 0, True), (1, 1, True)]
+    kinds = page.js("models.editor.sent.filter((m) => m.type === 'shapes').map((m) => [m.what, m.kind])")
+    assert kinds[:2] == [["cuts", "add cut"], ["parts", "add rigid part"]]
+
+
+def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture) -> None:
+    editor = Editor(picture, two_sides())
+    editor.history = {"undo": "", "redo": ""}
+    page, asked, heard = opened(editor), [], []
+    editor.on_history(asked.append)
+    editor.on_shapes(heard.append)
+    under_way: list[Any] = []
+    editor.observe(lambda change: under_way.append(editor.edit_under_way), "cuts")
+    draw(page, "x", [(71, -25), (71, 75)])
+    assert [(m.what, m.kind, len(m.shapes)) for m in heard] == [("cuts", "add cut", 1)]
+    assert isinstance(under_way[0], ShapesMessage)
+    editor.history = {"undo": "add cut", "redo": ""}
+    page.page.keyboard.press("Control+z")
+    page.wait("models.editor.sent.some((m) => m.type === 'history')")
+    page.answered()
+    assert asked == ["undo"]
+    editor.cuts = []
+    page.settled()
+    assert page.js(f"{PAGE}.shapes.cuts.length") == 0
+    assert editor.edit_under_way is None
+
+
+def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> None:
+    editor = Editor(picture, two_sides())
+
+    def refuse(change: Any) -> None:
+        if change["new"]:
+            raise DeformError("no cuts today.")
+
+    editor.observe(refuse, "cuts")
+    page = opened(editor)
+    draw(page, "x", [(71, -25), (71, 75)])
+    page.wait(f"{PAGE}.shapes.cuts.length === 0")
+    assert "no cuts today." in page.page.locator(".dnb-ed-alert").inner_text()
+    assert editor.cuts == []
+
+
+# ---- keys -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides()))
+    press, k = page.page.keyboard.press, page.js(f"{PAGE}.view.k")
+    page.page.locator(".dnb-ed-stage").focus()
+    press("x")
+    for _ in range(10):
+        press("ArrowUp")
+    press("Enter")
+    for _ in range(15):
+        press("ArrowDown")
+    press("Shift+ArrowRight")
+    press("Enter")
+    assert page.page.locator(".dnb-ed-spoken").inner_text() == "place 2 set"
+    press("Enter")  # again on the same place: done
+    page.answered()
+    a0, a1, b0, b1 = picture.raster.box
+    first = np.array([(a0 + a1) / 2, (b0 + b1) / 2 - 100 / k])
+    found = np.array(page.editor.cuts[0]["region"]["vertices"])
+    assert found == pytest.approx(np.stack([first, first + np.array([1, 150]) / k]), abs=1e-6)
+    focused = "document.activeElement.getAttribute('aria-label')"
+    assert page.js(focused) == "Cut 1, open line with 2 corners"
+    press("F2")
+    page.page.keyboard.type("mouth")
+    press("Enter")
+    page.answered()
+    assert page.editor.cuts[0]["name"] == "mouth"
+    assert page.js(focused) == "Cut 1 mouth, open line with 2 corners"
+    press("o")
+    page.answered()
+    assert page.editor.cuts[0]["enabled"] is False
+    press("o")
+    press("Tab")
+    assert page.js(focused).startswith("Corner 1 of 2 of mouth")
+    press("Shift+ArrowLeft")
+    page.answered()
+    du = picture.raster.spacing[0]
+    assert page.editor.cuts[0]["region"]["vertices"][0] == pytest.approx(first - [10 * du, 0], abs=1e-6)
+    press("Tab")
+    press("Tab")
+    assert page.js(focused) == "Middle of edge 1: Enter makes it a corner"
+    press("Enter")
+    page.answered()
+    assert len(page.editor.cuts[0]["region"]["vertices"]) == 3
+    press("Delete")
+    page.answered()
+    assert len(page.editor.cuts[0]["region"]["vertices"]) == 2
+    press("Delete")  # a line of one place is none
+    page.answered()
+    assert page.editor.cuts == []
+
+
+def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
+    draw(page, "p", [(30, 0), (60, 0), (60, 40)], end="Escape")
+    assert page.editor.parts == []
+    page.editor.read_only = True
+    page.settled()
+    draw(page, "x", [(30, 0), (60, 0)])
+    page.page.mouse.click(*page.on_screen((71, 40)))
+    page.page.keyboard.press("Delete")
+    page.answered()
+    assert len(page.editor.cuts) == 1
+    assert page.js("document.querySelectorAll('.dnb-ed-grip').length") == 0
