@@ -58,6 +58,7 @@ from .regions import HalfSpace as HalfSpace
 from .regions import Line as Line
 from .regions import Polygon as Polygon
 from .render import RENDERERS as RENDERERS
+from .render import image_places as image_places
 from .render import render_pair as render_pair
 from .render import render_volume as render_volume
 from .rigid_motion import RigidMotion as RigidMotion

@@ -137,6 +137,29 @@ def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
     return float(max(b, a * size[1] / size[0]) * 1.02)
 
 
+def image_places(points: ArrayLike, grid: Grid, *, direction: ArrayLike = (0.4, 1.0, -0.3),
+                 up: ArrayLike | None = None, height: float | None = None,
+                 size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
+    """Where places (..., 3) in space lie on :func:`render_volume`'s picture of a volume on this grid.
+
+    Parameters
+    ----------
+    direction, up, height, size : as they were given there.
+
+    Returns
+    -------
+    (..., 2) pixels to the right and down, 0 in the middle of the first one.
+
+    Examples
+    --------
+    >>> image_places([4.5, 0, 4.5], Grid((10, 10, 10)), direction=(0, 1, 0), height=10, size=(300, 200)).tolist()
+    [149.5, 99.5]
+    """
+    plane = Plane.through(grid.center, direction, up)
+    tall = fitting_height(grid, plane, size) if height is None else height
+    return plane.to_plane(points)[..., :2] * (size[1] / tall) + (np.array(size) - 1) / 2
+
+
 def _sampling(volume: Volume, height: float, size: tuple[int, int]) -> float:
     """Distance of samples: half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger."""
     return max(min(volume.grid.spacing) / 2, height / size[1])

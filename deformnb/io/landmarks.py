@@ -83,7 +83,8 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     try:
         if place.stat().st_size > _LONGEST:
             raise fail(place, "it is far too large for a file of landmarks.")
-        text = place.read_bytes().decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")  # as csv wants lines
+        text = place.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        text = text.replace("\r", " " if "\n" in text else "\n")  # within a line Slicer leaves some of other programs
         return row.read(place, text)
     except VolumeFileError:
         raise
