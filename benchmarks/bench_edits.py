@@ -1,0 +1,146 @@
+"""Whole edits, from control points that have moved to the new volume: E1 beside a cut, E2 beside a rigid part, E3 of
+points in space. Each is what happens when a hand lets go of a point; the previews are what happens while it moves."""
+
+from __future__ import annotations
+
+import itertools
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import RBFInterpolator
+
+from benchmarks import peers, problem
+from benchmarks.timing import Case, Group
+from deformnb.cuts import Cut, sides_of
+from deformnb.deformation import Step
+from deformnb.plane import Plane
+from deformnb.regions import HalfSpace, Line
+from deformnb.rigid_parts import RigidPart
+from deformnb.volume import Grid, Volume
+from deformnb.warp import Warper
+
+FILL = 0.0
+
+# Nodes of the displacement in space are this many voxels apart; between them it is interpolated, as the peer does.
+STEP = 4
+
+
+def groups(options: Namespace) -> Iterator[Group]:
+    volume = problem.volume(options.size, options.dtype)
+    flat = problem.control_points(options.points, 2, options.size)
+    solid = problem.control_points(options.points, 3, options.size)
+    plane = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    middle = (options.size - 1) / 2
+    cut = Cut(Line(((middle, options.size), (middle + 3, middle), (middle, -1.0))))
+    on_picture = Step((flat,), plane, kernel="thin_plate", cuts=(cut,), cut_rule="paper")
+    yield _beside_a_cut(volume, on_picture)
+    ground = RigidPart(HalfSpace((0.0, 1.02 * options.size), (0.0, -1.0)))
+    yield _alone(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)))
+    below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
+    yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)))
+    yield _in_space(volume, Step((solid,), kernel="thin_plate"))
+
+
+def _edits(volume: Volume, edited: Step, **options: Any) -> Callable[[], NDArray[Any]]:
+    """Every call moves the points a little, so that nothing of the edit before can be kept."""
+    warper = Warper(volume, fill=FILL, **options)
+    if edited.plane is not None:
+        warper.prepare(0)
+    strengths = itertools.cycle([1.0, 1.0 + 1e-6])
+
+    def edit() -> NDArray[Any]:
+        return warper(replace(edited, strength=next(strengths)).field(volume.grid)).values
+
+    return edit
+
+
+def _preview(volume: Volume, edited: Step, **options: Any) -> Case:
+    values = np.ascontiguousarray(volume.values[::2, ::2, ::2])
+    half = Volume(values, Grid(values.shape, (2.0, 2.0, 2.0)))
+    return Case("deformnb, preview of half the resolution", _edits(half, edited, **options), ours=True)
+
+
+def _alone(volume: Volume, name: str, step: Step) -> Group:
+    coarse = {} if step.plane is not None else {"step": STEP}
+    free = replace(step, parts=())
+    cases = [Case("deformnb", _edits(volume, step, **coarse), ours=True), _preview(volume, step, **coarse),
+             Case("deformnb, without the part", _edits(volume, free, **coarse), ours=True)]
+    return Group(f"{name}, {volume.dtype}", cases, 0, "grey levels")
+
+
+def _beside_a_cut(volume: Volume, step: Step) -> Group:
+    truth = _edits(volume, step)().astype(np.float32)
+    field = step.field(volume.grid)
+    raster = np.stack(np.meshgrid(*[np.arange(n, dtype=float) for n in volume.shape[:0:-1]]), axis=-1)
+    at = np.concatenate([raster, np.full((*raster.shape[:2], 1), 0.0)], axis=-1)
+    clear = np.isin(field.opacity(at), (0.0, 1.0))  # the peer has no pixels that are partly covered
+
+    def error(result: NDArray[Any]) -> NDArray[np.float32]:
+        return np.where(clear, result - truth, 0)[:, 8:-8, 8:-8]  # at the rim each library has its own rule
+
+    cases = [Case("deformnb", _edits(volume, step), error, ours=True), _preview(volume, step),
+             Case("deformnb, modulated by sin(pi z)", _edits(volume, replace(step, extrusion="modulate",
+                                                                            curve="sin(pi*z)")), ours=True),
+             Case("scipy RBFInterpolator and map_coordinates", _scipy_cut(volume, step, raster), error)]
+    tolerance = 1.01 if volume.dtype.kind in "iu" else 0.1
+    return Group(f"E1: cut, replicated, {volume.dtype}", cases, tolerance, "grey levels")
+
+
+def _scipy_cut(volume: Volume, step: Step, raster: NDArray[np.float64]) -> Callable[[], NDArray[Any]]:
+    """Eqs. 7 and 8 as one would write them with SciPy; the regions of the pixels are known before."""
+    region = step.cuts[0].region
+    inside = region.signed_distance(raster) < 0
+
+    def edit() -> NDArray[Any]:
+        points = step.points
+        belongs = sides_of([region], points.source)[:, 0]
+        d = np.zeros_like(raster)
+        for side in (True, False):
+            some = belongs == side
+            fit = RBFInterpolator(points.target[some], points.displacement[some], kernel="thin_plate_spline", degree=1)
+            d[inside == side] = fit(raster[inside == side])
+        there = raster + d
+        seen = (region.signed_distance(there) < 0) == inside
+        out = np.empty(volume.shape, np.float32)
+        for k, plane in enumerate(volume.values):
+            ndimage.map_coordinates(plane, [there[..., 1], there[..., 0]], output=out[k], order=1, mode="grid-constant",
+                                    cval=FILL)
+        return peers.rounded(np.where(seen, out, FILL), volume.dtype)
+
+    return edit
+
+
+def _in_space(volume: Volume, step: Step) -> Group:
+    truth = _edits(volume, step, step=STEP)().astype(np.float32)
+
+    def error(result: NDArray[Any]) -> NDArray[np.float32]:
+        rim = slice(8, -8)
+        return (result - truth)[rim, rim, rim]
+
+    cases = [Case(f"deformnb, a node every {STEP} voxels", _edits(volume, step, step=STEP), error, ours=True),
+             _preview(volume, step, step=STEP),
+             Case("deformnb, every voxel", _edits(volume, step), ours=True),
+             Case(f"scipy RBFInterpolator every {STEP} voxels, map_coordinates", _scipy_space(volume, step), error)]
+    # Along x we have a node at every voxel and the peer every fourth: 2 grey levels where it bends most.
+    return Group(f"E3: points in space, {volume.dtype}", cases, 6.0, "grey levels")
+
+
+def _scipy_space(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
+    counts = [-(-(n - 1) // STEP) + 1 for n in volume.shape]
+    lines = [STEP * np.arange(n, dtype=float) for n in counts]
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)[..., ::-1]
+    index = np.indices(volume.shape, dtype=np.float32)
+
+    def edit() -> NDArray[Any]:
+        points = step.points
+        fit = RBFInterpolator(points.target, points.displacement, kernel="thin_plate_spline", degree=1)
+        d = fit(nodes.reshape(-1, 3)).reshape(*counts, 3)
+        lookup = np.stack([index[a] + ndimage.map_coordinates(d[..., 2 - a], index / STEP, order=1) for a in range(3)])
+        return peers.scipy_warp(volume.values, lookup, FILL)()
+
+    return edit
