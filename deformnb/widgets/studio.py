@@ -109,7 +109,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
         self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names)
-        super().__init__(parts.arranged(self._editors.box, self.view, self._panels, [self._status, self._notice]),
+        super().__init__(parts.arranged(self._editors, self.view, self._panels, [self._status, self._notice]),
                          layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()

@@ -20,6 +20,9 @@ from deformnb.widgets.space_editor import SpaceEditor
 
 _OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength")
 
+_HALF, _WHOLE = "1 1 320px", "1 1 100%"
+_SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other
+
 
 def make_editor(session: Session, height: int) -> Editor:
     """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
@@ -68,15 +71,17 @@ class StudioEditors:
     Attributes
     ----------
     plane : the editor on a picture; space : the one in space, None until a step needs it.
-    box : the place.
+    box : the place; beside : that of the view. Three pictures need the whole width, and the view goes below them.
     """
 
     def __init__(self, session: Session, height: int, listen: Callable[[Any], None]) -> None:
-        self._session, self._height, self._listen = session, height, listen
+        self._session, self._listen = session, listen
+        self._low_height = max(_LOWEST, int(_SPACE_SHARE * height))
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
-        self.box = ipw.Box([self.plane])
+        self.box = ipw.Box([self.plane], layout=ipw.Layout(flex=_HALF, min_width="0"))
+        self.beside = ipw.Box([], layout=ipw.Layout(flex=_HALF, min_width="0"))
         self.plane.layout.width = "100%"
         if session.step.plane is None:
             self.show_picture(self.make_picture())
@@ -92,7 +97,7 @@ class StudioEditors:
 
     def _make_space(self) -> SpaceEditor:
         session = self._session
-        made = SpaceEditor(session.volume, session.points, height=self._height, history=session.history,
+        made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
                            transfer=session.transfer_function, before=session.before())
         made.layout.width = "100%"
         self._listen(made)
@@ -114,6 +119,9 @@ class StudioEditors:
                 editor.before = made
             self.show_step()
         if self.box.children != (editor,):
+            in_space = editor is self.space
+            self.box.layout.flex = _WHOLE if in_space else _HALF
+            self.beside.layout.min_height = f"{self._low_height}px" if in_space else None
             self.box.children = (editor,)
 
     def show_step(self) -> None:

@@ -17,7 +17,7 @@ from deformnb.volume import Volume
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.studio_editors import make_editor
+from deformnb.widgets.studio_editors import StudioEditors, make_editor
 from deformnb.widgets.studio_link import followed_step
 from deformnb.widgets.view import AbstractView
 
@@ -77,13 +77,13 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     return shown, live
 
 
-def arranged(editor: Any, view: Any, panels: Sequence[Panel], line: list[Any]) -> list[Any]:
+def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: list[Any]) -> list[Any]:
     """Picture and volume side by side, the first panel below, the others in tabs, and a line for words."""
-    half = {"flex": "1 1 320px", "min_width": "0"}
-    view.layout.width = editor.layout.width = "100%"
+    view.layout.width = "100%"
+    editors.beside.children = (view,)
     if view.has_trait("fill"):
         view.fill = True  # as high as the picture is
-    pictures = ipw.HBox([ipw.Box([widget], layout=ipw.Layout(**half)) for widget in (editor, view)],
+    pictures = ipw.HBox([editors.box, editors.beside],
                         layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
     head, *others = panels
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
