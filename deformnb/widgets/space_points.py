@@ -47,7 +47,7 @@ class ShowsPoints(traitlets.HasTraits):
         ----------
         editor : a :class:`~deformnb.widgets.SpaceEditor`, or None to end it: what is shown stays.
         field : what these points make of the volume; default is ``editor.field``. A document of several steps gives its
-            own: ``lambda points: document.with_points(0, points).field(grid)``.
+            own, with these points in the step that is edited.
 
         Notes
         -----
