@@ -229,6 +229,19 @@ def test_documented_commands_exist(name: str) -> None:
     assert used <= _run_tasks()
 
 
+def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    shown, *scripts = blocks
+    assert "dn.Studio" in shown  # of a notebook
+    scope: dict[str, object] = {}
+    for script in scripts:
+        exec(script, scope)  # one goes on where the one before has ended
+    assert (tmp_path / "bent.nii.gz").stat().st_size > 1000
+    before, after = scope["knee"], scope["opened"]
+    assert (after.values != before.values).mean() > 0.05  # type: ignore[attr-defined]
+
+
 def test_unknown_task_is_refused() -> None:
     result = subprocess.run(["sh", "run", "nonsense"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert result.returncode != 0
