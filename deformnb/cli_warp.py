@@ -38,7 +38,8 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--margin", type=float, nargs="+", metavar="M",
                    help="field of view: length to add on every side, one or three (x y z); negative crops")
     p.add_argument("--volume", metavar="FILE",
-                   help="for a mesh or landmarks: the volume of the session, in whose space they lie")
+                   help="for a mesh or landmarks: the volume (or mesh) that the session was made on, in whose space they "
+                   "lie")
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     p.set_defaults(run=_warp)
 
@@ -132,9 +133,13 @@ def _space(document: Deformation, options: argparse.Namespace) -> Grid:
     """The grid of the volume of a session, from the header of its file."""
     from deformnb.datasets.registry import recognised
     from deformnb.io import describe_file
+    from deformnb.io.meshes import is_mesh, read_mesh
+    from deformnb.surfaces import grid_around
 
-    grid = describe_file(options.volume).grid
-    known = recognised(options.volume)
+    if is_mesh(options.volume):  # a session made on a mesh is one on the volume that was made of it
+        grid, known = grid_around(read_mesh(options.volume)), None
+    else:
+        grid, known = describe_file(options.volume).grid, recognised(options.volume)
     spacing = options.spacing or (known.spacing if known is not None else None)
     if spacing is not None:
         from dataclasses import replace
@@ -194,10 +199,16 @@ def _output_grid(volume: Volume, options: argparse.Namespace) -> Grid | None:
 
 
 def read_input(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volume:
-    """A volume of a file, with its true spacing where its file is known to be wrong."""
+    """A volume of a file, with its true spacing where its file is known to be wrong; a mesh becomes a body."""
     from deformnb.datasets.registry import recognised
     from deformnb.io import read_volume
+    from deformnb.io.meshes import is_mesh, read_mesh
+    from deformnb.opening import body_of
 
+    if is_mesh(path):
+        if spacing is not None:
+            raise DeformError(f"--spacing is for volumes, and {Path(path).name} is none.")
+        return body_of(read_mesh(path), stage(f"fill {Path(path).name}"))
     given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
     known = recognised(path) if given is None else None
     if known is not None and known.spacing is not None:

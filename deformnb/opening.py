@@ -10,17 +10,27 @@ import numpy as np
 from deformnb.deformation import Deformation
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import read_volume
+from deformnb.io.meshes import is_mesh, read_mesh
+from deformnb.surfaces import Mesh, filled, signed_distance
 from deformnb.transfer import levels
 from deformnb.volume import Volume
+from deformnb.warp_plan import Progress
 
 
 def as_volume(given: Any) -> Volume:
-    """A volume from a volume, an array [z, y, x] or the path of a file."""
+    """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh."""
     if isinstance(given, Volume):
         return given
+    if isinstance(given, Mesh):
+        return body_of(given)
     if isinstance(given, str | PathLike):
-        return read_volume(given)
+        return body_of(read_mesh(given)) if is_mesh(given) else read_volume(given)
     return Volume.from_array(np.asarray(given))
+
+
+def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:
+    """A closed mesh as a volume of grey values, to be looked at and deformed like a scan."""
+    return filled(signed_distance(mesh, progress=progress))
 
 
 def as_deformation(given: Any) -> Deformation | None:

@@ -170,7 +170,7 @@ def signed_distance(mesh: Mesh, grid: Grid | None = None, *, size: int = 128, ma
     if missing:
         raise DeformError(f"the mesh is open: {missing} edges have no face on their other side, so it has no inside. "
                           "Close its holes first, for example with pyvista's fill_holes.")
-    lattice = _box_around(mesh, size, margin) if grid is None else grid
+    lattice = grid_around(mesh, size=size, margin=margin) if grid is None else grid
     values = triangles.distances(lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented,
                                  progress=progress)
     notes = mesh.notes
@@ -179,7 +179,14 @@ def signed_distance(mesh: Mesh, grid: Grid | None = None, *, size: int = 128, ma
     return Volume(values, lattice, mesh.name, False, notes)
 
 
-def _box_around(mesh: Mesh, size: int, margin: float | None) -> Grid:
+def grid_around(mesh: Mesh, *, size: int = 128, margin: float | None = None) -> Grid:
+    """The straight box of cubic voxels that :func:`signed_distance` puts around a mesh; parameters as there.
+
+    Examples
+    --------
+    >>> grid_around(Mesh([[0, 0, 0], [10, 0, 0], [0, 5, 5]], [[0, 1, 2]]), size=24).shape
+    (14, 14, 24)
+    """
     if isinstance(size, bool) or not isinstance(size, int | np.integer) or not 2 <= size <= _MOST_VOXELS:
         raise DeformError(f"size must be a whole number of voxels from 2 to {_MOST_VOXELS}, got {size!r}.")
     low, high = mesh.box

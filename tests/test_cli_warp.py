@@ -11,11 +11,14 @@ import oracle
 import pytest
 from command_line import refused, remarks, run, small_folder
 
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
-from deformnb.io.documents import read_deformation
+from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.landmarks import read_landmarks, write_landmarks
 from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
 from deformnb.landmarks import Landmarks
+from deformnb.opening import as_volume
 from deformnb.surfaces import Mesh
 from deformnb.volume import Volume
 
@@ -114,6 +117,7 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
     ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
     ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
+    ("app face.ply --spacing 1 1 1", "--spacing is for volumes"), ("app face.ply", "the mesh is open"),
     ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
     ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
     ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
@@ -215,3 +219,22 @@ def test_info_of_meshes_and_landmarks(small: Path, capsys: pytest.CaptureFixture
     assert re.search(r"corners +3\nfaces +1\nfrom +1, 2, 3\nto +6, 8, 7\nclosed +no", capsys.readouterr().out)
     assert run(small, "info marks.mrk.json", monkeypatch) == 0
     assert re.search(r"kind +file of Slicer's markups\nlandmarks +3\n", capsys.readouterr().out)
+
+
+def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], dtype=float)
+    body = Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    write_mesh(body, small / "body.stl")
+    volume = as_volume(small / "body.stl")
+    assert max(volume.shape) == 128
+    assert volume.value_range == (0, 255)
+    np.testing.assert_array_equal(as_volume(body).values, volume.values)
+    points = ControlPoints.from_arrays(volume.grid.corners(), volume.grid.corners()).add([1, 1, 1], [2, 1, 1])
+    deformation = Deformation.in_space(points)
+    write_deformation(Deformation(deformation.steps, "push", VolumeReference.of(volume)), small / "push.json")
+    assert run(small, "warp push.json body.stl out.ply --volume body.stl", monkeypatch) == 0
+    moved = read_mesh(small / "out.ply")
+    field = deformation.field(volume.grid)
+    order = np.lexsort((moved.points + field.displacement(moved.points)).round(3).T)
+    wanted = corners[np.lexsort(corners.T)]
+    oracle.assert_close((moved.points + field.displacement(moved.points))[order], wanted, atol=1e-4)
