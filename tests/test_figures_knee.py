@@ -104,7 +104,7 @@ def test_in_the_voxels_the_bones_keep_their_length_within_a_percent() -> None:
 
 
 def extent(volume: Volume, bone: int, part: RigidPart | None) -> tuple[float, int]:
-    """Root of the largest variance of a bone's voxels, a length, and how many there are; those where a part has gone."""
+    """Root of the largest variance of a bone's voxels, a length, and their number; only where a part has gone."""
     places = volume.grid.index_to_point(np.argwhere(volume.values == bone)[:, ::-1])
     if part is not None:
         seen = SIDE.to_plane(places)[:, :2]
