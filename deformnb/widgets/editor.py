@@ -178,6 +178,16 @@ class Editor(EditedPoints):
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
+    def draw(self, tool: str) -> None:
+        """Let whoever sees the page draw: a "cut", a rigid "part", or the "ground"."""
+        if tool not in ("cut", "part", "ground"):
+            raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
+        self.send({"type": "draw", "tool": tool})
+
+    def choose(self, what: str | None, index: int = 0) -> None:
+        """Mark a shape in the page: one of the "cuts" or "parts" by its place in the list; None marks none."""
+        self.send({"type": "choose", "what": what, "index": index})
+
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the page.
 

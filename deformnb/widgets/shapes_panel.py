@@ -20,8 +20,9 @@ from deformnb.widgets.controls import Guard, Panel, button, menu, row
 from deformnb.widgets.item_list import ItemList
 from deformnb.widgets.part_controls import PartControls, middle_of, turn_and_shift
 
-CUT_COLOUR, PART_COLOUR = "#e0559a", "#3aa66b"
-"""Of the swatches; the editor draws the shapes in the same colours."""
+# As the editor draws them: a white line, and hatching.
+_CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
+_PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
 
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
 _RULES = {"source": "wherever its piece has moved to", "paper": "on its own side only (the paper's)"}
@@ -30,24 +31,22 @@ _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: dr
 _MOST_LABELS = 200
 _GROUND_AT = 0.1  # share of the picture's height, from below
 
-Draw = Callable[[str], None]
-"""Starts drawing a "cut" or a "part" on the picture."""
-
 
 class ShapesPanel(Panel):
     """Cuts and rigid parts.
 
     Parameters
     ----------
-    draw : starts a drawing; None where there is no picture to draw on.
+    editor : on whose picture shapes are drawn.
     labels : a volume of numbered parts to take regions from, names : what the numbers are called.
     """
 
     title = "Cuts & parts"
 
-    def __init__(self, session: Session, guard: Guard, draw: Draw | None = None, labels: Volume | None = None,
+    def __init__(self, session: Session, guard: Guard, editor: Any, labels: Volume | None = None,
                  names: Mapping[int, str] | None = None) -> None:
         super().__init__(session, guard)
+        self._editor = editor
         self._labels = labels
         self._chosen: tuple[str, int] | None = None
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
@@ -56,18 +55,18 @@ class ShapesPanel(Panel):
                                        "What is seen where the two sides of a cut have been moved over each other"),
                                   "cut_rule")
         self.part = PartControls(session, guard, self._part_index)
-        self._drawing = [] if draw is None else self._draw_buttons(draw)
+        self._drawing = self._draw_buttons()
         ground = button("Ground", "A fixed part: everything below a level stays",
                         lambda: guard(lambda: self._add("part", self._ground(), "ground")))
         more = row(*self._drawing, ground, *self._label_widgets(names or {}))
         self.box = ipw.VBox([self.items, more, row(self._rule), self.part.box])
         self.refresh()
 
-    def _draw_buttons(self, draw: Draw) -> list[Any]:
+    def _draw_buttons(self) -> list[Any]:
         return [button("Draw cut", "Draw a line across the picture; its sides can be dragged apart",
-                       lambda: self.guard(lambda: draw("cut"))),
+                       lambda: self.guard(lambda: self._editor.draw("cut"))),
                 button("Draw rigid part", "Draw around what must keep its form",
-                       lambda: self.guard(lambda: draw("part")))]
+                       lambda: self.guard(lambda: self._editor.draw("part")))]
 
     def _label_widgets(self, names: Mapping[int, str]) -> list[Any]:
         if self._labels is None:
@@ -109,6 +108,8 @@ class ShapesPanel(Panel):
 
     def _act(self, what: str, index: int, value: Any) -> None:
         self._chosen = self._rows()[index]
+        if what == "choose" and self.session.step.plane is not None:
+            self._editor.choose(f"{self._chosen[0]}s", self._chosen[1])
         if what == "remove":
             self.guard(self._remove)
         elif what in ("switch", "rename"):
@@ -179,7 +180,7 @@ def _row(what: str, k: int, shape: Any) -> dict[str, Any]:
     facts = [what if what == "cut" else "rigid part", _KINDS.get(shape.region.kind, shape.region.kind)]
     return {"name": shape.name, "title": f"{what} {k + 1}", "on": shape.enabled, "id": what,
             "facts": [*facts, _motion_words(shape) if what == "part" else ""],
-            "swatch": CUT_COLOUR if what == "cut" else PART_COLOUR}
+            "swatch": _CUT_LOOK if what == "cut" else _PART_LOOK}
 
 
 def _motion_words(part: RigidPart) -> str:

@@ -129,7 +129,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         head, _ = strip(session, guard, self.view)
         files = FilesPanel(session, guard, self.view, folder, self.export_html)
         return [head, PicturePanel(session, guard, self._editors.plane), StepsPanel(session, guard),
-                ShapesPanel(session, guard, None, labels, names), MapPanel(session, guard),
+                ShapesPanel(session, guard, self._editors.plane, labels, names), MapPanel(session, guard),
                 DepthPanel(session, guard), AnimationPanel(session, guard, self.view, folder),
                 LookPanel(session, guard, self.view, self._opacity), files]
 
