@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import logging
 import threading
+import time
 import weakref
 from dataclasses import replace
 from typing import Any
@@ -43,6 +44,7 @@ _FILES = ("elements.js", "camera.js", "link.js", "edits.js", "sender.js", "handl
 _LOG = logging.getLogger(__name__)
 
 _MOVING, _RESTING = 256, 512  # pixels along the longer side of a slice
+_SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which on they have fewer pixels
 _REST = 0.2  # seconds after the last movement
 _PREVIEW_DPI = 80
 
@@ -89,6 +91,7 @@ class SpaceEditor(EditedPoints):
     projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)
+    revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")
 
     def __init__(self, volume: Volume, points: ControlPoints | None = None, *, before: AbstractField | None = None,
                  options: dict[str, Any] | None = None, window: tuple[float, float] | None = None,
@@ -102,13 +105,15 @@ class SpaceEditor(EditedPoints):
         self._is_moving = False
         self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self._sent: dict[int, Any] = {}
+        self._pace = 0.0  # seconds for the pictures of the last movements
         self._has_page = False
         self._worker = Worker("deformnb-space-editor")
         self._pacer = Pacer(self._ask)
         traits = self._of_volume(volume)
         super().__init__(**{**traits, "label": volume.name or "Volume", "height": 360, **settings},
                          points=ControlPoints.empty(3) if points is None else points)
-        self.observe(lambda change: self._changed(), ["points", *_SETTINGS, "cursor", "projection", "shows_original"])
+        shown = ["points", *_SETTINGS, "revision", "cursor", "projection", "shows_original"]
+        self.observe(lambda change: self._changed(), shown)
 
     # ---- what is shown ----------------------------------------------------------------------------------------------
 
@@ -131,7 +136,7 @@ class SpaceEditor(EditedPoints):
         with self.hold_sync():  # both in one message: a cursor must never meet another one's pictures
             for name, value in traits.items():
                 setattr(self, name, value)
-        self._changed()
+        self.revision += 1
 
     @property
     def before(self) -> AbstractField | None:
@@ -141,7 +146,7 @@ class SpaceEditor(EditedPoints):
     @before.setter
     def before(self, field: AbstractField | None) -> None:
         self._before = field
-        self._changed()
+        self.revision += 1
 
     @property
     def options(self) -> dict[str, Any]:
@@ -152,7 +157,7 @@ class SpaceEditor(EditedPoints):
     def options(self, options: dict[str, Any]) -> None:
         replace(self.step(), **options)  # refuses what no step has
         self._options = dict(options)
-        self._changed()
+        self.revision += 1
 
     def fit(self) -> AbstractField:
         """The backward displacement of the points as the core makes it, without what was done before.
@@ -295,7 +300,7 @@ class SpaceEditor(EditedPoints):
             return self._made[1]
 
     def _draw(self, number: int, view: str | None) -> None:
-        points, is_moving = self._moved or self.points, self._is_moving
+        points, is_moving, start = self._moved or self.points, self._is_moving, time.monotonic()
         try:
             field = self._field(points)
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
@@ -312,13 +317,14 @@ class SpaceEditor(EditedPoints):
             parts += buffers
         self.send({"type": "pictures", "seq": number, "view": view, "panes": said, "facts": facts}, parts)
         if is_moving:
+            self._pace += 0.3 * (time.monotonic() - start - self._pace)
             self._worker.at_rest(_REST, _weakly(self, SpaceEditor._rest))
 
     def _images(self, field: AbstractField | None, is_moving: bool, *, all_of_them: bool) -> dict[int, Shown]:
         """The pictures that have changed since the last ones."""
         images = {}
         pictures, cursor, projection = self._pictures, self.cursor, self.projection
-        most = _MOVING if is_moving else _RESTING
+        most = _RESTING if not is_moving else _MOVING if self._pace < _SLOW else _FEWER
         for index, pane in enumerate(pictures.panes):
             depth = pane.depth_of(cursor) if projection == "slice" else None
             key = (pictures, field, projection, depth, most)

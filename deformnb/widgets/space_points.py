@@ -105,7 +105,7 @@ def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -
         if phase == "move":  # its end is heard as a change of the points
             tell(points, phase)
 
-    names = ["points", *_SETTINGS]
+    names = ["points", *_SETTINGS, "revision"]
     editor.on_edit(moved)
     editor.observe(changed, names)
 
