@@ -123,11 +123,19 @@ def distances(field: Decoupled, raster: Raster) -> NDArray[np.float32]:
     return np.stack([r.signed_distance(at) for r in field.regions]).astype("<f4")
 
 
+def softness_of(plane: CutPlane, grid: Grid) -> float:
+    """The width of the ramp at a cut, also at one that a page will draw: a voxel as it is seen on the plane."""
+    if plane.cut is not None:
+        return plane.cut.softness
+    along = np.abs(plane.first.plane.frame[:2] @ np.asarray(grid.direction)) ** 2
+    return float((along @ np.asarray(grid.spacing)).mean())
+
+
 def about_cut(plane: CutPlane, raster: Raster) -> dict[str, Any]:
     """What a message says of the cuts beside their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
     name = hashlib.sha256(repr((data, raster)).encode()).hexdigest()[:16]
     return {"shape": [len(data), *raster.shape], "origin": list(raster.origin), "spacing": list(raster.spacing),
-            "sides": [list(sides) for sides in plane.sides], "rule": plane.cut.rule, "softness": plane.cut.softness,
+            "sides": [list(sides) for sides in plane.sides], "rule": plane.cut.rule,
             "regions": data, "id": name}

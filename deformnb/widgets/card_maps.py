@@ -25,6 +25,7 @@ from deformnb.widgets.card_cuts import (
     cut_raster,
     distances,
     same_rule,
+    softness_of,
     with_still_regions,
 )
 from deformnb.widgets.shown_volume import ShownVolume
@@ -120,6 +121,7 @@ def _planar(planar: CutPlane, shown: ShownVolume, grid: Grid, map_size: int) -> 
     about: dict[str, Any] = {
         "shape": list(maps.shape[:3]), "origin": list(raster.origin), "spacing": list(raster.spacing),
         "depth": list(field.depth), "isReplicated": same, "cut": None,
+        "softness": softness_of(planar, shown.original),
         "plane": {"origin": shown.to_frame(np.asarray(plane.origin)).tolist(),
                   **{name: (turn @ np.asarray(vector)).tolist()
                      for name, vector in (("u", plane.u), ("v", plane.v), ("n", plane.normal))}},

@@ -182,6 +182,7 @@ class VolumeWarp:
         if planar is not None:
             self._set_planar(planar, maps, scale, shift)
         if planar is not None and cut is not None:
+            self._uniforms.SetUniformf("dnb_softness", planar["softness"])
             self._set_cut(cut, maps.buffer("distances"), planar["plane"], scale, shift)
         if space is not None:
             self._set_space(space, maps.buffer("space"), scale, shift)
@@ -220,7 +221,6 @@ class VolumeWarp:
         u.SetUniform4f("dnb_cut_row", _along(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
         u.SetUniform2f("dnb_cut_edges", [0.5 / rows, 1 - 0.5 / rows])
         u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
-        u.SetUniformf("dnb_softness", about["softness"])
         self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
 
     def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:

@@ -52,7 +52,7 @@ function cutOf(base, layered, cuts) {
   }
   if (keys.size > MOST_REGIONS) return null;
   const sides = [...keys].sort((a, b) => a - b).map((key) => layered.regions.map((_, c) => Boolean(key & (1 << c))));
-  return { shape: [count, rows, columns], origin, spacing, distances, sides, name, softness: old?.softness ?? 0 };
+  return { shape: [count, rows, columns], origin, spacing, distances, sides, name };
 }
 
 // Nodes around those of the maps.

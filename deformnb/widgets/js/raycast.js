@@ -164,7 +164,7 @@ class RayCaster {
    * origin and spacing of the map's nodes in picture coordinates; depth [c0, c1]; weights Float32Array [k][knots]
    * for the maps of one region; plane {origin, u, v, n} already in the volume's frame; isReplicated: no weight changes
    * with depth. cut: null, or {shape [cuts, rows, columns], origin, spacing, distances Float32Array, sides: for each
-   * region whether it lies inside of each cut, rule, softness}.
+   * region whether it lies inside of each cut, rule}; softness: width of the ramp of opacity at a cut.
    */
   setPlanar(planar) {
     this.planar = planar;
@@ -331,15 +331,15 @@ class RayCaster {
       gl.uniformMatrix3fv(at.toMap, false, planar.toMap);
       gl.uniform3fv(at.toMap0, planar.toMap0);
     }
-    if (planar && planar.cut) this.#setCutNumbers(at, planar.cut, Math.hypot(...slope));
+    if (planar && planar.cut) this.#setCutNumbers(at, planar, Math.hypot(...slope));
     if (space) { gl.uniform3fv(at.toSpace, space.toSpace); gl.uniform3fv(at.toSpace0, space.toSpace0); }
     const finest = Math.min(...this.volume.spacing);
     gl.uniform1f(at.slopeStep, Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0,
       planar ? Math.min(...planar.spacing) : 0));
   }
 
-  #setCutNumbers(at, cut, slope) {
-    const gl = this.gl, softness = Math.max(cut.softness, Math.min(...this.volume.spacing));
+  #setCutNumbers(at, planar, slope) {
+    const gl = this.gl, { cut } = planar, softness = Math.max(planar.softness, Math.min(...this.volume.spacing));
     gl.uniformMatrix3fv(at.toCut, false, cut.toCut);
     gl.uniform3fv(at.toCut0, cut.toCut0);
     gl.uniform2fv(at.cutScale, cut.scale);

@@ -1,0 +1,197 @@
+"""Cuts in the live view in a real browser: the gap is where and as wide as the core says, and closes without a trace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import LivePage
+
+from deformnb.control_points import ControlPoints
+from deformnb.cuts import CUT_RULES, Cut
+from deformnb.deformation import Deformation, Step
+from deformnb.picture import project
+from deformnb.plane import Plane
+from deformnb.regions import HalfSpace, Line
+from deformnb.rigid_parts import RigidPart
+from deformnb.transfer import TransferFunction
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.live_view import LiveView
+
+pytestmark = pytest.mark.needs_browser
+
+SIZE = (240, 180)
+GRID = Grid((24, 28, 40), (1.0, 1.2, 1.5), (-4.0, 7.0, 20.0))
+FINE = GRID.resampled(spacing=0.5)  # on which the second interpolation of the core's picture blurs little
+PLANE = Plane.along(GRID, "+y")
+MIDDLE = PLANE.to_plane(GRID.center)[:2]
+WHITE = TransferFunction(((0, 1, 1, 1),), ((0, 0), (60, 0), (100, 0.95), (255, 0.95)))
+VIEW = "document.querySelector('.dnb-view').deformnb"
+
+
+def bar(grid: Grid = GRID) -> Volume:
+    """Round edges, a darker end, and a grain that a wrong shader smears."""
+    k, j, i = ((a + 0.5) / n - 0.5 for a, n in zip(np.indices(grid.shape), grid.shape, strict=True))
+    far = np.maximum(np.maximum(np.abs(k), np.abs(j)) / 0.28, np.abs(i) / 0.4)
+    return Volume((np.clip(5 * (1.1 - far), 0, 1) * (150 + 60 * (i > 0.1))).astype(np.uint8), grid, "bar")
+
+
+def pulled(gap: float, rule: str = "source", *, shift: float = 0.0, plane: Plane = PLANE, **options: Any) -> Step:
+    """A bar that is cut across, not quite upright, and pulled apart by a gap."""
+    a, b = plane.to_plane(GRID.center)[:2]
+    source = np.array([[a - 14, b - 4], [a - 14, b + 4], [a - 6, b], [a + 14, b - 4], [a + 14, b + 4], [a + 6, b]])
+    move = np.where(source[:, :1] < a, -gap / 2 + shift, gap / 2 + shift) * np.array([1.0, 0.0])
+    cut = Cut(Line(((a - 2.0, b - 10.0), (a + 2.0, b + 10.0))))
+    return Step((ControlPoints.from_arrays(source, source + move),), plane, trend="translation", cuts=(cut,),
+                cut_rule=rule, **options)
+
+
+def opened(page: LivePage, **options: Any) -> LiveView:
+    view = LiveView(bar(), **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000,
+                              "background": "dark", **options})
+    page.add(view)
+    page.loaded()
+    return view
+
+
+def silhouette(image: np.ndarray) -> np.ndarray:
+    return np.asarray(image.max(axis=2) > 64)
+
+
+def dice(a: np.ndarray, b: np.ndarray) -> float:
+    return 2 * float((a & b).sum()) / float(a.sum() + b.sum())
+
+
+CASES = {
+    "source": pulled(9.0), "paper": pulled(9.0, "paper"), "moved on": pulled(4.0, shift=6.0),
+    "moved on, paper": pulled(4.0, "paper", shift=6.0),
+    "modulate": pulled(10.0, extrusion="modulate", curve="z"), "pushed together": pulled(-6.0),
+}
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_a_cut_is_as_open_as_in_the_core(page: LivePage, name: str) -> None:
+    view = opened(page)
+    view.show_deformation(Deformation((CASES[name],)), output=FINE)
+    for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
+        view.set_camera(direction)
+        live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
+        assert dice(live, still) > 0.965, direction
+    assert page.errors == []
+
+
+def test_the_gap_has_the_width_that_the_points_say(page: LivePage) -> None:
+    view = opened(page)
+    view.set_camera(PLANE.normal, [-c for c in PLANE.v])
+    view.show_deformation(pulled_document(0.0))
+    closed = _gap(page)
+    view.show_deformation(pulled_document(9.0))
+    wide = _gap(page)
+    view.show_deformation(Deformation((CASES["moved on"],)))
+    beyond = _gap(page)
+    view.show_deformation(Deformation((CASES["moved on, paper"],)))
+    paper = _gap(page)
+    scale = page.page.evaluate(f"{VIEW}.canvas.height / {VIEW}.camera.height")
+    assert closed == 0
+    # A ray that runs along a face stops in the first of its faint samples: half a ramp of a voxel (1.25) on each side.
+    assert wide / scale == pytest.approx(9.0 - 1.2, abs=0.6)
+    assert beyond / scale == pytest.approx(4.0 - 1.2, abs=0.6)
+    # Eq. 8 leaves a false gap where both pieces have gone to the right, by 4 and by 8: none passes the line.
+    assert paper / scale == pytest.approx(8.0 - 1.2, abs=0.6)
+
+
+def pulled_document(*args: Any, **options: Any) -> Deformation:
+    return Deformation((pulled(*args, **options),))
+
+
+def _gap(page: LivePage) -> int:
+    """Dark pixels between the pieces, in the row through the middle."""
+    row = silhouette(page.pixels())[SIZE[1] // 2]
+    inside = np.flatnonzero(row)
+    return int((~row[inside[0] : inside[-1]]).sum())
+
+
+@pytest.mark.parametrize("projection", ["shaded", "mip"])
+@pytest.mark.parametrize("rule", list(CUT_RULES))
+def test_a_closed_cut_is_not_seen(page: LivePage, projection: str, rule: str) -> None:
+    view = opened(page, projection=projection, transfer="surface")
+    view.set_camera((-0.6, 0.7, 0.4))
+    plain = page.pixels().astype(int)
+    view.show_deformation(pulled_document(0.0, rule))
+    page.wait(f"{VIEW}.field.planar?.cut")
+    assert np.abs(page.pixels().astype(int) - plain).max() <= 1
+    still = replace(pulled(0.0, rule), maps=(ControlPoints.from_arrays([[0.0, 0.0]]),))
+    view.show_deformation(Deformation((still,)))  # one of the sides has no points
+    assert np.abs(page.pixels().astype(int) - plain).max() <= 1
+    assert page.errors == []
+
+
+@pytest.mark.parametrize("name", ["source", "paper", "modulate", "pushed together"])
+@pytest.mark.parametrize("projection", ["shaded", "mip"])
+def test_skipping_what_is_empty_changes_nothing_beside_a_cut(page: LivePage, name: str, projection: str) -> None:
+    view = opened(page, projection=projection)
+    view.show_deformation(Deformation((CASES[name],)))
+    view.set_camera((-0.6, 0.7, 0.4))
+    fast = page.pixels().astype(int)
+    # Blocks as if nothing were empty: every sample is taken.
+    page.page.evaluate(f"""() => {{ const c = {VIEW}.caster; c.planar.slope = 1e9; }}""")
+    slow = page.pixels().astype(int)
+    assert (np.abs(fast - slow).max(axis=2) > 8).mean() < 3e-3
+
+
+def test_a_cut_face_is_lit_and_has_no_grain(page: LivePage) -> None:
+    rng = np.random.default_rng(0)
+    given = bar()
+    grain = np.clip(given.values + (given.values > 100) * rng.normal(0, 12, GRID.shape), 0, 255).astype(np.uint8)
+    view = LiveView(replace(given, values=grain), transfer=WHITE, width=SIZE[0], height=SIZE[1], settle_ms=60000,
+                    background="dark")
+    page.add(view)
+    page.loaded()
+    view.set_camera((1.0, 0.15, -0.1), zoom=1.5)
+    view.show_deformation(pulled_document(40.0, shift=-16.0))  # the left piece is out of the box: a face is seen
+    image = page.pixels().astype(float).mean(axis=2)
+    face = image[80:100, 100:130]
+    assert face.mean() > 90
+    assert face.std() < 6
+
+
+def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> None:
+    step = pulled(2.0)
+    part = RigidPart(HalfSpace((float(MIDDLE[0]) + 19, 0.0), (-1.0, 0.0)))
+    step = replace(step, parts=(part,), maps=(step.points.remove(*step.points.ids[3:5]),))
+    editor = Editor(project(bar(), PLANE), step.points, cuts=list(step.cuts), parts=list(step.parts),
+                    trend="translation")
+    view = opened(page)
+    page.add(editor, "editor")
+    view.set_camera(PLANE.normal, [-c for c in PLANE.v])
+    view.follow(editor, Deformation((step,)).field(GRID))
+    page.wait(f"{VIEW}.caster.planar?.cut")
+    before, sent, messages = page.pixels(), view.stats()["field_bytes"], view.stats()["messages"]
+    count = page.page.evaluate(f"{VIEW}.link.count")
+    moved = step.points.move(step.points.ids[0], np.asarray(step.points.target[0]) - [6.0, 0.0])
+    moved = moved.move(step.points.ids[1], np.asarray(step.points.target[1]) - [6.0, 0.0])
+    moved = moved.move(step.points.ids[2], np.asarray(step.points.target[2]) - [6.0, 0.0])
+    editor.points = moved
+    page.wait(f"{VIEW}.link.count > {count}")
+    after = page.pixels()
+    assert view.stats()["field_bytes"] == sent
+    assert view.stats()["messages"] == messages
+    assert silhouette(before).sum() > silhouette(after).sum() + 50
+    # A cut that is drawn anew in the page is followed as well; without cuts the bar is whole again.
+    editor.cuts = []
+    page.wait(f"!{VIEW}.caster.planar.cut")
+    whole = page.pixels()
+    row = silhouette(whole)[SIZE[1] // 2]
+    assert row[np.flatnonzero(row)[0] : np.flatnonzero(row)[-1]].all()
+    editor.cuts = [Cut(Line(((float(MIDDLE[0]) - 8, -50.0), (float(MIDDLE[0]) - 8, 50.0))))]
+    page.wait(f"{VIEW}.caster.planar.cut")
+    again = page.pixels().astype(int)
+    assert view.stats()["field_bytes"] == sent
+    cut = Cut(Line(((float(MIDDLE[0]) - 8, -50.0), (float(MIDDLE[0]) - 8, 50.0))))
+    view.follow(None, Deformation((replace(step, maps=(moved,), cuts=(cut,)),)).field(GRID))
+    page.wait(f"{VIEW}.field.planar.cut?.id")
+    assert np.abs(page.pixels().astype(int) - again).mean() < 0.3  # what Python makes of the same
+    assert page.errors == []
