@@ -38,7 +38,7 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--margin", type=float, nargs="+", metavar="M",
                    help="field of view: length to add on every side, one or three (x y z); negative crops")
     p.add_argument("--volume", metavar="FILE",
-                   help="for a mesh or landmarks: the volume (or mesh) that the session was made on, in whose space they "
+                   help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     p.set_defaults(run=_warp)

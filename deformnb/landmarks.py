@@ -62,11 +62,11 @@ class Landmarks:
         """Pairs as control points: each place is dragged to its fixed one. What has none is left out."""
         if self.fixed is None:
             raise DeformError("these landmarks are single places, not pairs; control points need where each shall go.")
-        whole = np.isfinite(self.fixed).all(axis=1)
+        whole = np.flatnonzero(np.isfinite(self.fixed).all(axis=1))
         assert self.active is not None
         return ControlPoints.from_arrays(
             self.points[whole], self.fixed[whole], active=self.active[whole],
-            names=[name for name, keep in zip(self.names, whole, strict=True) if keep])
+            names=[self.names[k] for k in whole])
 
 
 def _places(given: Any, what: str) -> NDArray[np.float64]:
