@@ -20,9 +20,8 @@ from deformnb.errors import DeformError
 LARGEST_SHAPE = 512
 """Vertices of a drawn line; a hand draws some dozens."""
 
-# At a corner two edges are equally near, and the one that is seen more from the front has the right sign: perpendicular
-# distances count this much. Far above the rounding of float32 squares, and only the sign is taken from it.
-_FRONTAL = 1e-6
+# Directions whose sine is less count as parallel: rounding would let parallel ends of a line meet far away.
+_PARALLEL = 1e-9
 
 
 class AbstractRegion(ABC):
@@ -80,8 +79,7 @@ class HalfSpace(AbstractRegion):
     kind: ClassVar[str] = "half_space"
 
     def __post_init__(self) -> None:
-        pair = _array_of([tuple(self.point), tuple(self.normal)] if len(tuple(self.point)) == len(tuple(self.normal))
-                         else None, "point and normal of a half space", 2, (2, 3))
+        pair = _array_of([self.point, self.normal], "point and normal of a half space", 2, (2, 3))
         length = float(np.linalg.norm(pair[1]))
         if not length > 0:
             raise DeformError("the normal of a half space must not be zero.")
@@ -111,6 +109,10 @@ class HalfSpace(AbstractRegion):
         return made
 
 
+def _cross(p: Any, q: Any) -> Any:
+    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+
+
 class _Drawn(AbstractRegion):
     """What is bounded by straight edges on a picture."""
 
@@ -123,49 +125,55 @@ class _Drawn(AbstractRegion):
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         # Edge by edge: arrays of (points x edges) took six times as long.
-        x, y = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
-        v = np.asarray(self.vertices)
-        least, best, side = np.full(x.shape, np.inf), np.full(x.shape, np.inf), np.zeros(x.shape)
-        for (sx, sy), (ex, ey), low, high in self._edges(v):
-            ax, ay, length = x - sx, y - sy, ex * ex + ey * ey
-            t = np.clip((ax * ex + ay * ey) / length, low, high)
+        p, v = np.asarray(points, dtype=np.float64), np.asarray(self.vertices)
+        start, edge, low, high = self._edges(v, np)
+        x, y = np.moveaxis(p, -1, 0)
+        least, place = np.full(x.shape, np.inf), np.zeros(x.shape)
+        nearest = np.zeros(x.shape, dtype=np.intp)
+        for k, ((sx, sy), (ex, ey)) in enumerate(zip(start, edge, strict=True)):
+            ax, ay = x - sx, y - sy
+            t = np.clip((ax * ex + ay * ey) / (ex * ex + ey * ey), low[k], high[k])
             square = (ax - t * ex) ** 2 + (ay - t * ey) ** 2
-            cross = ex * ay - ey * ax
-            rank = square - _FRONTAL * cross * cross / length
-            nearer = rank < best
-            best, side = np.where(nearer, rank, best), np.where(nearer, cross, side)
-            least = np.minimum(least, square)
-        return np.where((side > 0) != self._is_reversed(v), 1.0, -1.0) * np.sqrt(least)
-
-    def _edges(self, v: NDArray[np.float64]) -> list[tuple[Any, Any, float, float]]:
-        """Start, direction, and the range along it from 0 to 1, which goes on at the ends of an open line."""
-        n = len(v) if self.is_closed else len(v) - 1
-        ends = [(-np.inf if k == 0 and not self.is_closed else 0.0,
-                 np.inf if k == n - 1 and not self.is_closed else 1.0) for k in range(n)]
-        return [(v[k], v[(k + 1) % len(v)] - v[k], *end) for k, end in enumerate(ends)]
+            nearer = square < least
+            least, place, nearest = (np.where(nearer, new, old) for new, old in (
+                (square, least), (t, place), (k, nearest)))
+        return np.where(self._side(p, v, nearest, place, np) < 0, -1.0, 1.0) * np.sqrt(least)
 
     def __call__(self, points: Any) -> Any:
-        x, v = jnp.asarray(points), jnp.asarray(self.vertices)
-        start, end = (v, jnp.roll(v, -1, axis=0)) if self.is_closed else (v[:-1], v[1:])
-        edge, away = end - start, x[..., None, :] - start
-        length = (edge ** 2).sum(-1)
-        number = jnp.arange(len(edge))
-        low = jnp.where((number == 0) & (not self.is_closed), -jnp.inf, 0.0)
-        high = jnp.where((number == len(edge) - 1) & (not self.is_closed), jnp.inf, 1.0)
-        t = jnp.clip((away * edge).sum(-1) / length, low, high)
+        p, v = jnp.asarray(points), jnp.asarray(self.vertices)
+        start, edge, low, high = self._edges(v, jnp)
+        away = p[..., None, :] - start
+        t = jnp.clip((away * edge).sum(-1) / (edge ** 2).sum(-1), low, high)
         square = ((away - t[..., None] * edge) ** 2).sum(-1)
-        cross = edge[:, 0] * away[..., 1] - edge[:, 1] * away[..., 0]
-        nearest = (square - _FRONTAL * cross ** 2 / length).argmin(-1)
-        side = jnp.take_along_axis(cross, nearest[..., None], -1)[..., 0]
+        nearest = square.argmin(-1)
+        place = jnp.take_along_axis(t, nearest[..., None], -1)[..., 0]
         least = square.min(-1)
         distance = jnp.sqrt(jnp.where(least > 0, least, 1.0)) * (least > 0)  # the root has no slope at 0
-        return jnp.where((side > 0) != self._is_reversed(v), distance, -distance)
+        return jnp.where(self._side(p, v, nearest, place, jnp) < 0, -distance, distance)
 
-    def _is_reversed(self, v: Any) -> Any:
+    def _edges(self, v: Any, xp: Any) -> tuple[Any, Any, NDArray[np.float64], NDArray[np.float64]]:
+        """Starts, directions, and the range along each from 0 to 1, which goes on at the ends of an open line."""
+        edge = (xp.roll(v, -1, axis=0) if self.is_closed else v[1:]) - v[: len(v) - (not self.is_closed)]
+        low, high = np.zeros(len(edge)), np.ones(len(edge))
         if not self.is_closed:
-            return False
-        after = v[[*range(1, len(v)), 0]]
-        return (v[:, 0] * after[:, 1] - after[:, 0] * v[:, 1]).sum() > 0
+            low[0], high[-1] = -np.inf, np.inf
+        return v[: len(edge)], edge, low, high
+
+    def _side(self, p: Any, v: Any, nearest: Any, place: Any, xp: Any) -> Any:
+        """Negative inside, from the number of the nearest edge and the place on it.
+
+        Where that is a corner, the sum of the normals of both its edges tells the side, at any angle.
+        """
+        _, edge, low, high = self._edges(v, xp)
+        normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge ** 2).sum(-1, keepdims=True))
+        if self.is_closed:
+            w = v - v[:1]  # far from the origin the products would cancel
+            normal = normal * xp.where(_cross(w, xp.roll(w, -1, axis=0)).sum() > 0, -1.0, 1.0)
+        before, after = xp.roll(normal, 1, axis=0), xp.roll(normal, -1, axis=0)
+        normals = xp.stack([normal, normal + before, normal + after], axis=1)
+        is_begin, is_end = place <= xp.asarray(low)[nearest], place >= xp.asarray(high)[nearest]
+        corner = v[(nearest + is_end) % len(v)]
+        return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
         return (np.asarray(self.vertices),), None
@@ -205,7 +213,7 @@ class Polygon(_Drawn):
     def __post_init__(self) -> None:
         v = _array_of(self.vertices, "corners of a polygon", 3, (2,))
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
-        _refuse_crossing(v, np.roll(v, -1, axis=0), "polygon", is_closed=True)
+        _refuse_crossing(v, "polygon", is_closed=True)
 
 
 @jax.tree_util.register_pytree_node_class
@@ -237,31 +245,43 @@ class Line(_Drawn):
     def __post_init__(self) -> None:
         v = _array_of(self.vertices, "places of a line", 2, (2,))
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
-        start, end = v[:-1].copy(), v[1:].copy()
-        reach = np.linalg.norm(np.ptp(v, axis=0))
-        first, last = v[0] - v[1], v[-1] - v[-2]
-        if np.linalg.norm(first) > 0 and np.linalg.norm(last) > 0:
-            start[0] = v[0] + reach * first / np.linalg.norm(first)
-            end[-1] = v[-1] + reach * last / np.linalg.norm(last)
-        _refuse_crossing(start, end, "line (its ends go on straight)", is_closed=False)
+        _refuse_crossing(v, "line (its ends go on straight)", is_closed=False)
 
 
-def _refuse_crossing(start: NDArray[np.float64], end: NDArray[np.float64], what: str, *, is_closed: bool) -> None:
-    """Refuse edges of no length and edges that cross others but their neighbours."""
-    n = len(start)
-    if (np.linalg.norm(end - start, axis=1) == 0).any():
+def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> None:
+    """Refuse edges of no length, edges that go back over the one before, and edges that cross others."""
+    edge = np.roll(v, -1, axis=0) - v if is_closed else np.diff(v, axis=0)
+    start, length, n = v[: len(edge)], np.linalg.norm(edge, axis=1), len(edge)
+    if (length == 0).any():
         raise DeformError(f"two places of the {what} that follow each other are the same; remove one.")
-
-    def cross(o: Any, p: Any, q: Any) -> Any:
-        return (p[..., 0] - o[..., 0]) * (q[..., 1] - o[..., 1]) - (p[..., 1] - o[..., 1]) * (q[..., 0] - o[..., 0])
-
-    s, e, p, q = start[:, None], end[:, None], start[None], end[None]
-    meets = (cross(s, e, p) * cross(s, e, q) <= 0) & (cross(p, q, s) * cross(p, q, e) <= 0)
-    gap = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
-    neighbours = (gap <= 1) | (is_closed & (gap == n - 1))
-    # Edges on one straight line have all four products zero: they meet only if their boxes do.
-    boxes = ((np.minimum(s, e) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(s, e))).all(-1)
-    bad = np.argwhere(meets & boxes & ~neighbours)
+    after = np.roll(edge, -1, axis=0)
+    turns_back = (np.abs(_cross(edge, after)) <= _PARALLEL * length * np.roll(length, -1)) & ((edge * after).sum(1) < 0)
+    for k in np.flatnonzero(turns_back if is_closed else turns_back[:-1]).tolist():
+        raise DeformError(f"the {what} goes straight back at its place {(k + 1) % len(v) + 1}; remove that place.")
+    low, high = np.zeros(n), np.ones(n)
+    if not is_closed:
+        low[0], high[-1] = -np.inf, np.inf
+    gap = np.arange(n)[None, :] - np.arange(n)[:, None]
+    apart = (gap > 1) & ~(is_closed & (gap == n - 1))
+    bad = np.argwhere(apart & _meet(start, edge, length, low, high))
     if len(bad):
         i, j = (int(k) for k in bad[0])
         raise DeformError(f"the {what} crosses itself: its edges {i + 1} and {j + 1} meet. Draw it without a loop.")
+
+
+def _meet(start: NDArray[np.float64], edge: NDArray[np.float64], length: NDArray[np.float64], low: NDArray[np.float64],
+          high: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which pairs of edges ``start + t edge``, t from low to high, have a place in common."""
+    away, d, e = start[None] - start[:, None], edge[:, None], edge[None]
+    size, det = length[:, None] * length[None], _cross(d, e)
+    parallel = np.abs(det) <= _PARALLEL * size
+    safe = np.where(parallel, 1.0, det)
+    t, u = _cross(away, e) / safe, _cross(away, d) / safe
+    crosses = (t >= low[:, None]) & (t <= high[:, None]) & (u >= low) & (u <= high)
+    on_one_line = np.abs(_cross(away, d)) <= _PARALLEL * np.linalg.norm(away, axis=-1) * length[:, None]
+    # The second edge's range on the scale of the first.
+    first, rate = (away * d).sum(-1) / length[:, None] ** 2, (d * e).sum(-1) / length[:, None] ** 2
+    with np.errstate(invalid="ignore"):
+        ends = first + rate * np.stack([np.broadcast_to(low, rate.shape), np.broadcast_to(high, rate.shape)])
+    overlaps = (ends.max(axis=0) >= low[:, None]) & (ends.min(axis=0) <= high[:, None])
+    return np.where(parallel, on_one_line & overlaps, crosses)

@@ -138,7 +138,7 @@ function edgesMeet(corners, i, j, isClosed, count) {
   const n = corners.length, [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [s[0] - r[0], s[1] - r[1]], g = [r[0] - p[0], r[1] - p[1]];
   const det = d[0] * e[1] - d[1] * e[0], [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
-  if (det !== 0) {
+  if (Math.abs(det) > 1e-9 * Math.hypot(...d) * Math.hypot(...e)) { // rounding lets parallel ends meet far away
     const t = (g[0] * e[1] - g[1] * e[0]) / det, u = (g[0] * d[1] - g[1] * d[0]) / det;
     return t >= low && t <= high && u >= from && u <= to;
   }
