@@ -46,11 +46,14 @@ class RigidMotion:
             m, t = np.array(self.matrix, dtype=np.float64), np.array(self.shift, dtype=np.float64)
         except (TypeError, ValueError):
             m, t = np.zeros((0, 0)), np.zeros(0)
-        dim = len(t)
-        if dim not in (2, 3) or m.shape != (dim, dim) or not (np.isfinite(m).all() and np.isfinite(t).all()):
+        dim = t.size
+        if t.shape not in ((2,), (3,)) or m.shape != (dim, dim) or not (np.isfinite(m).all() and np.isfinite(t).all()):
             raise DeformError("a rigid motion needs a matrix of 2 x 2 or 3 x 3 finite numbers and a shift of as many.")
         if np.abs(m @ m.T - np.eye(dim)).max() > _ROUNDING or np.linalg.det(m) < 0:
             raise DeformError("the matrix of a rigid motion must turn only: not stretch, shear or mirror.")
+        if np.abs(m @ m.T - np.eye(dim)).max() > 1e-12:  # the nearest turn, so that the way back leads back
+            u, _, v = np.linalg.svd(m)
+            m = u @ v
         object.__setattr__(self, "matrix", tuple(map(tuple, m.tolist())))
         object.__setattr__(self, "shift", tuple(t.tolist()))
 
@@ -65,16 +68,17 @@ class RigidMotion:
         about : the place that would stay, (a, b) or (x, y, z).
         axis : direction of the axis of the turn; needed in space only.
         """
-        centre = np.asarray(about, dtype=np.float64)
+        centre, shift, axis = (_numbers(value) for value in (about, shift, axis))
         if centre.shape == (2,):
             angle = np.deg2rad(degrees)
             m = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        elif centre.shape == (3,) and axis is not None and np.linalg.norm(axis) > 0:
-            direction = np.asarray(axis, dtype=np.float64)
-            m = Rotation.from_rotvec(np.deg2rad(degrees) * direction / np.linalg.norm(direction)).as_matrix()
+        elif centre.shape == (3,) == axis.shape and 0 < np.linalg.norm(axis) < np.inf:
+            m = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
         else:
             raise DeformError("a turn is about a place of 2 coordinates, or about one of 3 and an axis.")
-        t = centre - m @ centre + (0.0 if shift is None else np.asarray(shift, dtype=np.float64))
+        if shift.shape not in ((0,), centre.shape):
+            raise DeformError(f"the shift of a turn needs {len(centre)} finite numbers, got shape {shift.shape}.")
+        t = centre - m @ centre + (shift if shift.size else 0.0)
         return cls(tuple(map(tuple, m.tolist())), tuple(t.tolist()))
 
     @property
@@ -93,7 +97,10 @@ class RigidMotion:
         return np.asarray(points, dtype=np.float64) @ np.asarray(self.matrix).T + np.asarray(self.shift)
 
     def power(self, t: float) -> RigidMotion:
-        """The motion done t times, along one screw: half of it for 0.5, its inverse for -1."""
+        """The motion done t times, along one screw: half of it for 0.5, its inverse for -1.
+
+        A matrix does not tell 200 degrees one way from 160 the other; the shorter way is taken.
+        """
         if t == 1:
             return self
         dim = self.dim
@@ -103,6 +110,14 @@ class RigidMotion:
         rate = np.linalg.solve(_path(turn), shift)
         part, along = Rotation.from_rotvec(t * turn).as_matrix(), _path(t * turn) @ (t * rate)
         return RigidMotion(tuple(map(tuple, part[:dim, :dim].tolist())), tuple(along[:dim].tolist()))
+
+
+def _numbers(value: ArrayLike | None) -> NDArray[np.float64]:
+    """An array of float64; an empty one of nothing or of what are no numbers."""
+    try:
+        return np.asarray([] if value is None else value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 def _path(turn: NDArray[np.float64]) -> NDArray[np.float64]:
