@@ -369,3 +369,17 @@ def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: 
     page.answered()
     assert len(page.editor.cuts) == 1
     assert page.js("document.querySelectorAll('.dnb-ed-grip').length") == 0
+
+
+@pytest.mark.parametrize("rule", list(CUT_RULES))
+def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(opened: Any, picture: Picture,
+                                                                            rule: str) -> None:
+    cut = Cut(Line([(71, -20), (78, 10), (64, 30), (76, 70)]))
+    page = opened(Editor(picture, two_sides(), show_net=False, theme="light", cuts=[cut], cut_rule=rule))
+    pull(page, two_sides(), [0, 1, 2], (-33, 12))
+    full = page.canvas()
+    page.js(f"""(() => {{ const page = {PAGE}; page.painter.cost = 0; // or it would draw fewer pixels
+        page.painter.paint(page.view, page.layered, {{ isMoving: true, paper: page.colours.stage }});
+        page.painter.drawFrame(page.view, page.box); }})()""")
+    quick = page.canvas()
+    assert (np.abs(quick - full).max(axis=-1) > 6).mean() < 1e-3

@@ -187,7 +187,7 @@ class Gestures {
     if (this.page.isWaiting) return;
     const grabbed = this.idAt(event), shape = this.shapeAt(event);
     if (this.page.pen.isOn) this.page.pen.finish(this.page.pen.draft.tool === "part");
-    else if (this.isPenDone(event)) return; // the second press set the last place
+    else if (this.page.pen.hasJustEnded) return; // the second press has set the last place
     else if (grabbed) this.page.rename(grabbed.id);
     else if (shape) this.page.renameShape();
     else this.page.addAt(this.place(event));

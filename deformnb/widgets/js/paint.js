@@ -93,7 +93,7 @@ class Painter {
     const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
     const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
     const lattice = this.latticeStep(fit, w, h, isMoving);
-    this.warp(view, fit, part, step, w, h, lattice);
+    this.warp(view, fit, part, step, w, h, lattice, isMoving);
     if (step === 1) c.putImageData(this.image, part.x, part.y);
     else {
       if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
@@ -127,7 +127,7 @@ class Painter {
   }
 
   // Looks every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
-  warp({ k, x, y, ratio }, fit, part, step, w, h, lattice) {
+  warp({ k, x, y, ratio }, fit, part, step, w, h, lattice, isMoving) {
     if (!this.image || this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
     const { raster } = this.source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
     const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
@@ -156,7 +156,7 @@ class Painter {
     const pixels = this.source.level(level), { channels, fill } = this.source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
     const layers = isLayered ? new LayerPlan(fit, this.maps, { rows, columns, a0, b0, step: lattice * size },
-      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2)) : null;
+      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2), isMoving) : null;
     const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
     lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);

@@ -10,39 +10,38 @@ const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for t
 // maps: one for each fit, and the identity if regions without points stay; places of the nodes in pixels of a level,
 // p = (a - origin) * scale + shift. nodes: {a0, b0, step} in the picture, {rows, columns} of the lattice.
 class LayerPlan {
-  constructor(layered, maps, nodes, { origin, scale, shift }, softness) {
-    Object.assign(this, { layered, maps, nodes, origin, scale, shift, softness, near: new Map() });
+  constructor(layered, maps, nodes, { origin, scale, shift }, softness, isMoving) {
+    Object.assign(this, { layered, maps, nodes, origin, scale, shift, softness, isMoving, near: new Map() });
     this.still = layered.fits.length; // the number of the identity among the maps
     this.plan = new Int8Array(nodes.rows * nodes.columns);
-    this.count = layered.fits.length + (layered.hasRest ? 1 : 0);
+    this.fitOf = Int8Array.from({ length: 1 << layered.regions.length }, (_, key) => layered.byKey.get(key) ?? -1);
     this.#measure();
     for (let i = 0; i < nodes.rows; i++) {
       for (let j = 0; j < nodes.columns; j++) this.plan[i * nodes.columns + j] = this.#cell(i, j);
     }
   }
 
-  // The depth of every node's images within their regions, and of the node itself within its own.
+  // Distances of every node to the cuts, and the depth of its images within their regions. Far from all cuts a bound
+  // will do: a distance changes by no more than the way from the node before.
   #measure() {
-    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step } } = this, n = rows * columns;
-    this.keys = new Uint8Array(n);
-    this.depth = new Float32Array(n);
+    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this, n = rows * columns;
+    const enough = 6 * step + this.softness;
+    this.here = regions.map(() => new Float32Array(n));
     this.depths = fits.map(() => new Float32Array(n));
-    for (let i = 0, at = 0; i < rows; i++) {
-      for (let j = 0; j < columns; j++, at++) {
-        const a = a0 + j * step, b = b0 + i * step;
-        let key = 0, depth = Infinity;
-        for (let k = 0; k < regions.length; k++) {
-          const d = regions[k].distance(a, b);
-          if (d < 0) key |= 1 << k;
-          if (Math.abs(d) < depth) depth = Math.abs(d);
-        }
-        this.keys[at] = key;
-        this.depth[at] = depth;
-        for (let k = 0; k < fits.length; k++) {
-          this.depths[k][at] = marginOf(regions, fits[k].key, this.#a(maps[k][2 * at]), this.#b(maps[k][2 * at + 1]));
+    const fill = (values, exact, way) => {
+      for (let i = 0, at = 0; i < rows; i++) {
+        for (let j = 0; j < columns; j++, at++) {
+          const before = j ? values[at - 1] : i ? values[at - columns] : 0, from = j ? at - 1 : at - columns;
+          const left = Math.abs(before) - (at ? way(from, at) : 0);
+          values[at] = left > enough ? (before < 0 ? -left : left) : exact(at, i, j);
         }
       }
-    }
+    };
+    regions.forEach(({ distance }, k) => fill(this.here[k], (at, i, j) => distance(a0 + j * step, b0 + i * step), () => step));
+    fits.forEach(({ key }, k) => {
+      const map = maps[k], exact = (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1]));
+      fill(this.depths[k], exact, (m, at) => wayBetween(map, m, at, scale));
+    });
   }
 
   #a(p) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
@@ -51,34 +50,43 @@ class LayerPlan {
 
   // What all of a cell shows: the number of a map, nothing, or not the same everywhere.
   #cell(i, j) {
-    const { columns, rows, step } = this.nodes, { layered, softness } = this, half = softness / 2;
+    const { columns, rows, step } = this.nodes, { layered, here, still } = this, half = this.softness / 2;
     const up = i * columns, down = Math.min(i + 1, rows - 1) * columns, right = Math.min(j + 1, columns - 1);
-    const corners = [up + j, up + right, down + j, down + right], key = this.keys[up + j];
-    const isOneRegion = corners.every((c) => this.keys[c] === key && this.depth[c] > step * 0.7072 + half);
-    const own = isOneRegion ? layered.byKey.get(key) ?? this.still : LAYER_MIXED;
-    if (own === this.still) return layered.rule === "paper" || this.#brought(corners, half).length === 0 ? own : LAYER_MIXED;
-    if (layered.rule === "paper" && own === LAYER_MIXED) return LAYER_MIXED;
-    const cover = own === LAYER_MIXED ? 0 : this.#coverage(own, corners, half);
-    if (cover === 1) return own;
-    if (layered.rule === "paper") return cover < 0 ? LAYER_EMPTY : LAYER_MIXED;
-    if (cover === 0 && own !== LAYER_MIXED) return LAYER_MIXED;
-    if (own === LAYER_MIXED && layered.hasRest) return LAYER_MIXED;
-    const found = this.#brought(corners, half);
-    if (found.length === 0) return LAYER_EMPTY;
-    return found.length === 1 && this.#coverage(found[0], corners, half) === 1 ? found[0] : LAYER_MIXED;
-  }
-
-  #brought(corners, half) {
-    return this.layered.fits.map((_, k) => k).filter((k) => this.#coverage(k, corners, half) >= 0);
+    const p = up + j, q = up + right, r = down + j, s = down + right, reach = 0.7072 * step + half;
+    let key = 0, isOne = true;
+    for (let k = 0; k < here.length && isOne; k++) {
+      const d = here[k], least = Math.min(d[p], d[q], d[r], d[s]);
+      if (least < -reach && Math.max(d[p], d[q], d[r], d[s]) < -reach) key |= 1 << k;
+      else isOne = least > reach;
+    }
+    const own = isOne ? (this.fitOf[key] < 0 ? still : this.fitOf[key]) : LAYER_MIXED;
+    if (layered.rule === "paper") {
+      if (own === still || own === LAYER_MIXED) return own;
+      const cover = this.#coverage(own, p, q, r, s, half);
+      return cover > 0 ? own : cover < 0 ? LAYER_EMPTY : LAYER_MIXED;
+    }
+    if (own !== LAYER_MIXED && own !== still) {
+      const cover = this.#coverage(own, p, q, r, s, half);
+      if (cover > 0) return own;
+      if (cover === 0) return LAYER_MIXED;
+    } else if (own === LAYER_MIXED && layered.hasRest) return LAYER_MIXED;
+    let found = LAYER_EMPTY;
+    for (let k = 0; k < this.depths.length; k++) {
+      const cover = this.#coverage(k, p, q, r, s, half);
+      if (cover === 0 || (cover > 0 && (found >= 0 || own === still))) return LAYER_MIXED;
+      if (cover > 0) found = k;
+    }
+    return own === still ? still : found;
   }
 
   // 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0.
-  #coverage(k, [p, q, r, s], half) {
+  #coverage(k, p, q, r, s, half) {
     const map = this.maps[k], d = this.depths[k], { scale } = this;
-    const gap = (m, n) => Math.hypot((map[2 * m] - map[2 * n]) / scale[0], (map[2 * m + 1] - map[2 * n + 1]) / scale[1]);
-    const reach = half + 0.5 * (Math.max(gap(p, q), gap(r, s)) + Math.max(gap(p, r), gap(q, s)));
-    if (Math.min(d[p], d[q], d[r], d[s]) > reach) return 1;
-    return Math.max(d[p], d[q], d[r], d[s]) < -reach ? -1 : 0;
+    const least = Math.min(d[p], d[q], d[r], d[s]), most = Math.max(d[p], d[q], d[r], d[s]);
+    if (least < half && most > -half) return 0;
+    const reach = half + 0.5 * (Math.max(wayBetween(map, p, q, scale), wayBetween(map, r, s, scale)) +
+      Math.max(wayBetween(map, p, r, scale), wayBetween(map, q, s, scale)));
+    return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
   // The cuts as one cell sees them: of long outlines only what is near.
@@ -101,15 +109,47 @@ class LayerPlan {
 
   // What one pixel shows: writes [p, q, opacity] in pixels of the level. The pixel lies at shares (s, t) of a cell.
   look(cell, s, t, out) {
+    // Between several cuts, what stays is not told from one distance.
+    if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
+    else this.#lookExactly(cell, s, t, out);
+  }
+
+  // Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact.
+  #lookQuickly(cell, s, t, out) {
+    const { layered, depths, here, softness, work } = this, { columns, rows } = this.nodes, { covers } = work;
+    const e = cell % columns < columns - 1 ? 1 : 0, d = cell < (rows - 1) * columns ? columns : 0;
+    let key = 0, inside = Infinity, still = 1, sum = 0, best = 0;
+    for (let k = 0; k < here.length; k++) {
+      const value = between(here[k], cell, e, d, s, t);
+      if (value < 0) key |= 1 << k;
+      inside = Math.min(inside, Math.abs(value));
+    }
+    const own = this.fitOf[key];
+    for (let k = 0; k < depths.length; k++) sum += covers[k] = coverage(between(depths[k], cell, e, d, s, t), softness);
+    let k = own;
+    if (layered.rule === "paper") {
+      out[2] = own < 0 ? 1 : Math.min(1, covers[own] / coverage(inside, softness));
+    } else {
+      if (layered.hasRest) still = own < 0 ? coverage(inside, softness) : 1 - coverage(inside, softness);
+      else still = 0;
+      best = own < 0 ? still : covers[own];
+      if (best < 0.5) {
+        for (let n = 0; n < covers.length && n < depths.length; n++) if (covers[n] > best) { best = covers[n]; k = n; }
+        if (still > best) k = -1;
+      }
+      out[2] = Math.min(1, sum + still);
+    }
+    const map = this.maps[k < 0 ? this.still : k];
+    out[0] = between(map, 2 * cell, 2 * e, 2 * d, s, t);
+    out[1] = between(map, 2 * cell + 1, 2 * e, 2 * d, s, t);
+  }
+
+  #lookExactly(cell, s, t, out) {
     const { columns } = this.nodes, { layered, maps, work } = this, j = cell % columns, i = (cell - j) / columns;
     const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
-    const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0, at = 2 * cell;
+    const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
     for (let k = 0; k < layered.fits.length; k++) {
-      const map = maps[k];
-      for (let c = 0; c < 2; c++) {
-        const n = at + c, top = map[n] + s * (map[n + east] - map[n]), low = map[n + south];
-        work.pixels[2 * k + c] = top + t * (low + s * (map[n + south + east] - low) - top);
-      }
+      for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
       work.moves[k] ??= [0, 0];
       work.moves[k][0] = this.#a(work.pixels[2 * k]) - a;
       work.moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
@@ -125,9 +165,21 @@ class LayerPlan {
     }
   }
 
-  work = { pixels: new Float64Array(512), moves: [], out: [0, 0, 1, 0] };
+  work = { pixels: new Float64Array(512), covers: new Float64Array(256), moves: [], out: [0, 0, 1, 0] };
 
   move = (k) => this.work.moves[k];
+}
+
+// Bilinear between four nodes.
+function between(values, at, east, south, s, t) {
+  const p = values[at], r = values[at + south], top = p + s * (values[at + east] - p);
+  return top + t * (r + s * (values[at + south + east] - r) - top);
+}
+
+// How far two nodes' images lie apart in the picture.
+function wayBetween(map, m, n, scale) {
+  const a = (map[2 * m] - map[2 * n]) / scale[0], b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
+  return Math.sqrt(a * a + b * b);
 }
 
 // The pixels of all cells that show more than one map, or nothing: `paper` is [r, g, b].

@@ -14,10 +14,13 @@ const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift:
 class Pen {
   constructor(page) {
     this.page = page;
+    this.endedAt = -Infinity;
     this.draft = null; // {tool, places, next, isByKeys, isSet, canClose, isClosing}
   }
 
   get isOn() { return this.draft !== null; }
+
+  get hasJustEnded() { return performance.now() - this.endedAt < 500; }
 
   start(tool) {
     const { page } = this;
@@ -32,6 +35,7 @@ class Pen {
   stop() {
     if (!this.draft) return false;
     this.draft = null;
+    this.endedAt = performance.now();
     this.stroke = null;
     this.page.stage.classList.remove("dnb-ed-drawing");
     this.page.hideHint(Object.values(PEN_HINTS));
