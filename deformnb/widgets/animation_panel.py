@@ -30,7 +30,7 @@ from deformnb.widgets.worker import Worker
 _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
 _EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
-_STYLE = {"description_width": "76px"}
+_STYLE = {"description_width": "initial"}
 # The page tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
 _LATE = 1.0
 
@@ -60,7 +60,7 @@ class AnimationPanel(Panel):
         self.items.on_act(self._act)
         self.player = Player(label="Animation of the key frames")
         self._easing = ipw.Dropdown(options=[(_EASINGS.get(name, name), name) for name in EASINGS],
-                                    description="Time passes", style=_STYLE, layout=ipw.Layout(width="260px"),
+                                    description="Time passes", style=_STYLE, layout=ipw.Layout(width="280px"),
                                     tooltip="How time passes from one key frame to the next")
         self.playback = Playback(view, self.player, self.animation, session.volume.grid, self._shown)
         self._easing.observe(lambda _: self.playback.show(), "value")
@@ -77,7 +77,7 @@ class AnimationPanel(Panel):
         self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
                                   "go to a moment", self._at_moment)
         self.box = ipw.VBox([self.items, row(add, self._update, self._time, self._here), self.player,
-                             row(self._easing), self.movie.box])
+                             row(self._easing, self.movie.box)], layout=ipw.Layout(grid_gap="6px"))
         self.refresh()
 
     def _button(self, text: str, tooltip: str, label: str, change: Callable[[Deformation], Deformation]) -> ipw.Button:
