@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deformnb.animation import Animation
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
 from deformnb.deformation import Deformation
@@ -170,6 +171,32 @@ def test_an_edit_stops_the_player_and_is_not_hidden_by_it(desk: Desk) -> None:
     desk.panel.player.time = 0.5
     desk.panel.playback.wait()
     assert desk.view.moments is not None
+
+
+def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
+    class DrawnByPython:
+        def __init__(self) -> None:
+            self.camera: dict[str, Any] = {}
+            self.shown: list[Any] = []
+
+        def show_deformation(self, field: Any) -> None:
+            self.shown.append(field)
+
+    view = DrawnByPython()
+    desk = Desk(tmp_path, view)
+    desk.press("Add key frame")
+    desk.drag((22.0, 16.0))
+    desk.press("Add key frame")
+    assert desk.panel.player.sync_ms == 60
+    for time in (0.25, 1.0):
+        desk.panel.player.time = time
+        desk.panel.playback.wait()
+        target = Animation(desk.session.deformation).at(time).steps[0].points.target[3]
+        plane = desk.session.plane
+        place = plane.from_plane([*target, 0.0])
+        found = plane.to_plane(place + view.shown[-1].displacement(place))[:2]
+        assert found == pytest.approx([28.0, 7.5], abs=0.3)  # where the point was taken
+    desk.panel.close()
 
 
 def test_moments_that_are_no_maps_are_shown_one_by_one(desk: Desk) -> None:

@@ -15,6 +15,9 @@ from deformnb.time_maps import TimeMaps
 from deformnb.volume import Grid
 from deformnb.widgets.worker import Worker
 
+# How often a view that Python has to draw hears of the time: its pictures are no faster.
+_PYTHON_MS = 60.0
+
 # Samples of a map along its longer side: those of a live view.
 _MAP_SIZE = 192
 
@@ -39,6 +42,8 @@ class Playback:
         self._view, self._player, self._animation, self._grid, self._guard = view, player, animation, grid, guard
         self._worker = Worker("deformnb-playback")
         self._made: tuple[Animation, TimeMaps | None] | None = None
+        if not hasattr(view, "play"):
+            player.sync_ms = min(player.sync_ms, _PYTHON_MS)
         player.observe(self._moved, ["time", "is_playing"])
 
     def _moved(self, _change: Any) -> None:
