@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,17 +16,18 @@ from scipy import ndimage
 from scripts import run_script
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Cut
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import Identity, compose
 from deformnb.rbf import fit_rbf
 from deformnb.regions import HalfSpace
-from deformnb.rigid_parts import RigidPart
+from deformnb.rigid_parts import RigidMotion, RigidPart
 from deformnb.transfer import preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import SpaceEditor
 from deformnb.widgets.point_messages import points_to_json
-from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures, folding
+from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures, folding, shapes_on
 
 EDITS = ("elements.js", "camera.js", "edits.js", "handles.js", "space_edits.js")
 SHAPE, SPACING, ORIGIN = (24, 30, 36), (1.0, 1.5, 2.0), (5.0, -8.0, 3.0)
@@ -290,6 +292,38 @@ def test_a_rigid_part_in_space_stays_where_it_is(volume: Volume, points: Control
         editor.options = {"colour": "red"}
     assert editor.options == {"parts": (ground,)}
     editor.close()
+
+
+def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, points: ControlPoints) -> None:
+    ground = RigidPart(HalfSpace((0.0, 0.0, 16.0), (0.0, 0.0, 1.0)))
+    away = RigidPart(HalfSpace((8.0, 0.0, 0.0), (1.0, 0.0, 0.0)), RigidMotion(np.eye(3), np.array([4.0, 0, 0])))
+    cut = Cut(HalfSpace((0.0, 20.0, 0.0), (0.0, 1.0, 0.0)))
+    step = Deformation.in_space(points).steps[0]
+    axial, coronal, _ = (Pane.of(volume.grid, view) for view in PANES)
+    assert shapes_on(axial, 0.0, step) is None
+    assert shapes_on(axial, 0.0, replace(step, parts=(replace(ground, enabled=False),))) is None
+    marked = shapes_on(coronal, 10.0, replace(step, parts=(ground, away)))
+    assert marked is not None
+    raster = coronal.raster(192)
+    assert marked.shape == (*raster.shape, 2)
+    x = coronal.plane.from_plane(np.concatenate([raster.points(), np.full((*raster.shape, 1), 10.0)], axis=-1))
+    inside = (x[..., 2] < 16) | (x[..., 0] < 12)  # of the second where it has gone
+    sure = (np.abs(x[..., 2] - 16) > 1) & (np.abs(x[..., 0] - 12) > 1)
+    np.testing.assert_array_equal(marked[..., 0][sure] == 255, inside[sure])
+    assert marked[..., 1].max() == 0
+    lines = shapes_on(axial, 0.0, replace(step, cuts=(cut,)))
+    assert lines is not None
+    rows = np.flatnonzero(lines[..., 1].max(axis=1))
+    np.testing.assert_allclose(axial.plane.from_plane([0, axial.raster(192).rows[rows].mean()])[1], 20.0, atol=1.0)
+    assert len(rows) <= 4
+
+
+def test_a_ground_is_sent_with_its_slices(volume: Volume, points: ControlPoints, editor: SpaceEditor) -> None:
+    editor.options = {"parts": (RigidPart(HalfSpace((0.0, 0.0, 6.0), (0.0, 0.0, 1.0))),)}
+    receive(editor, {"type": "hello", "view": "v"})
+    content, buffers = pictures(editor)
+    assert len(buffers) == 6
+    assert [len(b) for b in buffers[1::2]] == [2 * p["shapes"][0] * p["shapes"][1] for p in content["panes"]]
 
 
 def test_another_volume_keeps_the_points(editor: SpaceEditor, points: ControlPoints) -> None:

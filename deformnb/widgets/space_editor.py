@@ -32,7 +32,7 @@ from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.point_messages import EditMessage, Message
-from deformnb.widgets.space_pictures import PROJECTIONS, Shown, SpacePictures, folding
+from deformnb.widgets.space_pictures import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view_messages import dropping, text, whole
 from deformnb.widgets.worker import Worker
@@ -327,11 +327,12 @@ class SpaceEditor(EditedPoints):
         most = _RESTING if not is_moving else _MOVING if self._pace < _SLOW else _FEWER
         for index, pane in enumerate(pictures.panes):
             depth = pane.depth_of(cursor) if projection == "slice" else None
-            key = (pictures, field, projection, depth, most)
+            key = (pictures, field, projection, depth, most, self._options)
             if key == self._sent.get(index) and not all_of_them:
                 continue
             if projection == "slice":
-                images[index] = pictures.slice(index, field, cursor, most)
+                made = pictures.slice(index, field, cursor, most)
+                images[index] = replace(made, shapes=shapes_on(pane, pane.depth_of(cursor), self.step()))
             else:
                 images[index] = pictures.projection(index, field, projection, is_quick=is_moving)
             self._sent[index] = key

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.picture import project
@@ -32,6 +33,7 @@ _MAXIMUM, _LIGHT = (96**3, 192**3), (64**3, 128**3)
 _LARGEST_SIDE = 2048
 # Nodes along the longest side of the lattice on which folds are looked for.
 _FOLD_NODES = 24
+_SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
 _OPAQUE = 0.5  # of what lies in front of a place: there the surface of a composite picture is
 
 
@@ -103,19 +105,22 @@ class Shown:
     values : uint8 (nv, nu) or (nv, nu, 3).
     raster : where its pixels lie.
     depths : of projections, the depth that is seen at each pixel, float32 (nv, nu).
+    shapes : of slices, uint8 (n, m, 2) over the same box: how much of each place lies in a rigid part, and on a cut.
     """
 
     values: NDArray[np.uint8]
     raster: Raster
     depths: NDArray[np.float32] | None = None
+    shapes: NDArray[np.uint8] | None = None
 
     def message(self) -> tuple[dict[str, Any], list[bytes]]:
         """What is said of it, and its buffers."""
         raster = self.raster
         about = {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
-                 "channels": 1 if self.values.ndim == 2 else 3, "hasDepths": self.depths is not None}
-        parts = [self.values] if self.depths is None else [self.values, self.depths.astype("<f4")]
-        return about, [np.ascontiguousarray(part).tobytes() for part in parts]
+                 "channels": 1 if self.values.ndim == 2 else 3, "hasDepths": self.depths is not None,
+                 "shapes": None if self.shapes is None else list(self.shapes.shape[:2])}
+        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.shapes]
+        return about, [np.ascontiguousarray(part).tobytes() for part in parts if part is not None]
 
 
 class SpacePictures:
@@ -181,6 +186,27 @@ def _layers(volume: Volume, plane: Plane) -> tuple[NDArray[Any], NDArray[np.floa
     layers = layers[tuple(slice(None, None, 1 if cosines[row, k] > 0 else -1) for row, k in enumerate(best))]
     corners = plane.to_plane(volume.grid.corners(centres=True))[:, 2]
     return layers, np.linspace(corners.min(), corners.max(), len(layers))
+
+
+def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
+    """Where the rigid parts and the cuts of a step in space are on a slice; None if it has none.
+
+    Shares of 255, uint8 (n, m, 2): of each place how much lies in a part where that has gone, and on a cut.
+    """
+    parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
+    cuts = [cut.region for cut in step.cuts if cut.enabled]
+    if not parts and not cuts:
+        return None
+    raster = pane.raster(_SHAPE_PIXELS)
+    points = raster.points()
+    x = pane.plane.from_plane(np.concatenate([points, np.full((*raster.shape, 1), depth)], axis=-1))
+    shares, pixel = np.zeros((*raster.shape, 2)), max(raster.spacing)
+    for part in parts:
+        far = part.region.signed_distance(x if part.motion is None else part.motion.inverse(x))
+        shares[..., 0] = np.maximum(shares[..., 0], np.clip(0.5 - far / pixel, 0, 1))
+    for region in cuts:
+        shares[..., 1] = np.maximum(shares[..., 1], np.clip(1.3 - np.abs(region.signed_distance(x)) / pixel, 0, 1))
+    return (shares * 255 + 0.5).astype(np.uint8)
 
 
 def _window(volume: Volume) -> tuple[float, float]:

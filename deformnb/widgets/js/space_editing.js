@@ -80,7 +80,10 @@ class SpaceEditing extends EditorDrawing {
   #advice() {
     if (this.model.get("read_only")) return "These points are shown only";
     if (this.points.length === 0) return "Double-click a picture to add a point; click to bring the slices there; ? lists all keys";
-    if (this.selected.size === 0) return "Drag a disc to move what lies under it; the wheel goes through the slices; ? lists all keys";
+    if (this.selected.size === 0) {
+      const wheel = this.isSlice ? "goes through the slices" : "zooms";
+      return `Drag a disc to move what lies under it; the wheel ${wheel}; ? lists all keys`;
+    }
     return "Arrows move the selected points, J brings the slices to them, Delete removes them, Home puts them back";
   }
 

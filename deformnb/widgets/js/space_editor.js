@@ -132,7 +132,7 @@ class SpaceEditorPage extends SpaceEditing {
     for (const pane of panes) {
       const pixels = bytes(parts.shift());
       const depths = pane.hasDepths ? new Float32Array(bytes(parts.shift()).slice().buffer) : null;
-      this.pictures[pane.index].take(pane, pixels, depths);
+      this.pictures[pane.index].take(pane, pixels, depths, pane.shapes ? bytes(parts.shift()) : null);
     }
     this.facts = { ...(facts.isBad ? { folds: this.facts.folds } : {}), folds: this.facts.folds, ...facts };
     this.shownCount += 1;

@@ -1,6 +1,7 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
 const PANE_MARGIN = 8; // CSS pixels around the picture
+const PART_INK = [86, 180, 233, 0.36], CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and how much of it
 const LINES = ["v", "h"]; // the cross-hair: upright (the place along a) and level (the place along b)
 
 class SpacePane {
@@ -120,8 +121,9 @@ class SpacePane {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  // A picture of Python: pixels of one or three channels, and of projections the depth that is seen at each.
-  take({ shape: [height, width], spacing, origin, channels }, pixels, depths) {
+  // A picture of Python: pixels of one or three channels; of projections the depth that is seen at each, of slices how
+  // much of each place lies in a rigid part and on a cut.
+  take({ shape: [height, width], spacing, origin, channels, shapes }, pixels, depths, shares) {
     const made = new ImageData(width, height), out = new Uint32Array(made.data.buffer);
     for (let k = 0; k < out.length; k++) {
       const [r, g, b] = channels === 1 ? [pixels[k], pixels[k], pixels[k]]
@@ -132,6 +134,18 @@ class SpacePane {
     this.picture.getContext("2d").putImageData(made, 0, 0);
     this.raster = { shape: [height, width], spacing, origin };
     this.depths = depths;
+    this.shapes = shapes && this.#tinted(shapes, shares);
+  }
+
+  #tinted([height, width], shares) {
+    const made = new ImageData(width, height), canvas = Object.assign(document.createElement("canvas"), { width, height });
+    for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
+      const [ink, share] = shares[k + 1] ? [CUT_INK, shares[k + 1]] : [PART_INK, shares[k]];
+      made.data.set(ink.slice(0, 3), j);
+      made.data[j + 3] = ink[3] * share;
+    }
+    canvas.getContext("2d").putImageData(made, 0, 0);
+    return canvas;
   }
 
   draw() {
@@ -143,7 +157,9 @@ class SpacePane {
       const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
       c.setTransform(v.ratio, 0, 0, v.ratio, 0, 0);
       c.imageSmoothingQuality = "high";
-      c.drawImage(this.picture, v.k * (a - du / 2) + v.x, v.k * (b - dv / 2) + v.y, v.k * du * nu, v.k * dv * nv);
+      const box = [v.k * (a - du / 2) + v.x, v.k * (b - dv / 2) + v.y, v.k * du * nu, v.k * dv * nv];
+      c.drawImage(this.picture, ...box);
+      if (this.shapes) c.drawImage(this.shapes, ...box);
     }
     this.describe();
     this.#drawCross();
