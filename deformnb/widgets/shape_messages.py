@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import traitlets
@@ -20,6 +21,9 @@ from deformnb.widgets.point_messages import LONGEST_EDIT, Message, check_size, h
 
 MOST_PARTS = 32
 """Rigid parts of an editor at most."""
+
+MOST_PIXELS = 2**24
+"""Pixels of a mask that is given as plain data at most."""
 
 _LONGEST_NAME = 200
 _LONGEST_KIND = 80
@@ -71,6 +75,7 @@ def shapes_of(what: str, data: list[dict[str, Any]]) -> tuple[Any, ...]:
 
 
 def _read(what: str, k: int, data: Any) -> Any:
+    _check_mask(data, f"{what}[{k}]")
     made = _SORTS[what][1](data, f"{what}[{k}]")
     if made.region.dim != 2:
         raise DeformError(f"{what}[{k}] lies in space; on a picture take the silhouette(plane) of its mask.")
@@ -79,6 +84,14 @@ def _read(what: str, k: int, data: Any) -> Any:
     if len(made.name) > _LONGEST_NAME:
         raise DeformError(f"the name of {what}[{k}] has more than {_LONGEST_NAME} characters.")
     return made
+
+
+def _check_mask(data: Any, where: str) -> None:
+    """Refuse a mask that a few bytes would blow up to more pixels than a picture has."""
+    region = data.get("region") if isinstance(data, dict) else None
+    sizes = region.get("shape") if isinstance(region, dict) else None
+    if isinstance(sizes, list) and all(isinstance(n, int) for n in sizes) and prod(sizes) > MOST_PIXELS:
+        raise DeformError(f"{where} is a mask of {prod(sizes)} pixels; a picture takes {MOST_PIXELS} at most.")
 
 
 class ShapesTrait(traitlets.List[dict[str, Any]]):

@@ -27,7 +27,7 @@ class Pen {
     this.stroke = null;
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
     page.stage.classList.add("dnb-ed-drawing");
-    page.hint(PEN_HINTS[tool], 60000);
+    page.hint(PEN_HINTS[tool], 12000);
     page.speak(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape gives up`);
     page.invalidate();
   }
