@@ -234,6 +234,21 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     assert studio.session.step.support is None
 
 
+def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -> None:
+    support = controls(studio)["Support"]
+    exact = support.value
+    rounded = 10 ** (support.min + round((np.log10(exact) - support.min) / support.step) * support.step)
+    assert rounded != exact
+    support.set_state({"value": rounded})  # as ipywidgets' page does when it shows a slider for the first time
+    assert studio.session.history["undo"] == ""
+    assert studio.session.step.support is None
+    support.set_state({"value": 10 ** (np.log10(rounded) + support.step)})  # a hand that moves it by one step
+    assert studio.session.step.support == pytest.approx(10 ** (np.log10(rounded) + support.step))
+    studio.session.change(strength=0.123456)
+    controls(studio)["Strength"].set_state({"value": 0.12})
+    assert studio.session.step.strength == 0.123456
+
+
 def test_opacities_reach_session_and_view(studio: Studio) -> None:
     before = studio.view.table
     value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}

@@ -32,6 +32,7 @@ SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the 
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
+_ROUNDING = 0.501  # of a slider's step
 # Support radii that a slider offers, in parts of the picture's diagonal.
 _SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
 
@@ -59,7 +60,7 @@ class Control:
     def bind(self, guard: Guard, is_refreshing: Callable[[], bool]) -> None:
         """Let the widget edit the session; a refused value goes back to what the session holds."""
         def changed(change: Any) -> None:
-            if is_refreshing() or change["new"] == self.read():
+            if is_refreshing() or self._shows(change["new"], self.read()):
                 return
             guard(lambda: self.write(change["new"]))
             self.refresh()
@@ -68,8 +69,16 @@ class Control:
     def refresh(self) -> None:
         """Show what the session holds."""
         value = self.read()
-        if self.widget.value != value:
+        if not self._shows(self.widget.value, value):
             self.widget.value = value
+
+    def _shows(self, shown: Any, value: Any) -> bool:
+        """Whether the widget shows this value: a slider's page rounds it to its step, and tells so as if by hand."""
+        if not isinstance(self.widget, ipw.FloatSlider | ipw.FloatLogSlider):
+            return bool(shown == value)
+        if isinstance(self.widget, ipw.FloatLogSlider):
+            shown, value = np.log10(shown), np.log10(value)
+        return bool(abs(shown - value) <= _ROUNDING * self.widget.step)
 
 
 def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "") -> ipw.Dropdown:

@@ -1,0 +1,199 @@
+"""The studio in JupyterLab with a real mouse: a cut is drawn and pulled open, steps are added, switched and moved.
+
+A label in the page says what the kernel knows and what the core makes of it; picture and volume are held against that.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.hosts import Lab, running
+from browser.test_hosts import OVERLAYS
+from numpy.typing import NDArray
+from PIL import Image
+
+pytestmark = pytest.mark.needs_browser
+
+SETUP = """
+import json
+import numpy as np
+from ipywidgets import Label
+from deformnb import Grid, Volume
+from deformnb.widgets import Studio
+z, y, x = np.indices((60, 40, 60))
+ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 12 ** 2
+volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
+told = Label().add_class("told")
+studio = Studio(volume, side="+y", transfer="surface", height=300)
+studio.editor.density = 0
+studio.view.background = "dark"
+def tell(change=None):
+    made, steps = studio.result().values, studio.deformation.steps
+    told.value = json.dumps({
+        "row": (made[29:31].max(axis=(0, 1)) > 125).tolist(), "undo": studio.session.history["undo"],
+        "u": studio.session.plane.u[0],
+        "steps": [{"view": studio.session.view_of(s.plane), "points": len(s.points), "cuts": len(s.cuts),
+                   "on": s.enabled, "name": s.name} for s in steps]})
+studio.observe(tell, "deformation")
+tell()
+studio
+"""
+EDITOR = "document.querySelector('.dnb-editor').deformnb"
+VIEW = "document.querySelector('.dnb-view').deformnb"
+
+
+class StudioInLab:
+    """The cells above in a page of JupyterLab."""
+
+    def __init__(self, host: Any, browser: Any) -> None:
+        self.host, self.page = host, browser.new_page(viewport={"width": 1280, "height": 1000})
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        host.open_notebook(self.page, [SETUP, "told"])
+        self.page.wait_for_selector(".told", timeout=120_000)
+        self.page.wait_for_function(f"{EDITOR}.painter.source && {VIEW}.caster?.isReady", timeout=120_000)
+        self.host.run(self.page, "studio.view.set_camera((0, 1, 0))")
+        self.page.locator(".dnb-studio").scroll_into_view_if_needed()
+
+    def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
+        """What the kernel knows, once it is as wanted, or after a minute."""
+        for _ in range(600):
+            state: dict[str, Any] = json.loads(self.page.locator(".told").first.inner_text())
+            if reached(state):
+                break
+            self.page.wait_for_timeout(100)
+        return state
+
+    def at(self, a: float, b: float) -> tuple[float, float]:
+        """Where a place of the picture, in millimetres, is on the screen."""
+        self.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
+        box = self.page.locator(".dnb-ed-stage").bounding_box()
+        x, y, k = self.page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        return box["x"] + x + k * a, box["y"] + y + k * b
+
+    def add(self, a: float, b: float) -> None:
+        """A point, by a double-click."""
+        count = len(self.points())
+        self.page.mouse.dblclick(*self.at(a, b))
+        self.page.wait_for_function(f"{EDITOR}.points.length === {count + 1}")
+
+    def points(self) -> list[Any]:
+        return list(self.page.evaluate(f"() => {EDITOR}.points"))
+
+    def drag(self, source: tuple[float, float], target: tuple[float, float]) -> None:
+        """With the real mouse."""
+        self.page.mouse.move(*self.at(*source))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.at(*target), steps=8)
+        self.page.mouse.up()
+
+    def tab(self, title: str) -> None:
+        """Shows a panel."""
+        self.page.locator(".lm-TabBar-tab", has_text=title).first.click()
+
+    def row(self) -> NDArray[np.bool_]:
+        """Where the ball is seen on the picture, along x through its middle: one value a voxel."""
+        image = self.pixels(".dnb-ed-stage")
+        box = self.page.locator(".dnb-ed-stage").bounding_box()
+        places = [np.subtract(self.at(a, 29.5), (box["x"], box["y"])) for a in range(60)]
+        return np.array([image[int(y), int(x)].min() > 190 for x, y in places])
+
+    def pixels(self, part: str) -> NDArray[np.uint8]:
+        """What is seen of an element now."""
+        self.page.mouse.move(5, 5)
+        self.page.wait_for_timeout(1000)
+        png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def runs(row: Any) -> list[tuple[int, int]]:
+    """First and one behind the last of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(row, dtype=int), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a > 1]
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioInLab]:
+    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
+        opened = StudioInLab(server, browser)
+        yield opened
+        opened.page.close()
+
+
+def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
+    page = shown.page
+    shown.tab("Cuts & parts")
+    page.get_by_role("button", name="Draw cut").click()
+    page.mouse.click(*shown.at(29.5, 52))
+    page.mouse.click(*shown.at(29.5, 6))
+    page.keyboard.press("Enter")
+    state = shown.told(lambda state: state["steps"][0]["cuts"] == 1)
+    assert state["steps"][0]["cuts"] == 1
+    assert page.locator(".dnb-il-fact", has_text="line").is_visible()
+    whole = shown.row()
+    assert len(runs(whole)) == 1  # a cut that is not pulled open is not seen
+    for near, far in ((24.5, 17.5), (34.5, 41.5)):
+        shown.add(near, 29.5)
+        shown.drag((near, 29.5), (far, 29.5))
+    state = shown.told(lambda state: len(runs(state["row"])) == 2 and runs(state["row"])[1][0] > 33)
+    (a, b), (c, d) = runs(state["row"])
+    assert c - b > 8  # the core's own gap, in voxels
+    on_picture = runs(shown.row())
+    assert np.abs(np.array(on_picture) - [(a, b), (c, d)]).max() <= 1
+    volume = shown.pixels(".dnb-view canvas")
+    bright = volume[volume.shape[0] // 2 - 2 : volume.shape[0] // 2 + 2].max(axis=(0, 2)) > 60
+    halves = [run for run in runs(bright) if run[1] - run[0] > 3]
+    assert len(halves) == 2
+    width = (halves[1][1] - halves[0][0]) / (d - a)  # screen pixels of a voxel
+    assert (halves[1][0] - halves[0][1]) / width == pytest.approx(c - b, abs=2)
+    shown.page.locator(".dnb-ed-stage").focus()
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    state = shown.told(lambda state: len(runs(state["row"])) == 1 and state["steps"][0]["points"] == 4)
+    assert (state["steps"][0]["points"], state["undo"]) == (4, "add cut")
+    assert (shown.row() == whole).all()
+    page.keyboard.press("Control+z")
+    assert shown.told(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
+
+
+def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None:
+    page = shown.page
+    shown.add(29.5, 29.5)
+    shown.drag((29.5, 29.5), (40.5, 29.5))
+    moved = shown.told(lambda state: bool(state["undo"].startswith("move")))["row"]
+    (a, b), = runs(moved)
+    assert (a + b) / 2 > 33
+    shown.tab("Picture")
+    page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
+    state = shown.told(lambda state: len(state["steps"]) == 2)
+    assert [step["view"] for step in state["steps"]] == ["+y", "-z"]
+    page.wait_for_function(f"{EDITOR}.points.length === 4 && !{EDITOR}.model.get('waiting')")
+    right, left = (40.0, 30.0) if state["u"] > 0 else (19.0, 29.0)  # from above a patient's left is on the other side
+    shown.add(right, 20.0)
+    shown.drag((right, 20.0), (left, 20.0))
+    state = shown.told(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
+    (a, b), = runs(state["row"])
+    assert (a + b) / 2 < 33  # dragged back
+    shown.tab("Steps")
+    page.locator(".dnb-il-switch:visible").first.click()
+    state = shown.told(lambda state: not state["steps"][0]["on"])
+    (a, b), = runs(state["row"])
+    assert (a + b) / 2 < 26  # the second alone
+    page.locator("[data-part=down]:visible").first.click()
+    state = shown.told(lambda state: state["steps"][0]["view"] == "-z")
+    assert [(step["view"], step["on"]) for step in state["steps"]] == [("-z", True), ("+y", False)]
+    page.locator("[data-part=rename]:visible").first.click()
+    page.keyboard.type("pull back")
+    page.keyboard.press("Enter")
+    assert shown.told(lambda state: state["steps"][0]["name"] != "")["steps"][0]["name"] == "pull back"
+    left = [round(page.locator(".dnb-il-switch:visible").nth(k).bounding_box()["x"]) for k in range(2)]
+    assert all(one == other for one, other in pairwise(left))
+    assert shown.errors == []
