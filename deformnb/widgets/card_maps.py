@@ -29,6 +29,7 @@ from deformnb.widgets.card_cuts import (
     with_still_regions,
 )
 from deformnb.widgets.shown_volume import ShownVolume
+from deformnb.widgets.space_cuts import CutChain, chain_is_exact, cut_chain, space_layers
 
 # Weights at equal steps of depth: as many as a curve has knots, so that it is kept exactly; a hat function with knots
 # in between errs by less than a thousandth.
@@ -40,7 +41,10 @@ MOST_MAPS = 64
 
 @dataclass(frozen=True, eq=False)
 class CardMaps:
-    """A message: what it says, and its buffers, whose names are in ``content["buffers"]``."""
+    """A message: what it says, and its buffers, whose names are in ``content["buffers"]``.
+
+    ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
+    """
 
     content: dict[str, Any]
     buffers: list[bytes]
@@ -76,9 +80,9 @@ def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | No
     if planar is not None:
         content["planar"], buffers = _planar(planar, shown, grid, map_size)
     if rest is not None:
-        content["coarse"] = rest.has_cuts
-        reach = _reach(planar, grid, map_size)
-        content["space"], buffers["space"] = _space(rest, shown, grid, space_size, reach)
+        content["space"], more = _space(rest, shown, grid, space_size, _reach(planar, grid, map_size))
+        buffers |= more
+        content["coarse"] = rest.has_cuts and ("cut" not in content["space"] or not chain_is_exact(rest))
     return CardMaps({**content, "buffers": list(buffers)}, list(buffers.values()))
 
 
@@ -146,7 +150,7 @@ def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
 
 
 def _space(field: AbstractField, shown: ShownVolume, grid: Grid, space_size: int,
-           reach: float) -> tuple[dict[str, Any], bytes]:
+           reach: float) -> tuple[dict[str, Any], dict[str, bytes]]:
     box = shown.box(grid)
     low, high = np.asarray(box["low"]) - reach, np.asarray(box["high"]) + reach
     size = np.maximum(high - low, 1e-9)
@@ -155,9 +159,30 @@ def _space(field: AbstractField, shown: ShownVolume, grid: Grid, space_size: int
     own = shown.volume.grid
     first = own.index_to_point(low / np.asarray(own.spacing))
     lattice = Grid((int(counts[2]), int(counts[1]), int(counts[0])), tuple(spacing), tuple(first), own.direction)
-    samples: NDArray[Any] = np.einsum("mk,kzyx->zyxm", shown.frame, field.on_grid(lattice))
     about = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
-    return about, np.ascontiguousarray(samples, "<f4").tobytes()
+    chain = cut_chain(field)
+    if chain is not None:
+        said, buffers = _cut_space(chain, shown.frame, lattice)
+        if said is not None:
+            return {**about, "cut": said}, buffers
+    samples: NDArray[Any] = np.einsum("mk,kzyx->zyxm", shown.frame, field.on_grid(lattice))
+    return about, {"space": np.ascontiguousarray(samples, "<f4").tobytes()}
+
+
+def _cut_space(chain: CutChain, frame: NDArray[np.float64],
+               lattice: Grid) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
+    """In half precision: small where it counts, which is near the cut, and half as much to send."""
+    points = lattice.index_to_point(np.moveaxis(np.indices(lattice.shape)[::-1], 0, -1))
+    layers = space_layers(chain, points)
+    if layers is None:
+        return None, {}
+    moves = layers.moves.copy()
+    moves[..., :3] = layers.moves[..., :3] @ frame.T
+    slope = max(np.sqrt(sum((np.diff(m, axis=axis) ** 2).sum(axis=-1).max() / step**2
+                            for axis, step in enumerate(lattice.spacing[::-1]))) for m in moves[..., :3])
+    about = {"regions": len(moves), "rule": chain.cut.rule, "softness": chain.cut.softness, "slope": float(slope)}
+    return about, {name: np.ascontiguousarray(np.clip(values, -6e4, 6e4), "<f2").tobytes()
+                   for name, values in (("space", moves), ("depths", layers.depths))}
 
 
 def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:

@@ -38,6 +38,7 @@ from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_o
 from deformnb.widgets.card_times import card_frames
 from deformnb.widgets.live_moments import AbstractMoments
 from deformnb.widgets.pacing import Pacer
+from deformnb.widgets.refit import check_map, state_followed
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
 from deformnb.widgets.static_picture import with_png
@@ -46,13 +47,11 @@ from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, 
 from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "cut_fits.js", "link.js",
-          "elements.js", "volume_blocks.js", "raycast_glsl.js", "raycast.js", "camera.js", "frame_loop.js",
-          "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js", "time_maps.js",
-          *POINT_FILES, "hands.js", "live_view.js")
+          "elements.js", "volume_blocks.js", "raycast_glsl.js", "programs.js", "raycast.js", "camera.js",
+          "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
+          "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
-
-_SHAPES = ("cuts", "cut_rule", "parts")  # of an editor
 
 # Traits that a page may change: the camera by hand, the others by links of one widget with another in the page.
 _OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
@@ -204,12 +203,9 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
         May be called after every edit: the page keeps its connection, and what the editor has gone on to show stays. To
         let the editor move another map, follow with the other index first and then give it that map's points.
         """
-        count = count_maps(field)
-        if editor is not None and count is None:
-            raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
-        if count is not None and not 0 <= index < count:
-            raise DeformError(f"there is no map {index}; the extrusion has {count}.")
-        followed = None if editor is None else _followed(editor, index)
+        if editor is not None or count_maps(field) is not None:
+            check_map(field, index)
+        followed = None if editor is None else state_followed(editor, index)
         goes_on = followed is not None and self._moments is None and (
             editor, index, output) == (self.editor, self.editor_map, self._output)
         if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
@@ -396,12 +392,6 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
     "seen": LiveView._seen, "screenshot": LiveView._screenshot, "stats": LiveView._stats,
 }
 """What is done about each kind of message."""
-
-
-def _followed(editor: Any, index: int) -> dict[str, Any]:
-    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
-    state = editor.get_state(["points", *_SHAPES])
-    return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in _SHAPES}}
 
 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:

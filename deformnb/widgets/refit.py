@@ -56,6 +56,22 @@ def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractF
     return Decoupled(tuple(made), tuple(sides), flat.regions, last.first.plane, flat.rule, softness)
 
 
+def check_map(field: AbstractField | None, index: int) -> None:
+    """Refuse to let an editor move a map that is not there."""
+    count = count_maps(field)
+    if count is None:
+        raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
+    if not 0 <= index < count:
+        raise DeformError(f"there is no map {index}; the extrusion has {count}.")
+
+
+def state_followed(editor: Any, index: int) -> dict[str, Any]:
+    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
+    shapes = ("cuts", "cut_rule", "parts")
+    state = editor.get_state(["points", *shapes])
+    return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in shapes}}
+
+
 class Refit:
     """A field, one map of which follows an editor.
 
@@ -71,11 +87,8 @@ class Refit:
     """
 
     def __init__(self, field: AbstractField | None, index: int) -> None:
-        count = count_maps(field)
-        if field is None or count is None:
-            raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
-        if not 0 <= index < count:
-            raise DeformError(f"there is no map {index}; the extrusion has {count}.")
+        check_map(field, index)
+        assert field is not None
         self._field, self._index = field, index
         self._previous: RBFInterpolant | None = None
         self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
@@ -91,7 +104,8 @@ class Refit:
         if not cuts:
             return self._fit(points, settings)
         fits = decoupled_fits(points, cuts, lambda some: self._fit(some, settings))
-        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=settings["cut_rule"])
+        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=settings["cut_rule"],
+                         softness=settings["softness"])
 
     def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         strength = settings["strength"]
@@ -125,7 +139,9 @@ def follow_editor(editor: Any, refit: Refit,
     def tell(points: ControlPoints, phase: str) -> None:
         taker = held()
         if taker is not None:
-            taker(partial(refit, points, {name: getattr(editor, name) for name in _SETTINGS}))
+            settings = {name: getattr(editor, name) for name in _SETTINGS}
+            settings["softness"] = sum(editor.raster["spacing"]) / 2
+            taker(partial(refit, points, settings))
 
     def changed(change: Any) -> None:
         tell(editor.points, "end")

@@ -206,7 +206,9 @@ def _chunk(shown: ShownVolume, index: int) -> dict[str, Any]:
 def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
     """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
-    buffers = {name: np.frombuffer(maps.buffer(name), "<f4") for name in maps.content["buffers"]}
+    half = ("space", "depths") if (maps.content["space"] or {}).get("cut") else ()
+    buffers: dict[str, NDArray[Any]] = {name: np.frombuffer(maps.buffer(name), "<f2" if name in half else "<f4")
+                                        for name in maps.content["buffers"]}
     planar = maps.content["planar"]
     if planar is not None:
         layers, cut = planar["shape"][0], planar["cut"]
@@ -218,7 +220,7 @@ def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
             del buffers["distances"]
         buffers["maps"] = _rounded(own, step)
     for name in ("space", "distances"):
-        if name in buffers:
+        if name in buffers and name not in half:
             buffers[name] = _rounded(buffers[name], step)
     content = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []}, "planar": planar,
                "buffers": list(buffers)}

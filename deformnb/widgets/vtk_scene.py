@@ -136,7 +136,8 @@ class VtkScene:
     def _can(self, maps: CardMaps) -> bool:
         """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
         has_cuts = bool((maps.content["planar"] or {}).get("cut"))
-        return not maps.content["coarse"] and (self._is_trusted or not has_cuts or cuts_work())
+        is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))
+        return not is_early and (self._is_trusted or not has_cuts or cuts_work())
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""

@@ -6,14 +6,16 @@ const CUT_TILE = 32; // nodes along a square that only the near edges of an outl
 
 /** The message "field" with its buffers in place; null if it builds on distances that `known` does not hold. */
 function fieldOf(content, buffers, known) {
-  const parts = Object.fromEntries(content.buffers.map((name, k) => [name, floatsOf(buffers[k])]));
+  const isHalf = (name) => content.space?.cut && (name === "space" || name === "depths");
+  const parts = Object.fromEntries(content.buffers.map((name, k) => [name,
+    isHalf(name) ? new Uint16Array(bytesOf(buffers[k]).slice().buffer) : floatsOf(buffers[k])]));
   const planar = content.planar && { ...content.planar, maps: parts.maps, weights: parts.weights };
   if (planar?.cut) {
     if (parts.distances) { known.id = planar.cut.id; known.distances = parts.distances; }
     if (known.id !== planar.cut.id) return null;
     planar.cut = { ...planar.cut, distances: known.distances };
   }
-  return { box: content.box, planar, space: content.space && { ...content.space, values: parts.space } };
+  return { box: content.box, coarse: content.coarse, planar, space: content.space && { ...content.space, values: parts.space, depths: parts.depths } };
 }
 
 /**

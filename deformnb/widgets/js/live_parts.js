@@ -19,6 +19,57 @@ function sized(root, host, model) {
   return [(box.width || width) * ratio, (box.height || height) * ratio].map(Math.round);
 }
 
+const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
+const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
+
+/** What stands over each picture; layer: the one that is seen of a picture that flickers. */
+function captionsOf(shows, layer) { return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows]; }
+
+/** The same in words, behind a name. */
+function aboutShown(shows) {
+  return { deformed: "", flicker: ", original and deformed in turn" }[shows] ?? `, ${CAPTIONS[shows].join(" and ")}`;
+}
+
+/** What is seen in a canvas of this width: see FrameLoop. */
+function picturesOf(shows, width) {
+  const one = (layer, original, x, w) => ({ layer, original, x, width: w }), half = Math.floor(width / 2);
+  if (shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
+  if (shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
+  return [one(0, shows === "original", 0, width)];
+}
+
+/** The corners of a box along the axes of a volume, from its middle, in space. */
+function boxCorners({ low, high }, axes) {
+  const half = low.map((l, i) => (high[i] - l) / 2);
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
+    sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
+}
+
+/** Hears what a model tells; what goes wrong is said, and `handlers` keeps what is to be taken off at the end. */
+function listen(model, name, handler, handlers, fail) {
+  const guarded = (...args) => {
+    try {
+      const result = handler(...args);
+      if (result && result.catch) result.catch(fail);
+    } catch (error) { fail(error); }
+  };
+  model.on(name, guarded);
+  handlers.push([name, guarded]);
+}
+
+/** What ends a page that has just been drawn. */
+function opened(page) {
+  page.root.deformnb = page; // for tests and for whoever looks into the page
+  return () => page.close();
+}
+
+/** What a FrameLoop has measured, as Python is told. */
+function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { canvas } }) {
+  const sorted = [...drag].sort((a, b) => a - b);
+  return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width: canvas.width,
+    height: canvas.height };
+}
+
 /** A caption and four letters of directions over each picture that is seen: one, or two side by side. */
 class Frames {
   constructor(root) {

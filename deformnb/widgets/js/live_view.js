@@ -2,8 +2,6 @@
 // names.
 // To Python: hello, chunk, still, screenshot, seen, stats. From Python: chunk, field, still, screenshot.
 
-const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
-
 class LiveViewPage {
   constructor(model, el) {
     this.model = model;
@@ -70,10 +68,8 @@ class LiveViewPage {
   }
 
   caption() {
-    const captions = this.shows === "flicker" ? [["deformed", "original"][this.flicker.layer]] : CAPTIONS[this.shows];
-    this.frames.show(this.still && this.shows === "flicker" ? ["deformed"] : captions);
-    const about = { deformed: "", flicker: ", original and deformed in turn" }[this.shows] ?? `, ${captions.join(" and ")}`;
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${about}`);
+    this.frames.show(captionsOf(this.shows, this.still ? 0 : this.flicker.layer));
+    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
   }
 
   flip(layer) {
@@ -83,11 +79,7 @@ class LiveViewPage {
 
   /** What is seen in a canvas of this size: see FrameLoop. */
   pictures(width, height) {
-    const one = (layer, original, x, w) => ({ layer, original, x, width: w, camera: this.seen(w / height) });
-    const half = Math.floor(width / 2);
-    if (this.shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
-    if (this.shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
-    return [one(0, this.shows === "original", 0, width)];
+    return picturesOf(this.shows, width).map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
   }
 
   /** Width by height of one picture. */
@@ -173,16 +165,7 @@ class LiveViewPage {
 
   send(content) { this.model.send({ view: this.id, ...content }); }
 
-  on(name, handler) {
-    const guarded = (...args) => {
-      try {
-        const result = handler(...args);
-        if (result && result.catch) result.catch((error) => this.fail(error));
-      } catch (error) { this.fail(error); }
-    };
-    this.model.on(name, guarded);
-    this.handlers.push([name, guarded]);
-  }
+  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
 
   fail(error) { console.error(error); this.say(`The live view has failed: ${error.message || error}`); }
 
@@ -217,17 +200,20 @@ class LiveViewPage {
 
   setInfo() {
     const info = this.model.get("volume_info") || {};
-    if (!info.shape) { this.badge.textContent = ""; return; }
+    if (!info.shape) return;
     if (this.info && this.info.id === info.id) return;
     this.info = info;
     this.values = null;
-    this.badge.textContent = info.note || "";
+    this.mark();
     this.readCamera(true);
     if (!this.caster) { this.askStill(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share));
   }
+
+  /** What people must know of what they see. */
+  mark() { this.badge.textContent = [this.info?.note, this.field?.coarse && COARSE].filter(Boolean).join("; "); }
 
   setProgress(share) {
     this.progress.style.setProperty("--share", share);
@@ -273,6 +259,7 @@ class LiveViewPage {
     this.reframed(() => { // a larger field of view is seen whole
       this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null) };
     });
+    this.mark();
     this.applyField();
     this.touch();
     this.confirm(content.seq);
@@ -321,10 +308,7 @@ class LiveViewPage {
   }
 
   tell() {
-    const { drag, full, passes, frames } = this.loop.times, sorted = [...drag].sort((a, b) => a - b);
-    this.stats = { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames,
-      scale: this.loop.scale, width: this.canvas.width, height: this.canvas.height, received: this.sent.received,
-      edits: this.link.count, edit_ms: this.link.ms };
+    this.stats = { ...measuredBy(this.loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }
 
@@ -334,9 +318,7 @@ class LiveViewPage {
 
   /** The corners of what is shown, from its middle, in space. */
   corners() {
-    const { low, high } = this.box, half = low.map((l, i) => (high[i] - l) / 2), axes = this.info.axes;
-    return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
-      sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
+    return boxCorners(this.box, this.info.axes);
   }
 
   seen(aspect) {
@@ -408,10 +390,6 @@ class LiveViewPage {
   }
 }
 
-function render({ model, el }) {
-  const page = new LiveViewPage(model, el);
-  page.root.deformnb = page; // for tests and for whoever looks into the page
-  return () => page.close();
-}
+function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
 
 export default { render };

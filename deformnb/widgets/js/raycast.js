@@ -1,7 +1,7 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It knows no widget and no mouse; all that comes in is arrays and numbers.
 
-const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8 };
+const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8, depths: 9 };
 
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
@@ -9,40 +9,6 @@ const BACKGROUNDS = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
-
-function compiled(gl, type, source) {
-  const shader = gl.createShader(type);
-  gl.shaderSource(shader, source);
-  gl.compileShader(shader);
-  if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
-    throw new Error(`shader: ${gl.getShaderInfoLog(shader)}`);
-  }
-  return shader;
-}
-
-function linked(gl, fragment) {
-  const program = gl.createProgram();
-  gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTEX));
-  gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, fragment));
-  gl.bindAttribLocation(program, 0, "corner");
-  gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
-    throw new Error(`program: ${gl.getProgramInfoLog(program)}`);
-  }
-  const at = {}, count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
-  for (let i = 0; i < count; i++) {
-    const { name } = gl.getActiveUniform(program, i);
-    at[name] = gl.getUniformLocation(program, name);
-  }
-  return { program, at };
-}
-
-// From places in the volume's frame to texture coordinates over a plane: a matrix, column by column, and an offset.
-function toTextures({ origin, u, v, n }, starts, lengths) {
-  const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
-  return [[0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
-    [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5))];
-}
 
 class RayCaster {
   /** canvas without a context; throws an Error with a readable reason if there is no WebGL2. */
@@ -81,7 +47,7 @@ class RayCaster {
   // A program reads every sampler it declares, so each unit holds something of its kind from the start.
   #plain() {
     const gl = this.gl;
-    for (const name of ["volume", "blocks", "ambience", "space"]) {
+    for (const name of ["volume", "blocks", "ambience", "space", "depths"]) {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
@@ -201,27 +167,36 @@ class RayCaster {
       cut.distances);
   }
 
-  /** A displacement sampled in space, or null. values: Float32Array [z][y][x][3] in the volume's frame. */
+  /**
+   * A displacement sampled in space, or null. values: Float32Array [z][y][x][3] in the volume's frame. With cut {regions,
+   * rule, softness, slope}: numbers of half precision as Uint16Array, values [region][z][y][x][4] with the depth of where
+   * it leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
+   */
   setSpace(space) {
     this.space = space;
     if (!space) return;
-    const gl = this.gl, { shape, origin, spacing } = space;
+    const gl = this.gl, { shape, origin, spacing, cut } = space;
+    space.toSpace = shape.map((n, i) => 1 / (n * spacing[i]));
+    space.toSpace0 = origin.map((o, i) => (0.5 * spacing[i] - o) * space.toSpace[i]);
     this.#texture("space", gl.TEXTURE_3D, true);
+    if (cut) {
+      const size = [shape[0], shape[1], shape[2] * cut.regions]; // one region behind the other
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, ...size, 0, gl.RGBA, gl.HALF_FLOAT, space.values);
+      this.#texture("depths", gl.TEXTURE_3D, true);
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, ...size, 0, gl.RG, gl.HALF_FLOAT, space.depths);
+      space.slope = cut.slope;
+      return;
+    }
     const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F, padded = new Float32Array((space.values.length / 3) * 4);
     for (let i = 0, j = 0; i < space.values.length; i += 3, j += 4) {
       padded[j] = space.values[i]; padded[j + 1] = space.values[i + 1]; padded[j + 2] = space.values[i + 2];
     }
     gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
-    space.toSpace = shape.map((n, i) => 1 / (n * spacing[i]));
-    space.toSpace0 = origin.map((o, i) => (0.5 * spacing[i] - o) * space.toSpace[i]);
     space.slope = spaceSlope(space.values, shape, spacing);
   }
 
   #program({ planar, space }) {
-    const weighted = planar && !planar.isReplicated, mip = this.projection === "mip";
-    const cut = planar && planar.cut;
-    const defines = [planar && "PLANAR", weighted && "WEIGHTED", space && "SPACE", (planar || space) && "WARPED", mip && "MIP",
-      this.projection === "shaded" && "SHADED", cut && "CUT", cut && cut.rule === "paper" && "BY_PLACE"].filter(Boolean);
+    const defines = definesOf(this.projection, planar, space);
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");
@@ -331,24 +306,31 @@ class RayCaster {
       gl.uniformMatrix3fv(at.toMap, false, planar.toMap);
       gl.uniform3fv(at.toMap0, planar.toMap0);
     }
-    if (planar && planar.cut) this.#setCutNumbers(at, planar, Math.hypot(...slope));
+    if (planar && planar.cut) this.#setCutNumbers(at, planar.cut);
+    if ((planar && planar.cut) || (space && space.cut)) {
+      const softness = Math.max(planar && planar.cut ? planar.softness : space.cut.softness, Math.min(...this.volume.spacing));
+      gl.uniform1f(at.softness, softness);
+      gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
+      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: distances between samples are not quite such
+    }
+    if (space && space.cut) {
+      gl.uniform1i(at.spaceRegions, space.cut.regions);
+      gl.uniform1f(at.spaceEdge, 0.5 / space.shape[2]);
+    }
     if (space) { gl.uniform3fv(at.toSpace, space.toSpace); gl.uniform3fv(at.toSpace0, space.toSpace0); }
     const finest = Math.min(...this.volume.spacing);
     gl.uniform1f(at.slopeStep, Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0,
       planar ? Math.min(...planar.spacing) : 0));
   }
 
-  #setCutNumbers(at, planar, slope) {
-    const gl = this.gl, { cut } = planar, softness = Math.max(planar.softness, Math.min(...this.volume.spacing));
+  #setCutNumbers(at, cut) {
+    const gl = this.gl;
     gl.uniformMatrix3fv(at.toCut, false, cut.toCut);
     gl.uniform3fv(at.toCut0, cut.toCut0);
     gl.uniform2fv(at.cutScale, cut.scale);
     gl.uniform1i(at.cutCount, cut.shape[0]);
     gl.uniform1i(at.regionCount, cut.bits.length);
     gl.uniform1iv(at["sides[0]"], cut.bits);
-    gl.uniform1f(at.softness, softness);
-    gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
-    gl.uniform1f(at.rate, 1.2 * (1 + slope)); // more than 1, because distances between samples are not quite distances
   }
 
   /** Copies a picture into a larger one: what is not refined yet shows it. */

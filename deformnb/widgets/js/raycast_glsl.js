@@ -37,21 +37,25 @@ vec3 along(vec3 x, int region) {
 }
 #endif
 
-#ifndef CUT
+#ifndef PLANE_CUT
 const int chosen = 0;
-#else
+#endif
+
+#ifdef CUT
 // What origin() has found at the place asked for last. Of a region's coverage half lies on each side of its edge.
-int chosen;    // the region that is seen there
 float seen;    // share of what is there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
 float firm;    // how far one may go until another region may count, or what counts may begin or end
 uniform float softness, faceWidth;
 
 float covered(float depth, float width) { return clamp(.5 + depth / width, 0., 1.); }
+#endif
 
+#ifdef PLANE_CUT
 // Regions of the plane: layer c holds the distance from cut c, negative inside; sides[r] has a bit for each cut that
 // region r lies inside of. Something comes from a region as far as its own map leads into that region.
 uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
+int chosen;    // the region that is seen there
 uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
 
 float into(int region, vec2 at) {
@@ -78,7 +82,6 @@ vec3 fromPlane(vec3 x) {
   float depth = edge - length(d); // at least: a distance changes by no more than the way
   if (depth < .5 * faceWidth) depth = into(own, at + d * cutScale);
   firm = min(edge, abs(depth) - .5 * softness);
-  seen = closed = 1.;
 #ifdef BY_PLACE
   seen = min(1., covered(depth, softness) / covered(edge, softness));
   closed = min(1., covered(depth, faceWidth) / covered(edge, faceWidth));
@@ -105,15 +108,74 @@ vec3 fromPlane(vec3 x) {
 }
 #endif
 
+#ifdef SPACE_CUT
+// The same of an earlier step, sampled in space: the layers of its regions lie one behind the other along z.
+uniform sampler3D depths; uniform int spaceRegions; uniform float spaceEdge;
+int chosenInSpace;
+
+vec3 inLayer(vec3 x, int region) {
+  vec3 p = x * toSpace + toSpace0;
+  return vec3(p.xy, (float(region) + clamp(p.z, spaceEdge, 1. - spaceEdge)) / float(spaceRegions));
+}
+
+vec3 fromSpace(vec3 x) {
+  int own = 0;
+  float edge = -1e9;
+  for (int r = 0; r < spaceRegions; r++) {
+    float d = textureLod(depths, inLayer(x, r), 0.).r;
+    if (d > edge) { edge = d; own = r; }
+  }
+  vec4 move = textureLod(space, inLayer(x, own), 0.);
+  float depth = move.w, best = covered(depth, softness), wide = covered(depth, faceWidth), total = best;
+  chosenInSpace = own;
+  firm = min(firm, min(edge, abs(depth) - .5 * softness));
+#ifdef SPACE_BY_PLACE
+  total /= covered(max(edge, 0.), softness);
+  wide /= covered(max(edge, 0.), faceWidth);
+#else
+  bool isOwn = best >= .5, isSure = wide >= 1.;
+  for (int r = 0; r < spaceRegions; r++) {
+    if (r == own || isSure) continue;
+    vec4 other = textureLod(space, inLayer(x, r), 0.);
+    float cover = covered(other.w, softness);
+    firm = min(firm, abs(other.w) - .5 * softness);
+    total += cover;
+    wide += covered(other.w, faceWidth);
+    if (!isOwn && cover > best) { best = cover; chosenInSpace = r; move = other; }
+  }
+#endif
+  // In half precision a half and a half are not quite one.
+  seen *= (total > .99 ? 1. : total) * textureLod(depths, inLayer(x, chosenInSpace), 0.).g;
+  closed *= wide > .99 ? 1. : wide;
+  return x + move.xyz;
+}
+#endif
+
+#ifdef SPACE
+vec3 sampled(vec3 x) {
+#ifdef SPACE_CUT
+  return x + textureLod(space, inLayer(x, chosenInSpace), 0.).xyz;
+#else
+  return x + textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+#endif
+}
+#endif
+
 // Where the value at x of the result comes from: the plane's displacement was done last, so it is undone first.
 vec3 origin(vec3 x) {
 #ifdef CUT
+  seen = closed = 1.;
+  firm = 1e9;
+#endif
+#ifdef PLANE_CUT
   x = fromPlane(x);
 #elif defined(PLANAR)
   x += along(x, 0);
 #endif
-#ifdef SPACE
-  x += textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+#ifdef SPACE_CUT
+  x = fromSpace(x);
+#elif defined(SPACE)
+  x = sampled(x);
 #endif
   return x;
 }
@@ -121,15 +183,13 @@ vec3 origin(vec3 x) {
 #ifdef WARPED
 // The same, as the region says that was found last: beyond its edge its own map goes on.
 vec3 onward(vec3 x) {
-#ifdef CUT
+#ifdef PLANAR
   x += along(x, chosen);
+#endif
 #ifdef SPACE
-  x += textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+  x = sampled(x);
 #endif
   return x;
-#else
-  return origin(x);
-#endif
 }
 
 uniform float slopeStep;
@@ -219,7 +279,7 @@ void main() {
     vec3 cell = clamp(q, 0., 1.) * blockScale;
 #ifdef CUT
     float fixedFor = max(0., firm) / rate;     // nothing of the cuts changes until then
-    if (seen <= 0.) { most = max(most, outside); t += max(1., floor(fixedFor / stepLength)) * stepLength; continue; }
+    if (seen <= .002) { most = max(most, outside); t += max(1., floor(fixedFor / stepLength)) * stepLength; continue; }
 #endif
     vec2 block = textureLod(blocks, cell, 0.).rg * 255.;
 #ifdef MIP

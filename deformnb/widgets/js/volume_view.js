@@ -2,7 +2,6 @@
 // deformnb/widgets/volume_view.py names.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice.
 
-const TITLES = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
@@ -47,16 +46,7 @@ class VolumeViewPage {
     this.spacePoints = new SpacePoints(this);
   }
 
-  on(name, handler) {
-    const guarded = (...args) => {
-      try {
-        const result = handler(...args);
-        if (result && result.catch) result.catch((error) => this.fail(error));
-      } catch (error) { this.fail(error); }
-    };
-    this.model.on(name, guarded);
-    this.handlers.push([name, guarded]);
-  }
+  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
 
   send(content) { this.model.send({ view: this.id, ...content }); }
 
@@ -93,10 +83,8 @@ class VolumeViewPage {
   }
 
   caption() {
-    const captions = this.shows === "flicker" ? [["deformed", "original"][this.flicker.layer]] : TITLES[this.shows];
-    this.frames.show(captions);
-    const about = { deformed: "", flicker: ", original and deformed in turn" }[this.shows] ?? `, ${captions.join(" and ")}`;
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${about}`);
+    this.frames.show(captionsOf(this.shows, this.flicker.layer));
+    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
   }
 
   // -- pictures ------------------------------------------------------------------------------------------------------
@@ -236,10 +224,6 @@ class VolumeViewPage {
   }
 }
 
-function render({ model, el }) {
-  const page = new VolumeViewPage(model, el);
-  page.root.deformnb = page; // for tests and for whoever looks into the page
-  return () => page.close();
-}
+function render({ model, el }) { return opened(new VolumeViewPage(model, el)); }
 
 export default { render };
