@@ -38,6 +38,9 @@ from deformnb.regions import AbstractRegion
 MOST_CUTS = 8
 """Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
 
+# Coverages add up to 1 but for the rounding of float32; what is opaque must stay so bit by bit.
+_OPAQUE = 1 - 1e-6
+
 _Field = TypeVar("_Field", bound=AbstractField)
 
 Sides = tuple[bool, ...]
@@ -150,7 +153,8 @@ def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[
     covered = [_covered(_depth(here, region, xp), softness, xp) for region in sides]
     brought = [_covered(_depth(d, region, xp), softness, xp) for d, region in zip(there, sides, strict=True)]
     still = xp.clip(1.0 - sum(covered), 0.0, 1.0) if sides else xp.ones(here[0].shape)
-    return CUT_RULES[rule](own, covered, brought, still, xp)
+    choice, opacity = CUT_RULES[rule](own, covered, brought, still, xp)
+    return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
 
 
 def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
@@ -208,6 +212,8 @@ class Decoupled(AbstractField):
             raise DeformError(f"one to {MOST_CUTS} cuts are possible, got {len(self.regions)}.")
         if len(self.fields) != len(self.sides) or any(len(s) != len(self.regions) for s in self.sides):
             raise DeformError("every field needs its region, and every region a side of every cut.")
+        if not self.softness > 0:  # NaN as well
+            raise DeformError(f"the softness of cuts must be a positive length, got {self.softness}.")
 
     @property
     def dim(self) -> int:

@@ -249,7 +249,11 @@ class Blended(AbstractField):
         return np.asarray(sum(f.displacement(points) for f in self.fields))
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
-        return np.asarray(np.prod([f.opacity(points) for f in self.fields], axis=0))
+        return self.seen(points)[1]
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        parts = [f.seen(points) for f in self.fields]
+        return np.asarray(sum(d for d, _ in parts)), np.asarray(np.prod([a for _, a in parts], axis=0))
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 
 def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
-    """``fill + A (value - fill)``; labels and bool, which have nothing in between, are shown from A = 1/2 on.
+    """``fill + A (value - fill)``; what has nothing in between is shown from A = 1/2 on: labels, bool, a fill of NaN.
 
     Parameters
     ----------
     values : voxels; changed in place where they may be, else copied.
+    discrete : nothing in between may be made up.
     opacity : A from 0 to 1, of the shape of the first axes of ``values``.
     fill : the background, of the type of the voxels.
 
@@ -28,7 +29,7 @@ def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: b
     if not values.flags.writeable:
         values = values.copy(order="K")
     some, share = values[at], opacity[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
-    if discrete:
+    if discrete or not np.isfinite(fill):
         values[at] = np.where(share < 0.5, fill, some)
         return values
     mixed = float(fill) + share * (some.astype(np.float64) - float(fill))
