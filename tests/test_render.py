@@ -16,7 +16,7 @@ from deformnb import render as module
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import Cancelled, DeformError
 from deformnb.plane import Plane
-from deformnb.render import RENDERERS, gl_status, render_pair, render_volume, renderer_named, save_image
+from deformnb.render import RENDERERS, gl_status, image_places, render_pair, render_volume, renderer_named, save_image
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 
@@ -321,3 +321,16 @@ def test_an_image_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_renderers_are_listed() -> None:
     assert set(RENDERERS) == {"vtk", "core"}
     assert renderer_named("core") == "core"
+
+
+@pytest.mark.parametrize("direction", [(1, 0.9, -0.2), (0, 1, 0), (0, 0, -1)])
+def test_places_of_points_on_a_picture(direction: tuple[float, float, float]) -> None:
+    values = np.zeros((24, 24, 24), np.uint8)
+    values[17:20, 4:7, 8:11] = 255
+    volume = Volume.from_array(values, spacing=(1, 1.5, 2), origin=(-30, 5, 7))
+    view: dict[str, Any] = {"direction": direction, "size": (200, 160), "height": 70.0}
+    image = render_volume(volume, backend="core", **view).sum(axis=2)
+    rows, columns = np.nonzero(image > image.max() / 4)
+    seen = (np.ptp(columns) / 2 + columns.min(), np.ptp(rows) / 2 + rows.min())
+    wanted = image_places(volume.grid.index_to_point([9, 5, 18]), volume.grid, **view)
+    np.testing.assert_allclose(wanted, seen, atol=1.5)

@@ -17,6 +17,7 @@ from deformnb.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.fields import DisplacementField, Identity
 from deformnb.io.meshes import read_mesh
+from deformnb.landmarks import Landmarks, warp_landmarks
 from deformnb.surfaces import Mesh, filled, isosurface, signed_distance, warp_mesh
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
@@ -323,6 +324,8 @@ def test_labels_mesh_and_points_of_a_thing_end_at_the_same_place() -> None:
     warped = warp(labels, field)
     assert set(np.unique(warped.values)) == {0, 7}
     moved = warp_mesh(thing, field)
+    marks = warp_landmarks(Landmarks(thing.points[::97]), field)
+    assert_close(marks.points, moved.points[::97], atol=1e-4)
     inside = signed_distance(moved, grid).values < 0
     assert np.count_nonzero(inside != (warped.values == 7)) < 0.1 * np.count_nonzero(inside)  # half a voxel at most
     centre = places(grid)[warped.values == 7].mean(axis=0)
