@@ -40,10 +40,10 @@ class AbstractMoments(traitlets.HasTraits):
 
         Notes
         -----
-        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it.
+        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
+        editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
         """
         self._hold(None, output, None, maps)
-        self.set_trait("editor", None)
         self.player = player
         self._offer()
 

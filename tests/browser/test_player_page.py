@@ -11,7 +11,10 @@ from browser.live_page import LivePage
 from deformnb.animation import Animation
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Keyframe
+from deformnb.picture import project
+from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.player import Player
 
@@ -236,4 +239,35 @@ def test_a_view_that_is_drawn_later_and_a_player_that_is_not_drawn(page: LivePag
     player.time = 0.0
     page.wait(f"{VIEW}.times.time === 0")
     assert dice(silhouette(page.pixels()), end) < 0.85
+    assert page.errors == []
+
+
+def test_what_is_dragged_is_seen_at_once_also_after_playing(page: LivePage) -> None:
+    volume, animation = arm()
+    step, plane = animation.keyframes[0].steps[0], Plane.along(GRID, "+y")
+    editor = Editor(project(volume, plane), step.points)
+    view = LiveView(volume, transfer="surface", width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark")
+    player = Player(animation)
+    page.add(editor, "editor", draw=False)
+    page.add(player, "player")
+    page.add(view, "view")
+    page.loaded()
+    view.set_camera((0, 1, 0))
+    view.follow(editor, Deformation((step,)).field(GRID))
+    page.wait(f"{VIEW}.link.editor && {VIEW}.field.planar")
+    view.play(animation.stack(GRID), player)
+    player.time = 2.0
+    page.wait(f"{VIEW}.times.frames && {VIEW}.times.time === 2")
+    bent = silhouette(page.pixels())
+    editor.points = step.points.move(5, step.points.target[5] + (0, 4))
+    page.wait(f"{VIEW}.link.count > 0")
+    dragged = silhouette(page.pixels())
+    assert dice(dragged, bent) < 0.9
+    reference = LiveView(volume, transfer="surface", width=SIZE[0], height=SIZE[1], background="dark")
+    reference.set_camera((0, 1, 0))
+    reference.show_deformation(Deformation((step.with_points(editor.points),)), output=FINE)
+    assert dice(dragged, silhouette(reference.still(SIZE))) > 0.93
+    player.time = 1.9  # and the player goes on from where it is
+    page.wait(f"{VIEW}.times.time === 1.9")
+    assert dice(silhouette(page.pixels()), bent) > 0.95
     assert page.errors == []
