@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Decoupled
 from deformnb.fields import AbstractField
 from deformnb.forward import warp_points
 from deformnb.picture import Picture
@@ -63,14 +64,20 @@ def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
 
 
 def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list[NDArray[np.float64]]:
-    """Where lines of a picture are after its deformation, in pieces where the map folds."""
-    moved, found = warp_points(np.concatenate(lines), fit)
+    """Where lines of a picture are after its deformation, in pieces where the map folds and at cuts."""
+    places = np.concatenate(lines)
+    moved, found = warp_points(places, fit)
+    region = np.zeros(len(places), dtype=int)
+    if isinstance(fit, Decoupled):
+        for k, (lies_there, _) in enumerate(fit.of_source(places)):
+            region[lies_there] = k
+    region[~found] = -1
     ends = np.cumsum([len(line) for line in lines])[:-1]
     pieces = []
-    for line, good in zip(np.split(moved, ends), np.split(found, ends), strict=True):
-        runs = np.split(line, np.flatnonzero(np.diff(good)) + 1)
-        kept = np.split(good, np.flatnonzero(np.diff(good)) + 1)
-        pieces += [run for run, is_good in zip(runs, kept, strict=True) if is_good[0] and len(run) > 1]
+    for line, label in zip(np.split(moved, ends), np.split(region, ends), strict=True):
+        changes = np.flatnonzero(np.diff(label)) + 1
+        runs = zip(np.split(line, changes), np.split(label, changes), strict=True)
+        pieces += [run for run, of_run in runs if of_run[0] >= 0 and len(run) > 1]
     return pieces
 
 

@@ -11,6 +11,7 @@ from browser.editor_page import PAGE, EditorOnPage
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, Cut
 from deformnb.errors import DeformError
+from deformnb.masks import Mask
 from deformnb.picture import Picture
 from deformnb.regions import HalfSpace, Line, Polygon
 from deformnb.rigid_parts import RigidPart
@@ -87,8 +88,11 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
 
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 @pytest.mark.parametrize("region", [Line([(71, -20), (78, 10), (64, 30), (76, 70)]),
-                                    Polygon([(80, 0), (120, 5), (115, 50), (80, 45)])])
+                                    Polygon([(80, 0), (120, 5), (115, 50), (80, 45)]), "mask"])
 def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: Picture, region: Any, rule: str) -> None:
+    if region == "mask":
+        at = picture.raster.points() - [102, 30]
+        region = Mask((at[..., 0] / 18) ** 2 + (at[..., 1] / 45) ** 2 < 1, picture.raster)
     page = opened(Editor(picture, two_sides(), show_net=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     pull(page, two_sides(), [4, 5], (41, -20))
@@ -355,6 +359,16 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     press("Delete")  # a line of one place is none
     page.answered()
     assert page.editor.cuts == []
+
+
+def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
+    points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
+    page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))]))
+    page.page.mouse.dblclick(*page.on_screen((66, 20)))
+    assert "This is a gap" in page.page.locator(".dnb-ed-hint").inner_text()
+    page.page.mouse.dblclick(*page.on_screen((58, 20)))
+    assert len(page.points) == 7
+    assert page.points.source[6] == pytest.approx([68, 20], abs=0.3)
 
 
 def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: Any, picture: Picture) -> None:

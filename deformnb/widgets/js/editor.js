@@ -269,7 +269,8 @@ class EditorPage extends EditorShapes {
       k * p.target[1] + this.view.y - y), p.id]).sort((p, q) => p[0] - q[0])[0];
     if (near && near[0] < NEAR) { this.select([near[1]]); this.handles.focus(near[1]); return near[1]; }
     const target = [(x - this.view.x) / k, (y - this.view.y) / k];
-    const [da, db] = this.layered && !this.isComparing ? placeOf(this.layered, ...target, 1e-9) : [0, 0];
+    const [da, db, opacity] = this.layered && !this.isComparing ? placeOf(this.layered, ...target, 1e-9) : [0, 0, 1];
+    if (opacity < 0.5) { this.hint("This is a gap: there is nothing here to take hold of"); return null; }
     const strength = this.model.get("strength") || 1, id = nextId(this.points, this.sender.nextId);
     // Dragged `strength` times, a feature must come from target + D to be seen at the target.
     const points = addedPoint(this.points, id, target, target);

@@ -54,7 +54,7 @@ class ShapeHandles {
     const at = what === "parts" ? [...this.root.children].find((node) => node.dataset.shape.startsWith("cuts")) : null;
     this.root.insertBefore(root, at ?? null); // cuts over parts
     const parts = { root, tip: svgElement("title", {}, root), bands: [] };
-    for (const name of ["fill", "halo", "case", "bands", "far-case", "far", "line", "hit"]) {
+    for (const name of ["fill", "halo", "case", "bands", "far-case", "far", "line", "moved-case", "moved", "hit"]) {
       parts[name] = svgElement(name === "bands" ? "g" : "path", { class: `dnb-ed-shape-${name}` }, root);
     }
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
@@ -74,6 +74,9 @@ class ShapeHandles {
     setAttributes(parts.fill, { d: what === "parts" && shape.enabled ? inside : "" });
     for (const name of ["halo", "case", "line"]) setAttributes(parts[name], { d: region.kind === "half_space" ? far : line });
     for (const name of ["far-case", "far"]) setAttributes(parts[name], { d: region.kind === "line" ? far : "" });
+    for (const name of ["moved-case", "moved"]) {
+      setAttributes(parts[name], shape.motion && shape.enabled ? { d: whole, transform: onScreen(shape.motion, view) } : { d: "" });
+    }
     setAttributes(parts.hit, { d: whole + (region.kind === "line" ? far : "") });
     this.#bands(parts, what === "cuts" && shape.enabled ? sideBands(region, view, reach, sideKey) : []);
     const isNamed = Boolean(shape.name) || isChosen;
@@ -142,6 +145,11 @@ class ShapeHandles {
       cy: (end?.[1] ?? 0).toFixed(1) });
     this.draft.classList.toggle("dnb-ed-closing", Boolean(draft.isClosing));
   }
+}
+
+// A motion in the picture as one of CSS pixels.
+function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }, { k, x, y }) {
+  return `matrix(${[a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y].map((v) => v.toFixed(6)).join(" ")})`;
 }
 
 function shapePath(places, isClosed = false) {
