@@ -99,8 +99,8 @@ class PartControls(Panel):
                                lambda: min((self.part and self.part.reach) or 0.0, reach),
                                lambda value: self._write("change the reach of", "reach", reach=value or None))
         self._moving = [self._angle, self._axes, *self._shifts[0], *self._shifts[1]]
-        self.box = ipw.VBox([row(state, weight), row(self._angle, self._axes, *self._shifts[0], *self._shifts[1]),
-                             row(self._reach)])
+        self.box = ipw.VBox([row(state, weight, self._reach),
+                             row(self._angle, self._axes, *self._shifts[0], *self._shifts[1])])
         self.refresh()
 
     def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:

@@ -189,5 +189,5 @@ def _motion_words(part: RigidPart) -> str:
     degrees, _, shift = turn_and_shift(part.motion, middle_of(part.region))
     words = [f"turned {degrees:.0f}\u00b0"] if abs(degrees) >= 0.5 else []
     if np.abs(shift).max() >= 0.05:
-        words.append(f"shifted {', '.join(f'{s:.1f}' for s in shift)}")
+        words.append(f"shifted {', '.join(f'{round(s, 1) + 0.0:.1f}' for s in shift)}")
     return ", ".join(words) or "is moved"
