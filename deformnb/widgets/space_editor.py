@@ -45,7 +45,7 @@ _LOG = logging.getLogger(__name__)
 
 _MOVING, _RESTING = 256, 512  # pixels along the longer side of a slice
 _SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which on they have fewer pixels
-_REST = 0.2  # seconds after the last movement
+_REST = 0.35  # seconds after the last movement
 _PREVIEW_DPI = 80
 
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength")

@@ -24,7 +24,7 @@ POINT_STYLES = ("editor.css", "space_points.css")
 # lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32
 
-_REST = 0.4  # seconds after the last movement, if no end of it is heard
+_REST = 1.5  # seconds after the last movement, if no end of it is heard: a hand may rest, and a kernel be slow
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength")
 
 FieldOf = Callable[[ControlPoints], AbstractField]
