@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ def refuse(*address, **options):
 socket.getaddrinfo = refuse
 """
 
-pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
 def stored(path: Path) -> dict[str, Any]:
@@ -55,22 +56,30 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 # The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
 @pytest.mark.filterwarnings("default")
+@every_notebook
 def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:
+    outputs = executed(path, kernel, tmp_path)
+    assert any(kind.startswith("image/") for output in outputs[-1] for kind in output.get("data", {}))
+
+
+def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
+    """What each code cell puts out; there is no error in it, no warning, and no folder of this machine."""
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     notebook = nbformat.read(path, as_version=4)
     work = tmp_path / "work"
     work.mkdir()
     resources = {"metadata": {"path": str(work)}}
     nbclient.NotebookClient(notebook, timeout=TIMEOUT, kernel_name=kernel, resources=resources).execute()
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    outputs = [output for cell in cells for output in cell.outputs]
+    cells = [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
+    outputs = [output for cell in cells for output in cell]
     assert [output for output in outputs if output.output_type == "error"] == []
     assert [output.text for output in outputs if output.get("name") == "stderr"] == []
-    assert any(kind.startswith("image/") for output in cells[-1].outputs for kind in output.get("data", {}))
     shown = json.dumps([{**output.get("data", {}), "text": output.get("text", "")} for output in outputs])
     assert str(tmp_path) not in shown, "an output tells of a folder of this machine"
+    return cells
 
 
+@every_notebook
 def test_it_is_stored_without_results(path: Path) -> None:
     notebook = stored(path)
     assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
@@ -84,6 +93,7 @@ def test_it_is_stored_without_results(path: Path) -> None:
     assert path.read_text(encoding="utf-8") == wanted
 
 
+@every_notebook
 def test_it_explains_itself(path: Path) -> None:
     cells = stored(path)["cells"]
     assert re.match(r"# \S", text_of(cells[0])), "a notebook begins with its title"
@@ -97,6 +107,24 @@ def test_it_explains_itself(path: Path) -> None:
     assert max(text_of(cell).count("\n") for cell in code) < 20
 
 
+@every_notebook
 def test_its_lines_fit_a_narrow_window(path: Path) -> None:
     lines = [line for cell in stored(path)["cells"] for line in text_of(cell).splitlines()]
     assert max(len(line) for line in lines) <= 120
+
+
+# ---- with real volumes, where they are -------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_knee_that_was_scanned_twice_is_shown(kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                  real_data: Callable[[str], Path]) -> None:
+    folder = real_data("knee_mr_straight.nrrd").parent
+    real_data("knee_mr_bent.nrrd")
+    monkeypatch.setenv("DEFORMNB_DATA", str(folder))
+    outputs = executed(ROOT / "notebooks" / "04_bend_a_knee.ipynb", kernel, tmp_path)
+    texts = "".join(output.get("text", "") for cell in outputs for output in cell)
+    assert "both scans are here" in texts
+    assert re.search(r"two rigid parts +0\.93 +4\.5 +\| +0\.86 +10\.8", texts), texts
+    pictures = [cell for cell in outputs if any("image/png" in output.get("data", {}) for output in cell)]
+    assert len(pictures) == 2
