@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Cut
 from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion, replicate
 from deformnb.fields import DisplacementField, Identity
 from deformnb.plane import Plane, Raster
+from deformnb.regions import Line
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 from deformnb.widgets import vtk_scene, vtk_warp
 from deformnb.widgets.core_scene import CoreScene, make_scene
-from deformnb.widgets.vtk_scene import VtkScene, texture_works
+from deformnb.widgets.vtk_scene import VtkScene, cuts_work, texture_works
 from deformnb.widgets.worker import Worker
 
 pytestmark = pytest.mark.needs_gl
@@ -120,6 +122,84 @@ def test_both_ways_show_what_the_core_has_warped(scene: Any, grid: Grid, name: s
         one.set_field(field)
         assert difference(one.render(), wanted) < 0.35 * least, method
         assert difference(one.render(shows="original"), plain) < 0.2, method
+
+
+def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> Step:
+    """The shape cut across, not quite upright, and pulled apart."""
+    plane = Plane.along(grid, "+y")
+    a, b = plane.to_plane(grid.center)[:2]
+    source = np.array([[a - 8, b], [a - 5, b + 8], [a + 8, b], [a + 5, b - 8]])
+    target = source + np.where(source[:, :1] < a, -gap / 2, gap / 2) * np.array([1.0, 0.1])
+    cut = Cut(Line(((a - 1.5, b - 10.0), (a + 1.5, b + 10.0))))
+    return Step((ControlPoints.from_arrays(source, target),), plane, trend="translation", cuts=(cut,), cut_rule=rule,
+                **options)
+
+
+@pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend"])
+def test_both_ways_show_cuts_as_the_core_does(scene: Any, name: str) -> None:
+    volume = shape_without_symmetry()
+    options = {"modulate": {"extrusion": "modulate", "curve": "z"}, "paper": {"rule": "paper"}}.get(name, {})
+    cut = Deformation((cut_step(GRID, 8.0, **options),))
+    bend = deformation("two planes", GRID).steps[1]
+    steps = {"after a bend": (bend, *cut.steps), "before a bend": (*cut.steps, bend)}.get(name, cut.steps)
+    field = Deformation(steps).field(GRID)
+    core = scene(warp(volume, field, output=GRID.resampled(spacing=np.asarray(GRID.spacing) / 2)), "array")
+    wanted, plain = core.render(), scene(volume, "array").render()
+    least = difference(plain, wanted)
+    assert least > 3.5
+    for method in ("texture", "array"):
+        one = scene(volume, method)
+        one.set_field(field)
+        assert difference(one.render(), wanted) < 0.4 * least, method
+        assert difference(one.render(shows="original"), plain) < 0.2, method
+        one.set_field(deformation("replicate", GRID))  # and back again to one without cuts
+        one.render()
+        one.set_field(None)
+        assert difference(one.render(), plain) < 0.2
+
+
+@pytest.mark.parametrize("rule", ["source", "paper"])
+def test_a_closed_cut_is_not_seen(scene: Any, rule: str) -> None:
+    one = scene(shape_without_symmetry())
+    for projection in ("shaded", "mip"):
+        one.set_projection(projection)
+        one.set_field(None)
+        plain = one.render().astype(int)
+        one.set_field(Deformation((cut_step(GRID, 0.0, rule),)))
+        assert np.abs(one.render() - plain).max() <= 1
+
+
+def test_a_maximum_projection_shows_nothing_in_a_gap(scene: Any) -> None:
+    one, plane = scene(shape_without_symmetry()), Plane.along(GRID, "+y")
+    one.set_projection("mip")
+    one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
+    core = scene(warp(shape_without_symmetry(), deformed := Deformation((cut_step(GRID, 9.0),)).field(GRID)), "array")
+    core.set_projection("mip")
+    core.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
+    before = difference(one.render(), core.render())
+    one.set_field(deformed)
+    assert difference(one.render(), core.render()) < 0.25 * before
+
+
+def test_a_shader_that_fails_at_cuts_only_is_used_for_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    texture_works.cache_clear()
+    cuts_work.cache_clear()
+    try:
+        assert cuts_work()
+        cuts_work.cache_clear()
+        bad = {k: v for k, v in vtk_warp._REPLACED_FOR_CUTS.items() if "computeOpacity" not in k}
+        monkeypatch.setattr(vtk_warp, "_REPLACED_FOR_CUTS", bad)
+        one = VtkScene(shape_without_symmetry(), SIZE)
+        one.set_field(Deformation((cut_step(GRID, 8.0),)))
+        one.render()
+        assert (one.path, one._written[0]) == ("texture", "warped")
+        one.set_field(deformation("replicate", GRID))
+        one.render()
+        assert one._written[0] == "plain"
+        one.close()
+    finally:
+        texture_works.cache_clear()
+        cuts_work.cache_clear()
 
 
 @pytest.mark.parametrize("method", ["texture", "array"])

@@ -1,4 +1,4 @@
-"""Cuts in the live view in a real browser: the gap is where and as wide as the core says, and closes without a trace."""
+"""Cuts in the live view in a real browser: a gap is where and as wide as the core says, and closes without a trace."""
 
 from __future__ import annotations
 
@@ -80,6 +80,50 @@ def test_a_cut_is_as_open_as_in_the_core(page: LivePage, name: str) -> None:
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
         assert dice(live, still) > 0.965, direction
+    assert page.errors == []
+
+
+def early() -> dict[str, Deformation]:
+    """Cuts that the card gets as samples in space."""
+    other = Plane.along(GRID, "-z")
+    at = other.to_plane(GRID.center)[:2]
+    source = at + np.array([[0.0, 0.0], [15.0, 3.0], [-15.0, -3.0]])
+    bend = Step((ControlPoints.from_arrays(source, source + np.array([[0, 4.0], [0, -2.0], [0, -2.0]])),), other)
+    source = GRID.center + np.array([[-14.0, 0, 0], [-14, 0, 5], [-7, 2, 0], [14, 0, 0], [14, 5, 0], [7, 0, 1]])
+    target = source + np.array([4.0, 0, 0]) * np.sign(source[:, :1] - GRID.center[0])
+    cut = Cut(HalfSpace(tuple(GRID.center), (1.0, 0.1, 0.25)))
+    in_space = Step((ControlPoints.from_arrays(source, target),), None, cuts=(cut,), trend="translation")
+    return {"before a bend": Deformation((pulled(9.0), bend)), "in space": Deformation((in_space,)),
+            "paper, before a bend": Deformation((pulled(4.0, "paper", shift=6.0), bend)),
+            "cut twice": Deformation((in_space, pulled(6.0, plane=other)))}
+
+
+@pytest.mark.parametrize("name", list(early()))
+def test_an_earlier_cut_and_one_in_space_are_as_sharp(page: LivePage, name: str) -> None:
+    view = opened(page)
+    view.show_deformation(early()[name], output=FINE)
+    for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
+        view.set_camera(direction)
+        live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
+        assert dice(live, still) > 0.965, direction
+    assert page.page.text_content(".dnb-badge") == ""
+    assert page.errors == []
+
+
+def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
+    view = opened(page, transfer="surface")
+    bend = early()["before a bend"].steps[1]
+    view.set_camera((-0.6, 0.7, 0.4))
+    view.show_deformation(Deformation((bend,)))
+    plain = page.pixels().astype(int)
+    for rule in CUT_RULES:
+        view.show_deformation(Deformation((pulled(0.0, rule), bend)))
+        # One of the two is looked up in maps, the other in samples in space, which are coarser.
+        assert np.abs(page.pixels().astype(int) - plain).mean() < 0.6
+    later = Deformation((pulled(5.0), pulled(3.0, plane=Plane.along(GRID, "-z")), bend))
+    view.show_deformation(later)
+    page.wait("document.querySelector('.dnb-badge').textContent")
+    assert page.page.text_content(".dnb-badge") == "cuts of the first steps are shown roughly"
     assert page.errors == []
 
 
