@@ -28,6 +28,8 @@ _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "li
 _RULES = {"source": "wherever its piece has moved to", "paper": "on its own side only (the paper's)"}
 _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
           "point on each side. A rigid part keeps its form: draw around it.")
+_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label (Studio(volume, labels=...)), or made in "
+                "Python: studio.session.edit_cuts([...]).")
 _MOST_LABELS = 200
 _GROUND_AT = 0.1  # share of the picture's height, from below
 
@@ -100,6 +102,7 @@ class ShapesPanel(Panel):
             self._chosen = rows[-1] if rows else None
         self.items.show([_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
                         rows.index(self._chosen) if self._chosen in rows else -1)
+        self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
         self._rule.layout.display = "" if step.cuts else "none"
         self.part.box.layout.display = "" if self._part_index() is not None else "none"
         self.part.refresh()
