@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from scripts import run_script
 from test_rbf_js import as_json, scattered
 
-from deformnb.rbf import fit_rbf
 from deformnb.forward import warp_points
+from deformnb.rbf import fit_rbf
 
 BOX = [0.0, 500.0, 0.0, 450.0]
 
@@ -103,7 +104,8 @@ def test_folds_are_those_of_the_jacobian() -> None:
 
 
 def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:
-    main = f"(points) => deformedNet(layeredFit(points), {BOX}, 8, 4, 1e-6).map((l) => l.runs.map((r) => Array.from(r)))"
+    main = f"""(points) => deformedNet(layeredFit(points), {BOX}, 8, 4, 1e-6)
+        .map((line) => line.runs.map((run) => Array.from(run)))"""
     whole = run_script(MAPS, main, as_json(scattered()))
     assert [len(runs) for runs in whole] == [1] * (9 + 8)  # 500 x 450 with cells of 62.5: 8 across, 7 down
     fit = fit_rbf(scattered())
@@ -114,3 +116,54 @@ def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not
         assert np.abs(back[[0, -1], 1] - [0, 450]).max() < 1e-5
     folded = run_script(MAPS, main, as_json(scattered(size=60.0)))
     assert all(np.isfinite(run).all() for runs in folded for run in runs)
+
+
+# ---- shapes ---------------------------------------------------------------------------------------------------------
+
+SHAPES = ("edits.js", "shapes.js")
+
+
+def test_a_half_plane_is_turned_by_two_places_on_its_line() -> None:
+    main = """([region, place]) => { const moved = movedCorner(region, 0, place, 10);
+        return [cornersOf(region, 10), moved, cornersOf(moved, 10)]; }"""
+    region = {"kind": "half_space", "point": [5, 5], "normal": [0, 1]}  # all above b = 5 is inside
+    before, moved, after = run_script(SHAPES, main, [region, [-5, 15]])
+    assert before == [[-5, 5], [15, 5]]
+    assert after[0] == pytest.approx([-5, 15])
+    along = np.subtract(after[1], after[0])
+    assert along[0] * -10 - along[1] * 20 == pytest.approx(0)  # through the other place as before
+    assert np.dot(moved["normal"], [0, 1]) > 0.8  # the same side
+    turned = run_script(SHAPES, "(region) => turnedRegion(region)", region)
+    assert np.array_equal(turned["normal"], [0, -1])
+
+
+@pytest.mark.parametrize("ends", [([0, 40], [100, 50]), ([100, 50], [0, 40])])
+def test_the_ground_is_away_from_the_middle(ends: tuple[list[float], list[float]]) -> None:
+    found = run_script(SHAPES, "([p, q]) => groundThrough(p, q, [50, 10])", ends)
+    assert np.dot(np.subtract([50, 10], found["point"]), found["normal"]) > 0
+    assert np.hypot(*found["normal"]) == pytest.approx(1, abs=1e-12)
+
+
+def test_a_stroke_keeps_its_corners_and_nothing_else() -> None:
+    stroke = [[k, 0] for k in range(20)] + [[20, k] for k in range(20)]
+    stroke += [[20 + k, 20 + 0.2 * (k % 2)] for k in range(20)]
+    assert run_script(SHAPES, "(path) => simplified(path, 0.5)", stroke) == [[0, 0], [20, 0], [20, 20], [39, 20.2]]
+
+
+def test_a_line_keeps_two_corners_and_a_closed_one_three() -> None:
+    line = {"kind": "line", "vertices": [[0, 0], [5, 5], [9, 0]]}
+    main = """(line) => [removedCorner(line, 1), removedCorner(removedCorner(line, 1), 0),
+        removedCorner({ ...line, kind: "polygon" }, 0), insertedCorner(line, 1, [7, 3]).vertices,
+        movedRegion(line, 1, 2).vertices, turnedRegion(line).vertices[0], turnedRegion({ ...line, kind: "polygon" })]"""
+    less, none, triangle, more, moved, first, closed = run_script(SHAPES, main, line)
+    assert less["vertices"] == [[0, 0], [9, 0]]
+    assert (none, triangle, closed) == (None, None, None)
+    assert more == [[0, 0], [5, 5], [7, 3], [9, 0]]
+    assert (moved, first) == ([[1, 2], [6, 7], [10, 2]], [9, 0])
+
+
+def test_regions_that_are_known_stay_the_same_objects() -> None:
+    main = """(list) => { const old = cleanShapes(list, "cuts"), told = JSON.parse(JSON.stringify(list));
+        const again = cleanShapes(told, "cuts", old);
+        return [again[0].region === old[0].region, sameShapes(again, old), cleanShapes([null, 3, {}], "cuts")]; }"""
+    assert run_script(SHAPES, main, [{"region": {"vertices": [[0, 1], [2, 3]], "kind": "line"}}]) == [True, True, []]

@@ -32,20 +32,31 @@ function worldOf(seed, { delay, service, isPythons }) {
   w.until = (time) => { while (w.queue.some((e) => e.at <= time)) w.step(); w.now = time; };
   const lane = () => { let last = 0; return (f) => {
     last = Math.max(last + 1e-6, w.now + random() * delay); w.later(f, last - w.now); }; };
+  const cutAt = w.cutAt = (name, a) => ({ name, enabled: true, region: { kind: "line", vertices: [[a, 0], [a, 9]] } });
   const place = (k) => ({ id: k, name: "", source: [k, k], target: [k, k], active: true, weight: 1 });
-  const k = w.kernel = { points: [0, 1, 2].map(place), seen: {}, next_id: 3, free: 0, past: [], future: [] };
+  const k = w.kernel = { points: [0, 1, 2].map(place), cuts: [], seen: {}, next_id: 3, free: 0, past: [], future: [] };
   const history = () => (isPythons ? { undo: k.past.length ? "edit" : "", redo: k.future.length ? "edit" : "" } : {});
   k.tell = (state) => { const text = JSON.stringify(state);
     for (const win of w.windows) win.updates(() => win.model.update(JSON.parse(text))); };
   k.set = (points) => { k.points = points; k.tell({ points });
     k.next_id = points.reduce((id, p) => Math.max(id, p.id + 1), k.next_id); k.tell({ next_id: k.next_id }); };
-  k.own = (points) => { k.past.push(k.points); k.future = []; k.set(points); k.tell({ history: history() }); };
+  k.setCuts = (cuts) => { k.cuts = cuts; k.tell({ cuts }); };
+  k.done = () => { k.past.push({ points: k.points, cuts: k.cuts }); k.future = []; };
+  k.own = (points) => { k.done(); k.set(points); k.tell({ history: history() }); };
+  k.cut = (cuts) => { k.done(); k.setCuts(cuts); k.tell({ history: history() }); };
   k.take = (m) => {
     w.taken.push(m);
     if (m.type === "history") {
       const [from, to] = m.way === "undo" ? [k.past, k.future] : [k.future, k.past];
-      if (from.length) { to.push(k.points); k.set(from.pop()); k.tell({ history: history() }); }
-    } else if (m.phase === "end") k.own(m.points);
+      if (from.length) {
+        const { points, cuts } = from.pop();
+        to.push({ points: k.points, cuts: k.cuts });
+        k.set(points);
+        k.setCuts(cuts);
+        k.tell({ history: history() });
+      }
+    } else if (m.type === "shapes") k.cut(m.shapes.filter((cut) => cut.name !== "refused"));
+    else if (m.phase === "end") k.own(m.points);
     if (m.phase !== "move") { k.seen = { ...k.seen, [m.sender]: m.seq }; k.tell({ seen: k.seen }); }
   };
   k.arrived = (win, m) => {
@@ -56,8 +67,8 @@ function worldOf(seed, { delay, service, isPythons }) {
   };
   w.open = () => {
     const win = { updates: lane(), answers: lane(), messages: lane(), shown: [], status: [] };
-    win.model = new PlainModel(JSON.parse(JSON.stringify({ points: k.points, seen: k.seen, next_id: k.next_id,
-      history: history() })), { deliver: (m) => { const t = JSON.stringify(m);
+    win.model = new PlainModel(JSON.parse(JSON.stringify({ points: k.points, cuts: k.cuts, parts: [], seen: k.seen,
+      next_id: k.next_id, history: history() })), { deliver: (m) => { const t = JSON.stringify(m);
         win.messages(() => k.arrived(win, JSON.parse(t))); }, save: () => { throw new Error("a trait was saved"); } });
     win.sender = new Sender({ now: () => w.now, later: w.later, cancel: w.cancel });
     win.sender.attach(win.model);
@@ -75,7 +86,11 @@ function worldOf(seed, { delay, service, isPythons }) {
     else if (r < 0.5) sender.edit(addedPoint(points, nextId(points, sender.nextId), [w.now, 1], [w.now, 1]), "add");
     else if (r < 0.6 && points.length) sender.edit(points.slice(1), "remove");
     else if (r < 0.75) sender.step("undo");
-    else if (r < 0.85) sender.step("redo");
+    else if (r < 0.83) sender.step("redo");
+    else if (r < 0.9) {
+      const cut = cutAt(random() < 0.2 ? "refused" : "", w.now);
+      sender.editShapes("cuts", [...sender.shapes.cuts.slice(-2), cut], "add cut");
+    }
     else for (let i = 0; i < 4; i++) sender.move(moved());
   };
   return w;
@@ -103,13 +118,14 @@ def test_windows_views_and_python_end_with_the_same(delay: int, service: int, is
       }
       while (w.step());
       const all = w.windows.flatMap((win) => [win.sender.points, ...win.views.map((v) => v.points)]);
-      const ids = w.taken.filter((m) => m.phase === "end").map((m) => m.points.map((p) => p.id));
+      const ids = w.taken.filter((m) => m.type === "edit" && m.phase === "end").map((m) => m.points.map((p) => p.id));
       return { isSame: all.every((points) => samePoints(points, w.kernel.points)),
+        isCutTheSame: w.windows.every((win) => sameShapes(win.sender.shapes.cuts, w.kernel.cuts)),
         isAllTaken: w.windows.every((win) => !win.sender.isBehind() && !win.sender.pending.move),
         isUnique: ids.every((list) => new Set(list).size === list.length) };
     }"""
     outcomes = played(list(range(40)), main, delay=delay, service=service, isPythons=is_pythons)
-    assert outcomes == [{"isSame": True, "isAllTaken": True, "isUnique": True}] * 40
+    assert outcomes == [{"isSame": True, "isCutTheSame": True, "isAllTaken": True, "isUnique": True}] * 40
 
 
 def test_no_echo_of_an_old_state_is_shown_between_quick_edits() -> None:
@@ -221,3 +237,31 @@ def test_python_undoes_what_has_not_arrived_yet() -> None:
     }"""
     # Two were in flight, the third and fourth went as one before the undo.
     assert played([1], main, isPythons=True) == [[True, [1, 2, 4, "undo", "undo"], 1, 1]]
+
+
+def test_shapes_go_behind_the_points_before_them_and_are_undone_in_order() -> None:
+    main = """(w) => {
+      const { sender } = w.open();
+      for (let n = 1; n <= 4; n++) sender.edit(sender.points.map((p) => ({ ...p, target: [n, n] })), "move");
+      sender.editShapes("cuts", [w.cutAt("", 5)], "add cut");
+      sender.edit(sender.points.slice(1), "remove");
+      sender.step("undo"); sender.step("undo");
+      const shown = [sender.points.length, sender.shapes.cuts.length];
+      while (w.step());
+      return [shown, w.taken.map((m) => m.kind), w.kernel.cuts.length, w.kernel.points.map((p) => p.target[0])];
+    }"""
+    # Two edits were in flight, the third and fourth went as one before the cut.
+    ((shown, taken, cuts, targets),) = played([1], main)
+    assert taken == ["move", "move", "move", "add cut", "several", "undo"]
+    assert (shown, cuts, targets) == ([3, 0], 0, [4, 4, 4])
+
+
+def test_shapes_that_python_does_not_take_are_given_up() -> None:
+    main = """(w) => {
+      const { sender } = w.open();
+      sender.editShapes("cuts", [w.cutAt("refused", 5)], "add cut");
+      const before = sender.shapes.cuts.length;
+      while (w.step());
+      return [before, sender.shapes.cuts.length, sender.isBehind()];
+    }"""
+    assert played([1], main) == [[1, 0, False]]

@@ -85,6 +85,7 @@ class Gestures {
   }
 
   grab(event, { id, what }, at, isNew = false) {
+    if (id === null) return; // where nothing could be added
     const { page } = this, adds = event.shiftKey || event.ctrlKey || event.metaKey, was = page.selected.has(id);
     if (!was) page.select(adds ? [...page.selected, id] : [id]);
     page.handles.focus(id);
