@@ -245,3 +245,24 @@ def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
     assert here.editor.points == before
     assert phases[-1] == ("move", before)
     assert {phase for phase, _ in phases} == {"move"}
+
+
+def test_where_points_overlap_the_one_on_the_slice_is_grabbed(opened: Callable[..., Opened]) -> None:
+    center = np.asarray(waves().grid.center)
+    source = center + np.array([[0, 0, 0], [1.5, 0, 12], [0, 1.5, -12], [-14, 9, 5]])
+    here = opened(ControlPoints.from_arrays(source))
+    here.drag(0, center, (25, 0))
+    moved = here.editor.points.displacement
+    assert np.flatnonzero(np.abs(moved).max(axis=1)).tolist() == [0]
+
+
+def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Callable[..., Opened]) -> None:
+    center = np.asarray(waves().grid.center)
+    source = center + np.random.default_rng(1).uniform(-15, 15, (16, 3))
+    here = opened(ControlPoints.from_arrays(source))
+    label = here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id] .dnb-ed-name").first
+    assert not label.is_visible()
+    here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id]").first.focus()
+    here.page.page.keyboard.press("Enter")
+    here.page.wait(f"{PAGE}.selected.size === 1 && !{PAGE}.frame")
+    assert here.page.page.locator(".dnb-sp-pane0 .dnb-ed-selected .dnb-ed-name").is_visible()

@@ -1,5 +1,6 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
+const MOST_LABELS = 10; // of points off the slice; of more, only those say how far away that are chosen or pointed at
 const PANE_MARGIN = 8; // CSS pixels around the picture
 const PART_INK = [86, 180, 233, 0.36], CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and how much of it
 const LINES = ["v", "h"]; // the cross-hair: upright (the place along a) and level (the place along b)
@@ -179,6 +180,8 @@ class SpacePane {
   #drawPoints() {
     const { page, info } = this, depth = page.isSlice ? this.depth : null;
     const flat = page.points.map((p) => flatPoint(p, info, depth)), thick = info.box[5] - info.box[4];
+    flat.sort((p, q) => Number(q.isFar) - Number(p.isFar)); // those on the slice are drawn last and grabbed first
+    this.svg.classList.toggle("dnb-sp-many", flat.filter((p) => p.isFar).length > MOST_LABELS);
     const isFocusLost = this.handles.update(flat, page.selected, this.view, 0, 0);
     for (const p of flat) {
       const parts = this.handles.byId.get(p.id);
