@@ -11,6 +11,9 @@ from test_rbf_js import as_json, scattered
 
 from deformnb.forward import warp_points
 from deformnb.rbf import fit_rbf
+from deformnb.regions import Polygon
+from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_parts import RigidPart, fit_rigid
 
 BOX = [0.0, 500.0, 0.0, 450.0]
 
@@ -167,3 +170,18 @@ def test_regions_that_are_known_stay_the_same_objects() -> None:
         const again = cleanShapes(told, "cuts", old);
         return [again[0].region === old[0].region, sameShapes(again, old), cleanShapes([null, 3, {}], "cuts")]; }"""
     assert run_script(SHAPES, main, [{"region": {"vertices": [[0, 1], [2, 3]], "kind": "line"}}]) == [True, True, []]
+
+
+def test_the_slope_beside_rigid_parts_is_that_of_the_package() -> None:
+    points, region = scattered(), Polygon([(200, 150), (330, 160), (320, 260), (210, 250)])
+    part = RigidPart(region, RigidMotion.turn(12, (260, 200), (3, 1)))
+    points = points.take(np.flatnonzero(region.signed_distance(points.target) > 25))
+    data = {"region": {"kind": "polygon", "vertices": region.vertices}, "weight": "saturated",
+            "motion": {"matrix": part.motion.matrix, "shift": part.motion.shift}}  # type: ignore[union-attr]
+    at = np.random.default_rng(4).uniform(50, 400, (60, 2))
+    main = """({ points, part, at }) => { const fit = layeredFit(points, { parts: [part] }).fits[0].fit;
+        return at.map(([a, b]) => Array.from(fieldWithSlope(fit, a, b, new Float64Array(6)))); }"""
+    found = np.array(run_script(MAPS, main, {"points": as_json(points), "part": data, "at": at.tolist()}))
+    fit = fit_rigid(points, [part])
+    assert np.abs(found[:, :2] - at - fit.displacement(at)).max() < 1e-9
+    assert np.abs(found[:, 2:].reshape(-1, 2, 2) - np.eye(2) - fit.jacobian(at)).max() < 1e-3

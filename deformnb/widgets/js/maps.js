@@ -2,23 +2,25 @@
 
 const NO_CUTS = { fits: [], regions: [], rule: "source", count: 0, byKey: new Map() };
 
+const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
+
 // y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]. What rigid parts do is differenced.
 function fieldWithSlope(fit, a, b, out) {
   if (!fit.rigid) return mapWithSlope(fit, a, b, out);
-  const { rigid, base } = fit, h = 1e-5 * base.support, at = new Float64Array(3), east = at.slice(), south = at.slice();
-  const west = partsAt(rigid, a - h, b, new Float64Array(3)), north = partsAt(rigid, a, b - h, new Float64Array(3));
+  const { rigid, base } = fit, h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
   partsAt(rigid, a, b, at);
   partsAt(rigid, a + h, b, east);
+  partsAt(rigid, a - h, b, west);
   partsAt(rigid, a, b + h, south);
+  partsAt(rigid, a, b - h, north);
   mapWithSlope(base, a, b, out);
-  const w = at[2], u = out[0] - a, v = out[1] - b, [da, db] = [0, 1, 2].reduce(([p, q], k) => [[...p, (east[k] - west[k]) /
-    (2 * h)], [...q, (south[k] - north[k]) / (2 * h)]], [[], []]);
+  const w = at[2], u = out[0] - a, v = out[1] - b, wa = d * (east[2] - west[2]), wb = d * (south[2] - north[2]);
   out[0] = a + at[0] + w * u;
   out[1] = b + at[1] + w * v;
-  out[2] = 1 + da[0] + w * (out[2] - 1) + da[2] * u;
-  out[3] = db[0] + w * out[3] + db[2] * u;
-  out[4] = da[1] + w * out[4] + da[2] * v;
-  out[5] = 1 + db[1] + w * (out[5] - 1) + db[2] * v;
+  out[2] = 1 + d * (east[0] - west[0]) + w * (out[2] - 1) + wa * u;
+  out[3] = d * (south[0] - north[0]) + w * out[3] + wb * u;
+  out[4] = d * (east[1] - west[1]) + w * out[4] + wa * v;
+  out[5] = 1 + d * (south[1] - north[1]) + w * (out[5] - 1) + wb * v;
   return out;
 }
 
