@@ -72,7 +72,12 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
 
     # Lab's own keys would cut the cell (x), delete it (d d), or hide its output (o).
     cells = page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length")
-    for key in ("o", "o", "x", "d", "d", "ArrowRight", "Delete"):
+    for key in ("o", "o", "d", "d", "x"):
+        page.keyboard.press(key)
+    assert page.evaluate(f"() => {PAGE}.pen.draft.tool") == "cut"
+    page.keyboard.press("Escape")
+    page.locator("[data-id='3']").focus()
+    for key in ("ArrowRight", "Delete"):
         page.keyboard.press(key)
     _, ids, _ = settled(lab, page, lambda _, ids, ends: ids == [0, 1, 2])
     assert ids == [0, 1, 2]
