@@ -197,3 +197,33 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     left = [round(page.locator(".dnb-il-switch:visible").nth(k).bounding_box()["x"]) for k in range(2)]
     assert all(one == other for one, other in pairwise(left))
     assert shown.errors == []
+
+
+def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
+    page = shown.page
+    shown.host.run(page, "studio.session.reset()")
+    shown.told(lambda state: len(state["steps"]) == 1)
+    shown.tab("Steps")
+    page.get_by_role("button", name="Add step in space").click()
+    page.wait_for_selector(".dnb-sp-pane0 .dnb-ed-target")
+    assert page.locator(".dnb-ed-stage:not(.dnb-sp-stage):visible").count() == 0  # the picture has given its place
+    shown.host.run(page, "studio.session.edit_points(studio.session.points.add(studio.volume.grid.center), 'add')")
+    page.wait_for_selector(".dnb-sp-pane1 [data-id='8']")
+    pane = page.locator(".dnb-sp-stage").nth(1)  # coronal: x to the right
+    pane.scroll_into_view_if_needed()
+    before = runs(shown.told()["row"])
+    box = page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 30, y, steps=6)
+    page.mouse.up()
+    state = shown.told(lambda state: state["undo"].startswith("move"))
+    assert state["undo"].startswith("move")
+    assert [step["view"] for step in state["steps"]] == ["+y", None]
+    after = runs(state["row"])
+    assert sum(after[0]) > sum(before[0]) + 4  # to the right, as it was dragged
+    page.locator(".dnb-il-choose:visible").first.click()
+    page.wait_for_selector(".dnb-ed-stage:not(.dnb-sp-stage):visible")
+    assert page.locator(".dnb-sp-stage:visible").count() == 0
+    assert shown.errors == []
