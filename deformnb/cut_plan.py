@@ -43,7 +43,7 @@ class CutPlan:
     tiles : parts of the output (slices along z, y, x) with voxels so near a cut that it may open or close there; they
         may end beyond the last voxel.
     maps : every region's maps (R, K, 2, A, B) over the two array axes across the normal.
-    here : (C, A, B) distances to the cuts.
+    here : (C, A, B) distances to the cuts, read off the raster.
     places : (2, A, B) index of every voxel in the raster of distances, columns first.
     distances : (C, rows, columns) on that raster; scale : (2,) its pixels per length.
     field : whose plan this is.
@@ -96,14 +96,17 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     is_near = np.abs(here).min(axis=0) < farthest + softness + 2 * max(output.spacing)
     apart = Extruded(normal, np.einsum("rab,rkmab->kmab", np.asarray(own, np.float32), maps), checked(weights),
                      to_voxels(plane, source, compute))
-    raster = _around(at, float(np.abs(maps).max()), output, normal)
+    raster = _around(at, float(farthest.max()), output, normal)
     lines = raster_lines(raster)
     centres = np.moveaxis(lines[0][:, :, None] + lines[1][:, None, :], 0, -1)
     scale = (1 / np.asarray(raster.spacing)).astype(np.float32)
     places = np.moveaxis((at - raster.origin) * scale, -1, 0).astype(np.float32)
     distances = np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32)
-    return CutPlan(apart, _tiles(is_near, normal, output), maps, here.astype(np.float32), places, distances, scale,
-                   field)
+    # Read as the places are where a displacement leads, so that what does not move is opaque at corners too.
+    read = np.stack([np.asarray(_look_up(jnp.asarray(table), *places)) for table in distances])
+    on_cut = (np.abs(read) < 1e-3 * min(raster.spacing)) & ((read < 0) != (here < 0))  # there rounding decides no side
+    read = np.where(on_cut, np.where(here < 0, -1e-9, 0.0), read).astype(np.float32)
+    return CutPlan(apart, _tiles(is_near, normal, output), maps, read, places, distances, scale, field)
 
 
 def _extrusions(field: AbstractField) -> list[Extrusion]:
@@ -151,7 +154,7 @@ def _look_up(table: Any, x: Any, y: Any) -> Any:
     """A raster read linearly at columns x and rows y, constant beyond its edges."""
     rows, columns = table.shape
     x, y = jnp.clip(x, 0.0, columns - 1.001), jnp.clip(y, 0.0, rows - 1.001)
-    i, j = x.astype(jnp.int32), y.astype(jnp.int32)
+    i, j = jnp.minimum(x.astype(jnp.int32), columns - 2), jnp.minimum(y.astype(jnp.int32), rows - 2)
     s, t = x - i, y - j
     flat, k = table.reshape(-1), j * columns + i
     a, b, c, d = (flat.at[k + n].get(mode="promise_in_bounds") for n in (0, 1, columns, columns + 1))

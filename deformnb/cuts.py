@@ -38,8 +38,8 @@ from deformnb.regions import AbstractRegion
 MOST_CUTS = 8
 """Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
 
-# Coverages add up to 1 but for the rounding of float32; what is opaque must stay so bit by bit.
-_OPAQUE = 1 - 1e-6
+# Coverages add up to 1 but for the rounding of float32 pixels; what is opaque must stay so bit by bit.
+_OPAQUE = 1 - 1e-4
 
 _Field = TypeVar("_Field", bound=AbstractField)
 

@@ -129,8 +129,6 @@ class Step:
                                       f"one has {shape.region.dim}: {way}.")
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
-        if any(part.region.kind == "line" for part in self.parts):
-            raise DeformError("a line has no inside to stay rigid; use a polygon or a half space.")
 
     @property
     def points(self) -> ControlPoints:

@@ -32,6 +32,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
+from deformnb.kernels import kernel_named
 from deformnb.rbf import RBFInterpolant, fit_rbf
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_motion import RigidMotion
@@ -67,6 +68,8 @@ class RigidPart:
     def __post_init__(self) -> None:
         if not isinstance(self.region, AbstractRegion):
             raise DeformError(f"a rigid part needs a region, got {type(self.region).__name__}.")
+        if self.region.kind == "line":
+            raise DeformError("a line has no inside to stay rigid; use a polygon or a half space.")
         if self.weight not in WEIGHTS:
             raise DeformError(f"unknown weight {self.weight!r} of a rigid part; choose one of {', '.join(WEIGHTS)}.")
         if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0):
@@ -259,9 +262,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     chosen = [part for part in parts if part.enabled]
     if not chosen:
         return fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-    for part in chosen:
-        if part.region.dim != points.dim:
-            raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {points.dim}.")
+    raw = _checked_weights(chosen, points.dim, kernel)
     back = [np.eye(points.dim) if p.motion is None else np.asarray(p.motion.inverse.matrix) for p in chosen]
     shifts = [np.zeros(points.dim) if p.motion is None else np.asarray(p.motion.inverse.shift) for p in chosen]
     x = points.target
@@ -274,11 +275,22 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     drift, weight = _blend(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
     rest = points.take(np.flatnonzero(free))
     asked = (rest.displacement - drift) / weight[:, None]
-    raw = "distance" in weights
     base = fit_rbf(replace(rest, source=rest.target + asked, weight=rest.weight * weight**2), kernel=kernel,
                    support=support, trend="none" if raw else trend, smoothing=smoothing)
     return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
                             (*notes, *base.notes))
+
+
+def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
+    """Whether one of the weights is the distance itself, beside which there is no trend."""
+    for part in parts:
+        if part.region.dim != dim:
+            raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
+    raw = any(part.weight == "distance" for part in parts)
+    if raw and kernel_named(kernel).order > 0:
+        raise DeformError(f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
+                          "needs one; take the weight 'saturated' or a Wendland kernel.")
+    return raw
 
 
 def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
