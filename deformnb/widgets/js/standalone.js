@@ -27,8 +27,9 @@ async function decodedBytes(text, isPacked = false) {
 // Answers come later, as those of a kernel do: a page asks while it is still being built. An editor hears of its points
 // first, then which of its messages they include, then that the message is done.
 function editorAnswers(model) {
-  return ({ type, sender, seq, phase, points, next_id: next = 0 }) => queueMicrotask(() => {
+  return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) => queueMicrotask(() => {
     const m = model();
+    if (type === "shapes") m.update({ [what]: shapes });
     if (type === "edit" && phase === "end") m.update({ points, next_id: Math.max(next, m.get("next_id")) });
     if (phase !== "move") m.update({ seen: { ...m.get("seen"), [sender]: seq } });
     m.receive({ type: "done", sender, seq });
