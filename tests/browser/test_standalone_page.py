@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Cut
 from deformnb.deformation import Deformation
 from deformnb.document import from_json
 from deformnb.picture import project
 from deformnb.plane import Plane
+from deformnb.regions import Line
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
@@ -379,3 +381,42 @@ def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened
     text = json.loads(page.js(f"JSON.stringify({MODELS}.document())"))
     assert [p["target"] for p in text["points"]] == [[0, 0], [50, 0], [20, 40]]
     assert text["kernel"] == "wendland_c2"
+
+
+def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
+    editor, view = pair()
+    low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))
+    middle = (low + high) / 2
+    cut = Cut(Line(((middle[0], high[1] + 5), (middle[0], low[1] - 5))))
+    right = np.flatnonzero(editor.points.source[:, 0] > middle[0])
+    editor.trend = "translation"
+    editor.cuts = [cut]
+    view.follow(editor, Deformation((editor.step(),)).field(GRID), output=FINE)
+    write_standalone(tmp_path / "page.html", editor, view)
+    opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
+    try:
+        opened.loaded()
+        opened.wait(f"{VIEW}.caster.planar?.cut")
+        closed = _lit(opened)
+        moved = [{"id": int(editor.points.ids[k]), "target": (editor.points.target[k] + [9.0, 0.0]).tolist()}
+                 for k in right]
+        opened.js(f"""{{ const model = {MODELS}.editor, moved = {json.dumps(moved)};
+            model.update({{ points: model.get("points").map((p) => ({{ ...p,
+              ...moved.find((m) => m.id === p.id) }})) }}); }}""")
+        opened.wait(f"{VIEW}.link.count > 1")
+        opened.page.wait_for_timeout(500)
+        gap = _lit(opened)
+        columns = np.flatnonzero(gap.any(axis=0))
+        dark = ~gap[:, columns[0] : columns[-1]].any(axis=0)
+        assert dark.sum() > 5  # from top to bottom, which no map without cuts can do
+        whole = closed.any(axis=0)
+        assert whole[whole.argmax() : len(whole) - whole[::-1].argmax()].all()
+        assert opened.errors == []
+    finally:
+        opened.context.close()
+
+
+def _lit(opened: Opened) -> NDArray[np.bool_]:
+    data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.canvas.toDataURL('image/png').split(',')[1]; }}")
+    image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
+    return np.asarray(image.max(axis=2) > 64)

@@ -58,9 +58,9 @@ uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0;
 int chosen;    // the region that is seen there
 uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
 
-float into(int region, vec2 at) {
+float into(int region, vec2 at, int count) {
   float depth = 1e9;
-  for (int c = 0; c < cutCount; c++) {
+  for (int c = 0; c < count; c++) {
     float d = textureLod(distances, vec3(at, float(c)), 0.).r;
     depth = min(depth, ((sides[region] >> c) & 1) == 1 ? -d : d);
   }
@@ -80,29 +80,31 @@ vec3 fromPlane(vec3 x) {
   vec2 d = planar(x, own);
   chosen = own;
   float depth = edge - length(d); // at least: a distance changes by no more than the way
-  if (depth < .5 * faceWidth) depth = into(own, at + d * cutScale);
+  // Loops that may have no turn instead of branches: renderers without a card execute both sides of those.
+  bool isNear = depth < .5 * faceWidth;
+  float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
+  if (isNear) depth = known;
+  isNear = depth < .5 * faceWidth;
   firm = min(edge, abs(depth) - .5 * softness);
 #ifdef BY_PLACE
   seen = min(1., covered(depth, softness) / covered(edge, softness));
   closed = min(1., covered(depth, faceWidth) / covered(edge, faceWidth));
 #else
-  if (depth < .5 * faceWidth) {
-    float best = covered(depth, softness);
-    bool isOwn = best >= .5;
-    seen = best;
-    closed = covered(depth, faceWidth);
-    for (int r = 0; r < regionCount; r++) {
-      if (r == own) continue;
-      vec2 other = planar(x, r);
-      float far = into(r, at + other * cutScale), cover = covered(far, softness);
-      firm = min(firm, abs(far) - .5 * softness);
-      seen += cover;
-      closed += covered(far, faceWidth);
-      if (!isOwn && cover > best) { best = cover; chosen = r; d = other; }
-    }
-    if (seen > .999) seen = 1.; // a half and a half are one
-    if (closed > .999) closed = 1.;
+  float best = covered(depth, softness);
+  bool isOwn = best >= .5;
+  seen = best;
+  closed = covered(depth, faceWidth);
+  for (int r = 0; r < (isNear ? regionCount : 0); r++) {
+    if (r == own) continue;
+    vec2 other = planar(x, r);
+    float far = into(r, at + other * cutScale, cutCount), cover = covered(far, softness);
+    firm = min(firm, abs(far) - .5 * softness);
+    seen += cover;
+    closed += covered(far, faceWidth);
+    if (!isOwn && cover > best) { best = cover; chosen = r; d = other; }
   }
+  if (seen > .999) seen = 1.; // a half and a half are one
+  if (closed > .999) closed = 1.;
 #endif
   return x + axisU * d.x + axisV * d.y;
 }
@@ -134,8 +136,8 @@ vec3 fromSpace(vec3 x) {
   wide /= covered(max(edge, 0.), faceWidth);
 #else
   bool isOwn = best >= .5, isSure = wide >= 1.;
-  for (int r = 0; r < spaceRegions; r++) {
-    if (r == own || isSure) continue;
+  for (int r = 0; r < (isSure ? 0 : spaceRegions); r++) {
+    if (r == own) continue;
     vec4 other = textureLod(space, inLayer(x, r), 0.);
     float cover = covered(other.w, softness);
     firm = min(firm, abs(other.w) - .5 * softness);
@@ -211,14 +213,26 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
 #endif
 
 #ifdef CUT
+// How deep a place lies in the matter of the regions that were found last.
+float depthOfChosen(vec3 x) {
+  float depth = 1e9;
+#ifdef PLANE_CUT
+  depth = into(chosen, (toCut * x + toCut0).xy + planar(x, chosen) * cutScale, cutCount);
+#endif
+#ifdef SPACE_CUT
+#ifdef PLANAR
+  x += along(x, chosen);
+#endif
+  depth = min(depth, textureLod(space, inLayer(x, chosenInSpace), 0.).w);
+#endif
+  return depth;
+}
+
 // Out of the gap into what is seen beside it; a cut face has no grain.
 vec3 intoMatter(vec3 x) {
-  float here = closed, e = .25 * faceWidth;
-  vec3 slope;
-  origin(x + vec3(e, 0., 0.)); slope.x = closed;
-  origin(x + vec3(0., e, 0.)); slope.y = closed;
-  origin(x + vec3(0., 0., e)); slope.z = closed;
-  return slope - here;
+  float here = depthOfChosen(x), e = .25 * faceWidth;
+  return axisU * (depthOfChosen(x + e * axisU) - here) + axisV * (depthOfChosen(x + e * axisV) - here)
+    + axisN * (depthOfChosen(x + e * axisN) - here);
 }
 #endif`;
 
@@ -324,7 +338,8 @@ void main() {
     else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
 #endif
 #ifdef CUT
-    if (closed < 1.) {
+    int faces = closed < 1. ? 1 : 0;
+    for (int once = 0; once < faces; once++) { // no branch: see above
       vec3 inward = intoMatter(x);
       inward /= max(length(inward), 1e-4);
       // A face that looks away lies behind its matter: what is seen there is the surface in front of it.
