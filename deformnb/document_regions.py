@@ -123,13 +123,17 @@ def part_from_data(data: Any, where: str = "part") -> RigidPart:
 
 def read_part(r: Reader) -> RigidPart:
     """The same of a part of a document."""
-    motion = None
+    motion, region = None, read_region(r.part("region"))
+    reach = None if r.data.get("reach") is None else r.number("reach")
+    weight, name, enabled = r.text("weight", "saturated"), r.text("name", ""), r.flag("enabled", True)
     if r.data.get("motion") is not None:
         m = r.part("motion")
         shift = m.numbers("shift")
         rows = [Reader({"row": v}, f"{m.where}.matrix[{k}]").numbers("row", len(shift))
                 for k, v in enumerate(m.value("matrix", (list, tuple), ...))]
-        motion = RigidMotion(tuple(rows), shift)
-    return RigidPart(read_region(r.part("region")), motion, r.text("weight", "saturated"),
-                     None if r.data.get("reach") is None else r.number("reach"), r.text("name", ""),
-                     r.flag("enabled", True))
+    try:
+        if r.data.get("motion") is not None:
+            motion = RigidMotion(tuple(rows), shift)
+        return RigidPart(region, motion, weight, reach, name, enabled)
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any, ClassVar
 
 import jax
@@ -34,8 +35,10 @@ class Mask(AbstractRegion):
 
     Notes
     -----
-    Distances between the centres are interpolated; beyond the lattice there is nothing of the mask. A mask of more
-    than 4 million voxels is measured at half the resolution, by which it grows by up to a voxel.
+    Distances of the centres are those to the faces of the voxel with the nearest centre, at most half its diagonal
+    more than to the nearest face; between the centres they are interpolated. Beyond the lattice the way to it is added:
+    a mask that reaches the lattice's edge goes on there, as far as it is deep. A mask of more than 4 million voxels is
+    measured at half the resolution, which shifts its boundary by up to a voxel.
 
     Examples
     --------
@@ -85,14 +88,14 @@ class Mask(AbstractRegion):
         origin = corners.min(axis=0)
         counts = np.round(np.ptp(corners, axis=0) / spacing).astype(int) + 1
         flat = np.zeros((counts[1], counts[0]), dtype=bool)
-        index = np.argwhere(self.values)[:, ::-1].astype(np.float64)
-        offsets = (0.0,) if is_aligned else (-0.25, 0.25)  # pixels without a centre must not remain between others
-        for dz in offsets:
-            for dy in offsets:
-                for dx in offsets:
-                    at = plane.to_plane(grid.index_to_point(index + np.array([dx, dy, dz])))[:, :2]
-                    cell = np.clip(np.round((at - origin) / spacing).astype(int), 0, counts - 1)
-                    flat[cell[:, 1], cell[:, 0]] = True
+        # What hides the rest is enough; on an oblique picture places so dense that no pixel between others stays empty.
+        surface = self.values if is_aligned else self.values & ~ndimage.binary_erosion(self.values)
+        index = np.argwhere(surface)[:, ::-1].astype(np.float64)
+        counted = [1 if is_aligned else int(np.ceil(2 * s / min(grid.spacing))) for s in grid.spacing]
+        for offset in product(*((np.arange(n) + 0.5) / n - 0.5 for n in counted)):
+            at = plane.to_plane(grid.index_to_point(index + np.array(offset)))[:, :2]
+            cell = np.clip(np.round((at - origin) / spacing).astype(int), 0, counts - 1)
+            flat[cell[:, 1], cell[:, 0]] = True
         return Mask(flat, Raster((int(counts[1]), int(counts[0])), (spacing[0], spacing[1]),
                                  (float(origin[0]), float(origin[1]))))
 

@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step, VolumeReference
+from deformnb.cuts import Cut
+from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document import from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS
@@ -19,6 +20,9 @@ from deformnb.fields import Composed, Identity
 from deformnb.kernels import KERNELS
 from deformnb.plane import VIEWS, Plane
 from deformnb.rbf import fit_rbf
+from deformnb.regions import HalfSpace, Line, Polygon
+from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_parts import RigidPart
 from deformnb.trend import TRENDS
 from deformnb.volume import Grid, Volume
 
@@ -235,3 +239,81 @@ def test_a_reference_knows_its_voxels_and_nothing_else() -> None:
                  Volume(values[:3], Grid((3, 5, 6)))]
     for other in different:
         assert not reference.matches(other)
+
+
+# ---- parts, cuts, key frames, modes ----------------------------------------------------------------------------------
+
+BONE = RigidPart(Polygon([(-3, 12), (0, 12), (0, 18), (-3, 18)]), RigidMotion.turn(20, (-1, 15), (1, 0)), name="bone")
+SLIT = Cut(Line([(3.2, 40.0), (3.0, -40.0)]))
+
+
+def test_what_is_switched_off_is_as_if_it_were_not_there() -> None:
+    plain = Step((POINTS,), PLANE)
+    wanted = plain.field(GRID).displacement(places())
+    off = replace(plain, parts=(replace(BONE, enabled=False),), cuts=(replace(SLIT, enabled=False),))
+    assert not off.field(GRID).has_cuts
+    assert (off.field(GRID).displacement(places()) == wanted).all()
+    assert replace(plain, cuts=(SLIT,)).field(GRID).has_cuts
+    assert np.abs(replace(plain, parts=(BONE,)).field(GRID).displacement(places()) - wanted).max() > 0.1
+
+
+@pytest.mark.parametrize("strength", [0.5, 2.0, -1.0])
+def test_strength_moves_parts_so_much_further(strength: float) -> None:
+    motion = BONE.motion
+    assert motion is not None
+    step = Step((ControlPoints.empty(2),), PLANE, parts=(BONE,), strength=strength)
+    at = motion.power(strength)([[-1.0, 15.0], [-2.0, 13.0]])
+    space = np.c_[at, [9.0, 9.0]] @ PLANE.frame + PLANE.origin
+    wanted = [[-1.0, 15.0], [-2.0, 13.0]] - at
+    oracle.assert_close(step.field(GRID).displacement(space) @ PLANE.frame[:2].T, wanted, atol=1e-9)
+    still = Step((POINTS,), PLANE, parts=(BONE,), cuts=(SLIT,), strength=0.0).field(GRID)
+    oracle.assert_close(still.displacement(places()), np.zeros((20, 3)), atol=1e-12)
+
+
+def test_blend_is_the_sum_and_compose_is_not() -> None:
+    steps = Step((POINTS,), PLANE, cuts=(SLIT,)), Step((POINTS,), Plane.along(GRID, "+y"), trend="rigid")
+    document = Deformation(steps, mode="blend")
+    wanted = sum(step.field(GRID).displacement(places()) for step in steps)
+    oracle.assert_close(document.field(GRID).displacement(places()), wanted, atol=1e-12)
+    composed = replace(document, mode="compose").field(GRID).displacement(places())
+    assert np.abs(composed - wanted).max() > 1e-3
+    with pytest.raises(DeformError, match="unknown mode 'add' of a deformation; choose one of compose, blend"):
+        Deformation(steps, mode="add")
+
+
+def test_a_step_moves_in_the_order() -> None:
+    steps = tuple(Step((POINTS,), PLANE, name=str(k)) for k in range(4))
+    for index in range(4):
+        for to in range(4):
+            names = [s.name for s in Deformation(steps).moved_step(index, to).steps]
+            assert names[to] == str(index)
+            assert [n for n in names if n != str(index)] == [str(k) for k in range(4) if k != index]
+    for bad in ((4, 0), (0, 4), (-1, 0)):
+        with pytest.raises(DeformError, match="there is no step"):
+            Deformation(steps).moved_step(*bad)
+
+
+def test_key_frames_rise() -> None:
+    step = Step((POINTS,), PLANE)
+    keys = [Keyframe(0, [step]), Keyframe(1.5, (step,))]  # type: ignore[arg-type]
+    document = Deformation((step,), keyframes=keys)  # type: ignore[arg-type]
+    assert document.keyframes == tuple(keys)
+    assert document.keyframes[0].steps == (step,)
+    for times in ((1.0, 1.0), (2.0, 1.0)):
+        with pytest.raises(DeformError, match="must rise"):
+            Deformation(keyframes=tuple(Keyframe(t, ()) for t in times))
+    for time in (-1.0, np.nan, np.inf):
+        with pytest.raises(DeformError, match="seconds from 0 on"):
+            Keyframe(time, ())
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"cut_rule": "both"}, "unknown rule 'both' of cuts"), ({"cuts": (BONE,)}, "must be of type Cut"),
+    ({"parts": (SLIT,)}, "must be of type RigidPart"), ({"parts": 3}, "must be rigid parts"),
+    ({"cuts": (Cut(HalfSpace((0, 0, 0), (0, 0, 1))),)}, r"dimension 2, .* one has 3: take the silhouette"),
+    ({"plane": None, "maps": (ControlPoints.empty(3),), "cuts": (SLIT,)}, "one has 2: give it three coordinates"),
+    ({"cuts": (SLIT,) * 9}, "at most 8 cuts, got 9"),
+])
+def test_shapes_that_do_not_fit_a_step_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(DeformError, match=message):
+        Step(**{"maps": (POINTS,), "plane": PLANE, **options})
