@@ -103,7 +103,7 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     places = np.moveaxis((at - raster.origin) * scale, -1, 0).astype(np.float32)
     distances = np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32)
     # Read as the places are where a displacement leads, so that what does not move is opaque at corners too.
-    read = np.stack([np.asarray(_look_up(jnp.asarray(table), *places)) for table in distances])
+    read = np.stack([np.asarray(look_up(jnp.asarray(table), *places)) for table in distances])
     on_cut = (np.abs(read) < 1e-3 * min(raster.spacing)) & ((read < 0) != (here < 0))  # there rounding decides no side
     read = np.where(on_cut, np.where(here < 0, -1e-9, 0.0), read).astype(np.float32)
     return CutPlan(apart, _tiles(is_near, normal, output), maps, read, places, distances, scale, field)
@@ -150,7 +150,7 @@ def _around(at: NDArray[np.float64], largest: float, output: Grid, normal: int) 
     return Raster((int(counts[1]), int(counts[0])), (step, step), tuple((low - margin).tolist()))
 
 
-def _look_up(table: Any, x: Any, y: Any) -> Any:
+def look_up(table: Any, x: Any, y: Any) -> Any:
     """A raster read linearly at columns x and rows y, constant beyond its edges."""
     rows, columns = table.shape
     x, y = jnp.clip(x, 0.0, columns - 1.001), jnp.clip(y, 0.0, rows - 1.001)
@@ -168,7 +168,7 @@ def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, s
         moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
         at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
         # The barrier keeps XLA from looking everything up again for each use.
-        there = lax.optimization_barrier([[_look_up(table, x, y) for table in distances] for x, y in at])
+        there = lax.optimization_barrier([[look_up(table, x, y) for table in distances] for x, y in at])
         choice, opacity = decide(list(here), there, sides, rule, softness, jnp)
         total = jnp.zeros_like(moves[0])
         for r, d in enumerate(moves):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import sampling, warp_plan
+from deformnb.chain import Chain
 from deformnb.cut_plan import CutPlan, plan_cut
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
@@ -160,8 +161,11 @@ class Warper:
             flat = self._flat
         step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
 
+        chain = Chain(field, grid)
+
         def work(block: tuple[slice, slice]) -> None:
-            d, opacity = warp_plan.seen(field, warp_plan.lattice(grid, block, step))
+            nodes = warp_plan.lattice(grid, block, step)
+            d, opacity = warp_plan.seen(field, nodes) if chain.is_single else chain.seen(nodes)
             with self._arithmetic():
                 result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
                                                      **self._settings()))
