@@ -239,7 +239,7 @@ def _trials(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
     """
     rng = np.random.default_rng(0)
     last = np.asarray(raster.shape) - 1.0
-    everywhere = rng.integers(0, last.astype(int), (_TRIALS, 2)) + 0.5
+    everywhere: NDArray[np.float64] = rng.integers(0, last.astype(int), (_TRIALS, 2)).astype(np.float64) + 0.5
     fit = field.base if isinstance(field, RigidInterpolant) else field
     if not isinstance(fit, RBFInterpolant) or not int(fit.count):
         return everywhere
