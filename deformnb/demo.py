@@ -16,10 +16,10 @@ from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, th
 from deformnb.deformation import Deformation, VolumeReference
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
+from deformnb.forward import warp_points
 from deformnb.picture import Picture, project
 from deformnb.plane import Plane
 from deformnb.volume import Float3, Grid, Volume
-from deformnb.forward import warp_points
 
 Stage = Callable[[str], Callable[[float], None]]
 """Announces a piece of work by name and returns the function that is told how far it has come, from 0 to 1."""
