@@ -163,3 +163,12 @@ def test_texts_from_a_document_cannot_control_the_terminal(tmp_path: Path) -> No
     for text in describe_document(path).values():
         assert text.isprintable()
     assert "<script>" in describe_document(path)["name"]  # shown as it is: a terminal runs no scripts
+
+
+def test_rigid_parts_cuts_and_key_frames_are_described() -> None:
+    rows = describe_document(Path(__file__).parent / "fixtures" / "document_1.1.json")
+    assert "1 control points" not in rows["step 2"]
+    assert "2 rigid part(s) (ground, a half space; bone, a mask that moves, switched off)" in rows["step 1"]
+    assert "2 cut(s) by the rule paper (midline, a line; a polygon, switched off)" in rows["step 1"]
+    assert rows["mode"].startswith("blend: ")
+    assert rows["animation"] == "2 key frames at 0, 1.5 s"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
+from deformnb.cuts import Cut
 from deformnb.deformation import Deformation, Step
 from deformnb.document import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
+from deformnb.rigid_parts import RigidPart
 
 
 def read_deformation(path: str | PathLike[str]) -> Deformation:
@@ -54,6 +57,11 @@ def describe_document(path: str | PathLike[str]) -> dict[str, str]:
                            f"sha256 {v.sha256[:12]}...")
     for k, step in enumerate(deformation.steps):
         rows[f"step {k + 1}"] = _describe_step(step)
+    if deformation.mode != "compose":
+        rows["mode"] = f"{deformation.mode}: the displacements of all steps are added up"
+    if deformation.keyframes:
+        times = ", ".join(f"{key.time:g}" for key in deformation.keyframes)
+        rows["animation"] = f"{len(deformation.keyframes)} key frames at {times} s"
     return rows
 
 
@@ -65,7 +73,20 @@ def _describe_step(step: Step) -> str:
     rule = {"modulate": f"modulate by {curve}", "interpolate": f"interpolate at depths {', '.join(knots)}"}.get(
         step.extrusion, step.extrusion)
     count = " + ".join(str(len(m)) for m in step.maps)
+    shapes = "".join(f", {_describe_shapes(what, given)}" for what, given in (
+        ("rigid part(s)", step.parts), (f"cut(s) by the rule {step.cut_rule}", step.cuts)) if given)
     state = "" if step.enabled else ", switched off"
     name = f"{shown(step.name)}: " if step.name else ""
-    return (f"{name}{count} control points {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
-            f"strength {step.strength:g}{state}")
+    points = "control point" if count == "1" else "control points"
+    return (f"{name}{count} {points} {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
+            f"strength {step.strength:g}{shapes}{state}")
+
+
+def _describe_shapes(what: str, shapes: Sequence[RigidPart] | Sequence[Cut]) -> str:
+    names = []
+    for shape in shapes:
+        kind = shape.region.kind.replace("_", " ")
+        moved = " that moves" if isinstance(shape, RigidPart) and shape.motion is not None else ""
+        off = ", switched off" if not shape.enabled else ""
+        names.append(f"{shown(shape.name) + ', ' if shape.name else ''}a {kind}{moved}{off}")
+    return f"{len(shapes)} {what} ({'; '.join(names)})"
