@@ -1,5 +1,3 @@
-from .animation import EASINGS as EASINGS
-from .animation import LOOPS as LOOPS
 from .animation import Animation as Animation
 from .control_points import ControlPoints as ControlPoints
 from .cuts import CUT_RULES as CUT_RULES
@@ -14,6 +12,8 @@ from .document import to_json as to_json
 from .document_regions import REGIONS as REGIONS
 from .document_regions import region_from_data as region_from_data
 from .drawing import draw_pictures as draw_pictures
+from .easing import EASINGS as EASINGS
+from .easing import LOOPS as LOOPS
 from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
 from .extrusion import EXTRUSIONS as EXTRUSIONS

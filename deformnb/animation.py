@@ -6,7 +6,6 @@ of the two displacements themselves would shrink what turns, by cos(angle / 2) h
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -14,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from deformnb.deformation import Deformation, Keyframe, Step
+from deformnb.easing import EASINGS, LOOPS
 from deformnb.errors import DeformError
 from deformnb.extrusion import Weights
 from deformnb.fields import AbstractField
@@ -21,13 +21,6 @@ from deformnb.plane import Plane, Raster
 from deformnb.step_paths import StepPath, one_map, step_paths
 from deformnb.time_maps import TimeMaps, covering_raster
 from deformnb.volume import Grid
-
-EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
-"""How time passes from one key frame to the next, by name: at an even pace, or slowly at both ends."""
-
-LOOPS = {"once": "from the first key frame to the last", "loop": "over and over from the beginning",
-         "swing": "there and back, over and over"}
-"""What comes after the last key frame."""
 
 MOST_FRAMES = 4096
 """Of a stack: a longer one is no texture of any card."""
@@ -43,8 +36,9 @@ class Animation:
     Parameters
     ----------
     deformation : has :attr:`~deformnb.deformation.Deformation.keyframes`.
-    easing : a name of :data:`EASINGS`.
-    loop : a name of :data:`LOOPS`; with "loop" the last key frame should be as the first.
+    easing : a name of :data:`~deformnb.easing.EASINGS`; default is the document's.
+    loop : a name of :data:`~deformnb.easing.LOOPS`, default is the document's; with "loop" the last key frame should be
+        as the first.
 
     Notes
     -----
@@ -66,10 +60,12 @@ class Animation:
     """
 
     deformation: Deformation
-    easing: str = "linear"
-    loop: str = "once"
+    easing: str = ""
+    loop: str = ""
 
     def __post_init__(self) -> None:
+        for name in ("easing", "loop"):
+            object.__setattr__(self, name, getattr(self, name) or getattr(self.deformation, name))
         if self.easing not in EASINGS:
             raise DeformError(f"unknown easing {self.easing!r}; choose one of {', '.join(EASINGS)}.")
         if self.loop not in LOOPS:

@@ -18,6 +18,7 @@ import numpy as np
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
 from deformnb.degenerate import default_support
+from deformnb.easing import EASINGS, LOOPS
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.fields import AbstractField, Identity, blend, compose
@@ -265,6 +266,7 @@ class Deformation:
     extra : fields of a newer minor version, kept for saving.
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
+    easing, loop : names of :data:`~deformnb.easing.EASINGS` and :data:`~deformnb.easing.LOOPS`, how it is played.
 
     Examples
     --------
@@ -282,12 +284,16 @@ class Deformation:
     extra: Mapping[str, Any] = field(default_factory=dict)
     mode: str = "compose"
     keyframes: tuple[Keyframe, ...] = ()
+    easing: str = "linear"
+    loop: str = "once"
 
     def __post_init__(self) -> None:
         for name in ("steps", "keyframes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if self.mode not in MODES:
-            raise DeformError(f"unknown mode {self.mode!r} of a deformation; choose one of {', '.join(MODES)}.")
+        for what, value, known in (("mode", self.mode, MODES), ("easing", self.easing, EASINGS),
+                                   ("loop", self.loop, LOOPS)):
+            if value not in known:
+                raise DeformError(f"unknown {what} {value!r} of a deformation; choose one of {', '.join(known)}.")
         times = [key.time for key in self.keyframes]
         if any(late <= early for early, late in pairwise(times)):
             raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")

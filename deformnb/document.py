@@ -24,13 +24,16 @@ from deformnb.errors import DeformError
 from deformnb.plane import Plane
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 1)  # 1.1: rigid parts, cuts, key frames and the mode, each left out where a document has none
+VERSION = (1, 1)  # 1.1: rigid parts, cuts, the mode and an animation, each left out where a document has none
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""
 
 LONGEST = 32 * 2**20
 """Characters; 2000 points of 40 steps fit ten times over."""
+
+# Left out of a document that has them.
+_USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
 
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 """From major version n to n + 1; a fixture of every released version is kept in the tests."""
@@ -42,8 +45,7 @@ def to_json(deformation: Deformation) -> str:
         "format": FORMAT, "version": f"{VERSION[0]}.{VERSION[1]}", "name": deformation.name,
         "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
     }
-    if deformation.mode != "compose":
-        data["mode"] = deformation.mode
+    data |= {key: getattr(deformation, key) for key, usual in _USUAL.items() if getattr(deformation, key) != usual}
     if deformation.keyframes:
         data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
                              for key in deformation.keyframes]
@@ -77,10 +79,11 @@ def from_json(text: str | bytes) -> Deformation:
     r = Reader(data, "document")
     steps = [_step(s) for s in r.items("steps", [])]
     volume = None if data.get("volume") is None else _volume(r.part("volume"))
-    known = {"format", "version", "name", "volume", "steps", "mode", "keyframes"}
+    known = {"format", "version", "name", "volume", "steps", "keyframes", *_USUAL}
     keys = tuple(Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps")))
                  for k in r.items("keyframes", []))
-    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), r.text("mode", "compose"), keys)
+    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), keyframes=keys,
+                       **{key: r.text(key, usual) for key, usual in _USUAL.items()})
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:

@@ -117,17 +117,17 @@ def _movie(it: Frozen, path: Path, progress: Progress) -> None:
     write_movie(path, movie_frames(it), _FPS, progress=lambda done, total: progress(done / max(total, 1)))
 
 
-def movie_frames(it: Frozen, fps: float = _FPS, easing: str = "linear", loop: str = "once") -> Frames:
+def movie_frames(it: Frozen, fps: float = _FPS) -> Frames:
     """The pictures of a session's movie, seen by its camera.
 
     Parameters
     ----------
-    fps, easing, loop : of the animation, if the document has key frames.
+    fps : of the animation, if the document has key frames.
     """
     looks: dict[str, Any] = {"directions": it.camera["direction"], "up": it.camera["up"], "size": _FRAME,
                              "transfer": it.transfer}
     if it.deformation.keyframes:
-        return animation_frames(it.volume, Animation(it.deformation, easing, loop), fps=fps, **looks)
+        return animation_frames(it.volume, Animation(it.deformation), fps=fps, **looks)
     return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
 
 

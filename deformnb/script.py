@@ -22,7 +22,7 @@ from deformnb.volume import Grid
 # Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.
 _ROWS_ON_A_LINE = 3
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
-_MODE = "compose"
+_USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name in ("mode", "easing", "loop")}
 _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name",
           "parts", "cuts", "cut_rule")
 
@@ -72,7 +72,9 @@ def _names(count: int) -> list[str]:
 
 def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
-    plain = not (deformation.name or deformation.keyframes) and deformation.mode == _MODE
+    looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
+                    if getattr(deformation, key) != usual)
+    plain = not (deformation.name or deformation.keyframes or looks)
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
@@ -80,10 +82,9 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
     count = len(deformation.steps)
     options = f", name={_text(deformation.name)}" if deformation.name else ""
-    options += f", mode={_text(deformation.mode)}" if deformation.mode != _MODE else ""
     if deformation.keyframes:
         options += f", keyframes={_keyframes(deformation, lines[count:])}"
-    return f"dn.Deformation({_listed(lines[:count])}{options})"
+    return f"dn.Deformation({_listed(lines[:count])}{options}{looks})"
 
 
 def _keyframes(deformation: Deformation, lines: list[str]) -> str:

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.animation import EASINGS, LOOPS, Animation
+from deformnb.animation import Animation
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
 from deformnb.deformation import Deformation, Keyframe, Step
+from deformnb.easing import EASINGS, LOOPS
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.regions import Line, Polygon

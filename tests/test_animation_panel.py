@@ -263,3 +263,22 @@ def test_a_movie_is_stopped_and_nothing_is_left(desk: Desk, tmp_path: Path, monk
     desk.panel.movie.name.value = "../out.gif"
     desk.press("Write movie")
     assert "no plain file name" in desk.said[-1]
+
+
+def test_how_an_animation_is_played_is_kept_with_its_document(desk: Desk) -> None:
+    desk.panel.player.loop = "swing"  # nothing to keep it with yet
+    assert desk.session.history["undo"] == ""
+    desk.press("Add key frame")
+    desk.drag((22.0, 12.0))
+    desk.press("Add key frame")
+    desk.panel._easing.value = "smooth"
+    desk.panel.player.loop = "loop"
+    document = desk.session.deformation
+    assert (document.easing, document.loop) == ("smooth", "loop")
+    assert Animation(document).easing == "smooth"
+    desk.session.undo()
+    desk.panel.refresh()
+    assert desk.panel.player.loop == "once"
+    desk.session.undo()
+    desk.panel.refresh()
+    assert desk.panel._easing.value == "linear"

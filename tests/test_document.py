@@ -209,7 +209,8 @@ SHAPED = Deformation(
         Step((IN_SPACE,), parts=(RigidPart(Mask(np.arange(24).reshape(2, 3, 4) % 5 == 0, Grid((2, 3, 4), (1, 2, 3))),
                                         RigidMotion.turn(-20, (0, 1, 2), axis=(0, 0, 1))),)),
     ),
-    mode="blend", keyframes=(Keyframe(0.0, ()), Keyframe(1.5, (Step((IN_SPACE,), strength=0.5),))),
+    mode="blend", keyframes=(Keyframe(0.0, ()), Keyframe(1.5, (Step((IN_SPACE,), strength=0.5),))), easing="smooth",
+    loop="swing",
 )
 
 

@@ -86,7 +86,8 @@ def test_the_script_makes_the_same_document(all_steps: list[Step], name: str) ->
 @given(st.lists(steps(), max_size=2), st.lists(st.lists(steps(), max_size=2), max_size=3), st.sampled_from(list(MODES)))
 def test_the_script_makes_the_same_key_frames(all_steps: list[Step], keys: list[list[Step]], mode: str) -> None:
     frames = tuple(Keyframe(0.3 * k, tuple(some)) for k, some in enumerate(keys))
-    deformation = Deformation(tuple(all_steps), mode=mode, keyframes=frames)
+    deformation = Deformation(tuple(all_steps), mode=mode, keyframes=frames, easing="smooth" if keys else "linear",
+                              loop="swing" if len(keys) > 1 else "once")
     assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 

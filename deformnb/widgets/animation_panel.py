@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -14,8 +15,9 @@ import ipywidgets as ipw
 import numpy as np
 
 from deformnb import key_frames
-from deformnb.animation import EASINGS, Animation
+from deformnb.animation import Animation
 from deformnb.deformation import Deformation, Keyframe
+from deformnb.easing import EASINGS
 from deformnb.errors import Cancelled
 from deformnb.exports import Frozen, movie_frames
 from deformnb.io.movies import write_movie
@@ -63,8 +65,9 @@ class AnimationPanel(Panel):
                                     description="Time passes", style=_STYLE, layout=ipw.Layout(width="280px"),
                                     tooltip="How time passes from one key frame to the next")
         self.playback = Playback(view, self.player, self.animation, session.volume.grid, self._shown)
-        self._easing.observe(lambda _: self.playback.show(), "value")
-        self.movie = MovieControls(session, guard, view, Path(folder), self.player, self._easing)
+        self.add(self._easing, lambda: session.deformation.easing, lambda value: self._play_as(easing=value))
+        self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
+        self.movie = MovieControls(session, guard, view, Path(folder))
         self._time = ipw.BoundedFloatText(min=0, max=LONGEST, step=0.1, description="Time (s)", style=_STYLE,
                                           layout=ipw.Layout(width="170px"), tooltip="When the chosen key frame comes",
                                           continuous_update=False)
@@ -89,8 +92,7 @@ class AnimationPanel(Panel):
         if not document.keyframes or (time.monotonic() < self._quiet_until and not self.player.is_playing):
             return None
         # Of the document only what an animation depends on: its steps of now are no part of it.
-        played = Deformation(document.keyframes[0].steps, mode=document.mode, keyframes=document.keyframes)
-        return Animation(played, self._easing.value)
+        return Animation(replace(document, steps=document.keyframes[0].steps, name="", volume=None, extra={}))
 
     def _shown(self, action: Callable[[], None]) -> bool:
         return self.guard(action)
@@ -117,8 +119,14 @@ class AnimationPanel(Panel):
 
     def _at_moment(self, deformation: Deformation) -> Deformation:
         self.player.pause()
-        played = Animation(deformation, self._easing.value)
-        return key_frames.with_steps(deformation, played.at(self.player.time).steps)
+        return key_frames.with_steps(deformation, Animation(deformation).at(self.player.time).steps)
+
+    def _play_as(self, **looks: Any) -> None:
+        """Another easing or loop, kept with the key frames; without any there is nothing to keep."""
+        document = self.session.deformation
+        if document.keyframes and any(getattr(document, name) != value for name, value in looks.items()):
+            self.guard(lambda: self._edit(f"change the {next(iter(looks))}", lambda d: replace(d, **looks)))
+            self.playback.show()
 
     def _act(self, what: str, index: int, _value: Any) -> None:
         edits: dict[str, tuple[str, Callable[[Deformation], Deformation]]] = {
@@ -155,10 +163,9 @@ class AnimationPanel(Panel):
     def arrange(self) -> None:
         document = self.session.deformation
         keys = document.keyframes
-        if document is not self._known:
-            self._known = document
-            if self.player.is_playing:
-                self._rest()
+        known, self._known = self._known, document
+        if (document.steps, document.keyframes) != (known.steps, known.keyframes) and self.player.is_playing:
+            self._rest()
         self._chosen = min(self._chosen, len(keys) - 1)
         rows = [_row(key, key_frames.is_now(document, k)) for k, key in enumerate(keys)]
         self.items.show(rows, self._chosen)
@@ -166,6 +173,7 @@ class AnimationPanel(Panel):
         self._here.disabled = not keys
         if keys:
             self.player.take(Animation(document))
+            self.player.loop = document.loop
         else:
             self.player.duration, self.player.marks = 0.0, []
         self.movie.arrange(bool(keys))
@@ -197,9 +205,8 @@ def _follow(before: Deformation, after: Deformation, chosen: int) -> int:
 class MovieControls:
     """Writes a movie of the key frames into the folder, with progress and a way to stop."""
 
-    def __init__(self, session: Session, guard: Guard, view: Any, folder: Path, player: Player, easing: Any) -> None:
+    def __init__(self, session: Session, guard: Guard, view: Any, folder: Path) -> None:
         self._session, self._guard, self._view, self._folder = session, guard, view, folder
-        self._player, self._easing = player, easing
         self._stop = threading.Event()
         self._thread = Worker("deformnb-movie")
         self._is_writing = self._has_keys = False
@@ -231,18 +238,18 @@ class MovieControls:
     def _start(self) -> None:
         path = self._folder / plain_name(self.name.value)
         frozen = Frozen.of(self._session, dict(self._view.camera))
-        looks = (float(self.fps.value), str(self._easing.value), str(self._player.loop))
+        fps = float(self.fps.value)
         self._stop.clear()
         self._is_writing = True
         self.bar.value, self.bar.layout.visibility = 0.0, "visible"
         self.said.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
-        self._thread.call(lambda: self._do(path, frozen, looks))
+        self._thread.call(lambda: self._do(path, frozen, fps))
 
-    def _do(self, path: Path, frozen: Frozen, looks: tuple[float, str, str]) -> None:
+    def _do(self, path: Path, frozen: Frozen, fps: float) -> None:
         said = ""
         try:
-            write_movie(path, movie_frames(frozen, *looks), looks[0], progress=self._progress, cancel=self._stop.is_set)
+            write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
             said = f"Wrote {path.name}."
         except Cancelled:
             said = f"Stopped; {path.name} was not written."

@@ -14,7 +14,8 @@ import anywidget
 import numpy as np
 import traitlets
 
-from deformnb.animation import LOOPS, Animation
+from deformnb.animation import Animation
+from deformnb.easing import LOOPS
 from deformnb.errors import DeformError
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.view_messages import LONGEST_TEXT, dropping
@@ -48,7 +49,7 @@ class Player(anywidget.AnyWidget):
     marks : the times of the key frames, shown on the bar.
     is_playing : setting it plays or pauses in all pages; at the end it becomes False by itself, unless it loops.
     speed : 1 is real time.
-    loop : a name of :data:`~deformnb.animation.LOOPS`.
+    loop : a name of :data:`~deformnb.easing.LOOPS`.
     step : seconds that an arrow key goes.
     sync_ms : how often Python hears of the time while it plays.
     theme : "auto" follows the page, "light" and "dark" do not.
