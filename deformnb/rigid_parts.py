@@ -14,8 +14,9 @@ With several parts, each keeps its own motion and L blends them with weights 1 /
 measured where it has moved to.
 
 Three things follow that one may not expect. A part that moves takes all along with it where neither a fixed part nor a
-control point holds the rest. A control point very near a part makes the weight rise over that short way, and a long drag
-folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some matter is seen twice.
+control point holds the rest. A control point very near a part makes the weight rise over that short way, and a long
+drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some matter is
+seen twice.
 """
 
 from __future__ import annotations
