@@ -137,11 +137,13 @@ class Mask(AbstractRegion):
         return jax.scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest") + beyond
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+        """What JAX traces, and what it keeps."""
         distances, lattice = self._measured
         return (distances,), (lattice, self.dim)
 
     @classmethod
     def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Mask:
+        """The same again, of what JAX has made of it; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "lattice", aux[0])
         made.__dict__["_measured"] = (leaves[0], aux[0])

@@ -99,10 +99,12 @@ class HalfSpace(AbstractRegion):
         return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
+        """What JAX traces, and what it keeps."""
         return (np.asarray(self.point), np.asarray(self.normal)), None
 
     @classmethod
     def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> HalfSpace:
+        """The same again, of what JAX has made of it; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "point", leaves[0])
         object.__setattr__(made, "normal", leaves[1])
@@ -176,10 +178,12 @@ class _Drawn(AbstractRegion):
         return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
+        """What JAX traces, and what it keeps."""
         return (np.asarray(self.vertices),), None
 
     @classmethod
     def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> Any:
+        """The same again, of what JAX has made of it; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "vertices", leaves[0])
         return made

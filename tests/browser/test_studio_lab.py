@@ -201,8 +201,8 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
 
 def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
     page = shown.page
-    shown.host.run(page, "studio.session.reset()")
-    shown.told(lambda state: len(state["steps"]) == 1)
+    shown.host.run(page, "studio.session.reset(); studio.session.set_view('+y')")
+    shown.told(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
     shown.tab("Steps")
     page.get_by_role("button", name="Add step in space").click()
     page.wait_for_selector(".dnb-sp-pane0 .dnb-ed-target")
