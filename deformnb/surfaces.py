@@ -260,7 +260,10 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
     image.point_data["values"] = values.reshape(-1)
     found = image.contour([float(level)], scalars="values", method="flying_edges", compute_normals=False,
                           compute_gradients=False, compute_scalars=False)
-    faces = np.asarray(found.regular_faces if found.n_cells else np.zeros((0, 3)), dtype=np.int64)
+    if not found.n_cells:  # the level is the smallest value, which no edge between voxels crosses
+        raise DeformError(f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g}, and "
+                          "the level must lie between them.")
+    faces = np.asarray(found.regular_faces, dtype=np.int64)
     mirrored = np.linalg.det(np.asarray(volume.grid.direction)) < 0
     if mirrored == (inside == "above"):  # VTK looks to smaller values
         faces = faces[:, ::-1]

@@ -268,6 +268,7 @@ def test_isosurfaces_of_all_kinds_of_voxels(dtype: Any) -> None:
 
 @pytest.mark.parametrize(("options", "match"), [
     ({"level": 3}, "no surface has the value 3: the volume's values go from 0 to 1"),
+    ({"level": 0}, "no surface has the value 0: .* must lie between them"),
     ({"level": math.nan}, "no surface has the value nan"), ({"level": 0.5, "inside": "left"}, "'below' or 'above'"),
 ])
 def test_no_surface(options: dict[str, Any], match: str) -> None:

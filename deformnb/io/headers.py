@@ -194,7 +194,8 @@ def regular_file(path: Path) -> Path:
         exists = path.exists()
     except (OSError, ValueError) as error:
         raise VolumeFileError(f"{shown(path)!r} is not a usable path ({error}).") from error
-    raise fail(path, "this is not a plain file." if exists else f"there is no such file in {shown(path.parent)}.")
+    raise fail(path, "this is not a plain file." if exists else
+               f"there is no such file in {shown(path.absolute().parent)}.")
 
 
 def detached_file(header: Path, name: str) -> Path:

@@ -87,7 +87,7 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: l
                         layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
     head, *others = panels
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
-                   layout=ipw.Layout(width="100%"))
+                   layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
     words = ipw.HBox(line, layout=ipw.Layout(width="100%", flex_flow="row wrap", align_items="center",
                                              grid_gap="0 24px"))
     return [pictures, head.box, tabs, words]
