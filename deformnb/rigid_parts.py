@@ -315,6 +315,11 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             free[k] = False
             if points.displacement[k].any():
                 notes.append(f"{points.label(k)} lies in {parts[holders[0]].label}, which holds it already")
+            continue
+        torn = next((p for p in parts if p.region.signed_distance(points.source[k]) < 0), None)
+        if torn is not None:
+            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its matter is seen "
+                         "twice")
     return free, notes
 
 

@@ -21,6 +21,10 @@ from deformnb.volume import Grid
 
 # Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.
 _ROWS_ON_A_LINE = 3
+_IN_A_ROW = 6
+
+# Longer values than this get a name of their own in front.
+_LONG = 80
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
 _USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name in ("mode", "easing", "loop")}
 _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name",
@@ -62,15 +66,32 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_vo
         names = [next(sets) for _ in step.maps]
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
         steps.append((step, names))
-    blocks.append(f"deformation = {_made(deformation, steps, grid)}\ndeformed = deformation.apply(volume)")
+    shared = _Shared()
+    made = _made(deformation, steps, grid, shared)
+    blocks += [f"{name} = {value}" for value, name in shared.names.items()]
+    blocks.append(f"deformation = {made}\ndeformed = deformation.apply(volume)")
     return "\n\n".join(blocks) + "\n"
+
+
+class _Shared:
+    """Long values that several steps may have, each written once under a name."""
+
+    def __init__(self) -> None:
+        self.names: dict[str, str] = {}
+
+    def name(self, kind: str, value: str) -> str:
+        """What to write for a value: itself if it is short, else its name."""
+        if len(value) <= _LONG:
+            return value
+        number = 1 + sum(name.startswith(f"{kind}_") for name in self.names.values())
+        return self.names.setdefault(value, f"{kind}_{number}")
 
 
 def _names(count: int) -> list[str]:
     return ["points"] if count == 1 else [f"points_{k + 1}" for k in range(count)]
 
 
-def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid) -> str:
+def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
     looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
                     if getattr(deformation, key) != usual)
@@ -78,8 +99,9 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
-        return f"dn.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step)})"
-    lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step)})" for step, names in steps]
+        return f"dn.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step, shared)})"
+    lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})"
+             for step, names in steps]
     count = len(deformation.steps)
     options = f", name={_text(deformation.name)}" if deformation.name else ""
     if deformation.keyframes:
@@ -141,9 +163,17 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
     return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
 
 
-def _options(step: Step) -> str:
+def _options(step: Step, shared: _Shared) -> str:
     changed = [(name, getattr(step, name)) for name in _PLAIN if getattr(step, name) != _DEFAULTS[name]]
-    return "".join(f", {name}={_value(value)}" for name, value in changed)
+    return "".join(f", {name}={shared.name(name, _written(value))}" for name, value in changed)
+
+
+def _written(value: Any) -> str:
+    """A value as Python; a long table in rows."""
+    if isinstance(value, tuple) and len(value) > _IN_A_ROW and isinstance(value[0], float):
+        rows = [", ".join(map(repr, value[k : k + _IN_A_ROW])) for k in range(0, len(value), _IN_A_ROW)]
+        return "(\n" + "".join(f"    {row},\n" for row in rows) + ")"
+    return _value(value)
 
 
 def _value(value: Any) -> str:

@@ -42,6 +42,9 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
         fields.setdefault("maps", (points,))
         if any(m != points for m in step.maps):
             return "The key picture that was being edited stays; undo brings the others back."
+    if rule == "modulate" != step.extrusion and step.cuts and step.curve == "z" and "curve" not in fields:
+        fields["curve"] = "1-z"  # the other way round a cut is shut where one looks at it
+        return "The cut is open in front and closed at the back now: f = 1 - z."
     kernel = kernel_named(fields.get("kernel", step.kernel))
     trend = trend_named(fields.get("trend", step.trend))
     if kernel.order <= trend.order:

@@ -315,3 +315,14 @@ def test_undo_leads_back_through_every_document(edits: list[tuple[str, int]]) ->
             back.append(session.deformation)
     assert back == documents[::-1]
     assert isinstance(session.step, Step)
+
+
+def test_a_cut_that_is_modulated_is_open_in_front() -> None:
+    session = Session(Volume(np.zeros((8, 8, 8), np.uint8), Grid((8, 8, 8))), view="+y")
+    session.edit_cuts([Cut(Line(((4, 0), (4, 8))))], "draw a cut")
+    session.change(extrusion="modulate")
+    assert session.step.curve == "1-z"
+    assert "open in front" in session.notice
+    session.change(extrusion="replicate")
+    session.change(extrusion="modulate", curve="z")  # asked for
+    assert session.step.curve == "z"

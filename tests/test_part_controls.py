@@ -76,6 +76,30 @@ def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
     assert session.step.parts[0].motion is None
 
 
+def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
+    session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
+    bone = Polygon([(2, 2), (5, 2), (5, 6), (2, 6)])
+    session.edit_parts([RigidPart(bone, name="shin")], "draw shin")
+    panel = PartControls(session, done, lambda: 0)
+    found = {c.widget.description: c.widget for c in panel.controls}
+    found["Part"].value = "moved"
+    panel.refresh()
+    assert (found["Pivot right"].value, found["Pivot down"].value) == middle_of(bone)
+    assert found["Pivot right"].layout.display == ""
+    assert found["Pivot x"].layout.display == "none"
+    found["Pivot right"].value = 2.3
+    found["Pivot down"].value = 1.9
+    panel.refresh()
+    found["Turn"].value = 30.0
+    assert_allclose(session.step.parts[0].motion([(2.3, 1.9)]), [(2.3, 1.9)], atol=1e-9)
+    found["Shift right"].value = -2.8
+    panel.refresh()
+    assert found["Shift right"].value == pytest.approx(-2.8)
+    found["Pivot down"].value = 6.0  # turned as much and shifted as far as before, about another place
+    assert_allclose(session.step.parts[0].motion([(2.3, 6.0)]), [(2.3 - 2.8, 6.0)], atol=1e-9)
+    assert np.degrees(np.arctan2(*session.step.parts[0].motion.matrix[1])) == pytest.approx(30.0)
+
+
 def test_controls_without_a_part_edit_nothing() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     panel = PartControls(session, done, lambda: None)

@@ -111,3 +111,15 @@ def test_what_is_as_usual_is_left_out() -> None:
     assert '"+y"' in text
     step = replace(Deformation.on_picture(GRID, "+y", points).steps[0], kernel="gaussian")
     assert 'kernel="gaussian"' in as_python(Deformation((step,)), GRID)
+
+
+def test_what_several_steps_share_is_written_once() -> None:
+    points = ControlPoints.from_arrays([[0, 0], [5, 1]], [[0, 0], [5, 2]])
+    curve = tuple(np.linspace(0, 1, 33).tolist())
+    step = Step((points,), Plane.along(GRID, "+y"), extrusion="modulate", curve=curve, parts=(BONE,))
+    deformation = Deformation((step, replace(step, strength=0.5)), keyframes=(Keyframe(0.0, (step,)),))
+    text = as_python(deformation, GRID, volume="VOLUME")
+    assert text.count(repr(curve[7])) == 1
+    assert text.count(BONE.name) == 1
+    assert max(map(len, text.splitlines())) < 600  # the mask's own line is the longest
+    assert made_by(text) == deformation

@@ -88,27 +88,54 @@ class PartControls(Panel):
                                "How the deformation fades towards the part"),
                           lambda: "saturated" if self.part is None else self.part.weight,
                           lambda value: self._write("change the weight of", weight=value))
-        self._angle = self._slider("Turn", 180.0, "Degrees about the middle of the part", "turn", ".0f")
+        self._pivots: dict[AbstractRegion, tuple[float, ...]] = {}  # chosen by hand; else the middle
+        self._angle = self._slider("Turn", 180.0, "Degrees about the pivot", "turn", ".1f")
         self._axes = self.add(menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")],
                                    "Axis of the turn"), lambda: str(self._of_motion()[1]), self._set_axis)
         names = (("Right", "Down"), ("x", "y", "z"))
         self._shifts = [[self._slider(f"Shift {name.lower()}", reach, f"Length along {name.lower()}", k, ".1f")
                          for k, name in enumerate(group)] for group in names]
+        self._places = [[self._number(f"Pivot {name.lower()}", k) for k, name in enumerate(group)] for group in names]
         self._reach = self.add(slider("Reach", 0.0, reach, reach / 200, "Distance at which the part is no longer felt; "
                                       "0 leaves that to the nearest control point", ".1f"),
                                lambda: min((self.part and self.part.reach) or 0.0, reach),
                                lambda value: self._write("change the reach of", "reach", reach=value or None))
-        self._moving = [self._angle, self._axes, *self._shifts[0], *self._shifts[1]]
-        self.box = ipw.VBox([row(state, weight, self._reach),
-                             row(self._angle, self._axes, *self._shifts[0], *self._shifts[1])])
+        of_plane, of_space = ([*self._shifts[k], *self._places[k]] for k in (0, 1))
+        self._moving = [self._angle, self._axes, *of_plane, *of_space]
+        self.box = ipw.VBox([row(state, weight, self._reach), row(*self._moving)])
         self.refresh()
 
     def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:
-        made = slider(text, -most, most, most / 180, tip, form)
+        step = float(10.0 ** np.floor(np.log10(most / 500)))  # a round one, so that what is typed stays as it is
+        most = step * float(np.ceil(most / step))
+        made = slider(text, -most, most, step, tip, form)
         if isinstance(what, str):
             return self.add(made, lambda: float(np.clip(self._of_motion()[0], -most, most)),
                             lambda value: self._move("turn", degrees=value))
         return self.add(made, lambda: self._shift(what, most), lambda value: self._move("shift", shift=(what, value)))
+
+    def _number(self, text: str, k: int) -> Any:
+        made = ipw.FloatText(description=text, step=1.0, layout=ipw.Layout(width="180px"), continuous_update=False,
+                             style={"description_width": "80px"}, tooltip="The place that a turn leaves where it is")
+        return self.add(made, lambda: self._pivot(k), lambda value: self._set_pivot(k, value))
+
+    def _pivot(self, k: int) -> float:
+        about = self._about()
+        return round(about[k], 3) if k < len(about) else 0.0
+
+    def _about(self) -> tuple[float, ...]:
+        """The pivot of the part that is chosen."""
+        region = None if self.part is None else self.part.region
+        return () if region is None else self._pivots.get(region) or middle_of(region)
+
+    def _set_pivot(self, k: int, value: float) -> None:
+        part, about = self.part, list(self._about())
+        if part is None or k >= len(about) or not np.isfinite(value):
+            return
+        degrees, _, shift = self._of_motion()
+        about[k] = float(value)
+        self._pivots[part.region] = tuple(about)
+        self._move("turn", degrees=degrees, to=shift)
 
     @property
     def part(self) -> RigidPart | None:
@@ -120,7 +147,7 @@ class PartControls(Panel):
         part = self.part
         if part is None:
             return 0.0, self._axis, np.zeros(3)
-        degrees, axis, shift = turn_and_shift(part.motion, middle_of(part.region))
+        degrees, axis, shift = turn_and_shift(part.motion, self._about())
         return degrees, axis if degrees else self._axis, shift
 
     def _shift(self, k: int, most: float) -> float:
@@ -129,7 +156,7 @@ class PartControls(Panel):
 
     def _set_state(self, state: str) -> None:
         if self.part is not None:
-            middle = middle_of(self.part.region)
+            middle = self._about()
             still = RigidMotion.turn(0.0, middle, axis=_AXES[self._axis] if len(middle) == 3 else None)
             self._write("move" if state == "moved" else "fix", motion=still if state == "moved" else None)
 
@@ -138,12 +165,13 @@ class PartControls(Panel):
         self._move("turn", axis=self._axis)
 
     def _move(self, verb: str, degrees: float | None = None, axis: int | None = None,
-              shift: tuple[int, float] | None = None) -> None:
-        part = self.part
-        if part is None:
+              shift: tuple[int, float] | None = None, to: NDArray[np.float64] | None = None) -> None:
+        if self.part is None:
             return
-        middle = middle_of(part.region)
+        middle = self._about()
         old_degrees, old_axis, new_shift = self._of_motion()
+        if to is not None:  # the shift of before, which the new pivot would read otherwise
+            new_shift = to
         if shift is not None:
             new_shift[shift[0]] = shift[1]
         about = _AXES[old_axis if axis is None else axis] if len(middle) == 3 else None
@@ -163,7 +191,7 @@ class PartControls(Panel):
         is_moved = part is not None and part.motion is not None
         in_space = part is not None and part.region.dim == 3
         for widget in self._moving:
-            of_space = widget is self._axes or widget in self._shifts[1]
-            of_plane = widget in self._shifts[0]
+            of_space = widget is self._axes or widget in (*self._shifts[1], *self._places[1])
+            of_plane = widget in (*self._shifts[0], *self._places[0])
             shown = is_moved and (in_space or not of_space) and not (in_space and of_plane)
             widget.layout.display = "" if shown else "none"

@@ -90,7 +90,7 @@ class CurveEditorPage extends CurvePlot {
 
   placeTicks(low, high) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
 
-  endWords() { return ["0 first slice", "last slice 1"]; }
+  endWords() { return ["0 front", "back 1"]; }
 
   words(k) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
 

@@ -210,7 +210,7 @@ class DepthKeysPage extends EditedPage {
       svgElement("path", { class: `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`, d: left + right }, this.back);
     });
     svgElement("path", { class: "dnb-cv-rail", d: `M${this.toPixel(0)} ${BAR.line}H${this.toPixel(1)}` }, this.back);
-    for (const [depth, text, anchor, dx] of [[0, "0 first slice", "start", -8], [0.5, "0.5", "middle", 0], [1, "last slice 1", "end", 8]]) {
+    for (const [depth, text, anchor, dx] of [[0, "0 front", "start", -8], [0.5, "0.5", "middle", 0], [1, "back 1", "end", 8]]) {
       svgElement("path", { class: "dnb-cv-tick", d: `M${this.toPixel(depth)} ${BAR.line + 13}v3` }, this.back);
       svgElement("text", { class: "dnb-cv-text", x: this.toPixel(depth) + dx, y: BAR.height - 3, "text-anchor": anchor },
         this.back).textContent = text;

@@ -90,8 +90,11 @@ function sortedPoints(points, ready) {
     }).filter(({ isIn }) => isIn);
     const other = holders.find(({ at }) => Math.hypot(p.source[0] - at[0], p.source[1] - at[1]) > RIGID_SAME_MOTION * size);
     if (other) refused.push({ point: p, part: other.r.part });
-    else if (!holders.length) free.push(p);
-    else if (p.source.some((v, k) => v !== p.target[k])) {
+    else if (!holders.length) {
+      free.push(p);
+      const torn = ready.find((r) => r.distance(...p.source) < 0);
+      if (torn) notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its matter is seen twice`);
+    } else if (p.source.some((v, k) => v !== p.target[k])) {
       notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0].r.part)}, which holds it already`);
     }
   }
