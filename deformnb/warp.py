@@ -37,9 +37,9 @@ def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fi
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
     method : a name of :data:`~deformnb.sampling.METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
         edges). Default is linear, and nearest for labels and bool.
-    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th plane and row only (all along x) and
-        interpolates linearly; the error of the displacement is at most h^2/8 (|D_yy| + |D_zz|), derivatives by voxel.
-        Extruded fields along an axis of the grid are exact and fast at any step.
+    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
+        linearly; the error of the displacement is at most h^2/8 (|D_xx| + |D_yy| + |D_zz|), derivatives by voxel.
+        Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -165,7 +165,7 @@ class Warper:
 
         def work(block: tuple[slice, slice]) -> None:
             nodes = warp_plan.lattice(grid, block, step)
-            d, opacity = warp_plan.seen(field, nodes) if chain.is_single else chain.seen(nodes)
+            d, opacity = warp_plan.seen(field, nodes, step) if chain.is_single else chain.seen(nodes)
             with self._arithmetic():
                 result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
                                                      **self._settings()))

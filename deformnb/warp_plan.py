@@ -247,7 +247,7 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
 
 
 def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
-    """Where the field is evaluated for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
+    """Where the field is wanted for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
     (z, y), extra = block, int(step > 1)
     shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
     sx, sy, sz = grid.spacing
@@ -255,19 +255,33 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
     return Grid(shape, (sx, sy * step, sz * step), (origin[0], origin[1], origin[2]), grid.direction)
 
 
-def displacements(field: AbstractField, grid: Grid) -> Any:
-    """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side."""
+def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
+    """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side.
+
+    A field that is evaluated is asked at every ``step``-th node along x only, and interpolated linearly in between.
+    """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
             return checked(d)
+    if step > 1 and grid.shape[2] > step:
+        return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
     return tuple(on_device(d) for d in checked(field.on_grid(grid)))
 
 
-def seen(field: AbstractField, grid: Grid) -> tuple[Any, NDArray[np.float32] | None]:
+def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
+    (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
+    count = ceil((nx - 1) / step) + 1
+    nodes = field.on_grid(Grid((nz, ny, count), (step * sx, sy, sz), grid.origin, grid.direction))
+    t = np.arange(step, dtype=np.float32) / np.float32(step)
+    between = nodes[..., :-1, None] * (1 - t) + nodes[..., 1:, None] * t
+    return np.concatenate([between.reshape(3, nz, ny, -1), nodes[..., -1:]], axis=-1)[..., :nx]
+
+
+def seen(field: AbstractField, grid: Grid, step: int = 1) -> tuple[Any, NDArray[np.float32] | None]:
     """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
     if not field.has_cuts:
-        return displacements(field, grid), None
+        return displacements(field, grid, step), None
     d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
     d = checked(d).reshape(3, *grid.shape)
     return tuple(on_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
