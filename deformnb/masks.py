@@ -109,7 +109,11 @@ class Mask(AbstractRegion):
         return self.lattice == other.lattice and np.array_equal(self.values, other.values)
 
     def __hash__(self) -> int:
-        return hash((self.lattice, self.values.tobytes()))
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag asks for it at every block
 
     @cached_property
     def _measured(self) -> tuple[NDArray[np.float32], Raster | Grid]:

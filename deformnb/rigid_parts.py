@@ -303,6 +303,7 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
     """Which active points lie beside all parts; refuses one that a part holds and that asks for something else."""
     free, notes = points.active.copy(), []
     size = float(np.linalg.norm(np.ptp(np.concatenate([points.source, points.target]), axis=0))) if len(points) else 0.0
+    within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits
     for k in np.flatnonzero(points.active).tolist():
         holders = np.flatnonzero(distances[:, k] <= 0).tolist()
         for h in holders:
@@ -316,7 +317,7 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             if points.displacement[k].any():
                 notes.append(f"{points.label(k)} lies in {parts[holders[0]].label}, which holds it already")
             continue
-        torn = next((p for p in parts if p.region.signed_distance(points.source[k]) < 0), None)
+        torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:
             notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its matter is seen "
                          "twice")

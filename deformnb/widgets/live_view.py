@@ -44,7 +44,7 @@ from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE,
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
-from deformnb.widgets.view_messages import LONGEST_TEXT, measured, picture, text, whole
+from deformnb.widgets.view_messages import measured, picture, take_traits, text, whole
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "cut_fits.js", "link.js",
           "elements.js", "volume_blocks.js", "raycast_glsl.js", "programs.js", "raycast.js", "camera.js",
@@ -320,13 +320,7 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        for name, value in dict(sync_data).items():
-            try:
-                if name not in _OF_PAGE:
-                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
-                super().set_state({name: value})
-            except (traitlets.TraitError, ValueError, TypeError) as error:
-                _LOG.warning("a trait of the page was dropped: %s", error)
+        take_traits(sync_data, _OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
         """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""

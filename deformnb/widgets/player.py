@@ -18,7 +18,7 @@ from deformnb.animation import Animation
 from deformnb.easing import LOOPS
 from deformnb.errors import DeformError
 from deformnb.widgets.assets import joined, style
-from deformnb.widgets.view_messages import LONGEST_TEXT, dropping
+from deformnb.widgets.view_messages import take_traits
 
 FASTEST, SLOWEST = 20.0, 0.01
 
@@ -108,8 +108,4 @@ class Player(anywidget.AnyWidget):
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        for name, value in dict(sync_data).items():
-            with dropping("a trait"):
-                if name not in _OF_PAGE:
-                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
-                super().set_state({name: value})
+        take_traits(sync_data, _OF_PAGE, super().set_state)

@@ -120,7 +120,7 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
     factors = factors_of(volume.grid, limit, largest)
-    low, high = _window(volume) if window is None else _checked(window)
+    low, high = _window(volume) if window is None else checked_window(window)
     grid = coarser(volume.grid, factors)
     values = np.empty(grid.shape, np.uint8)
     fx, fy, fz = factors
@@ -180,7 +180,8 @@ def _window(volume: Volume) -> tuple[float, float]:
     return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
 
 
-def _checked(window: tuple[float, float]) -> tuple[float, float]:
+def checked_window(window: tuple[float, float]) -> tuple[float, float]:
+    """Values that are told apart, lowest and highest; refused if they do not rise."""
     low, high = (float(v) for v in window)
     if not (np.isfinite(low) and np.isfinite(high) and high > low):
         raise DeformError(f"the window must be two rising numbers, got {window!r}.")

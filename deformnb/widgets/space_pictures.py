@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.deformation import Step
-from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.picture import project
 from deformnb.plane import Plane, Raster
 from deformnb.transfer import TransferFunction, levels
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
-from deformnb.widgets.shown_volume import shown_volume
+from deformnb.widgets.shown_volume import checked_window, shown_volume
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
@@ -135,7 +134,7 @@ class SpacePictures:
     def __init__(self, volume: Volume, transfer: TransferFunction, window: tuple[float, float] | None = None) -> None:
         self.volume, self.transfer = volume, transfer
         self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
-        self.window = _window(volume) if window is None else _checked(window)
+        self.window = _window(volume) if window is None else checked_window(window)
         self._coarser: dict[int, Volume] = {}
         self._projected: tuple[Any, dict[int, Shown]] = ((), {})
 
@@ -214,13 +213,6 @@ def _window(volume: Volume) -> tuple[float, float]:
     if not (volume.is_labels or volume.dtype == np.bool_):
         low, high = volume.background, levels(volume)[3]
     return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
-
-
-def _checked(window: tuple[float, float]) -> tuple[float, float]:
-    low, high = (float(v) for v in window)
-    if not (np.isfinite(low) and np.isfinite(high) and high > low):
-        raise DeformError(f"the window must be two rising numbers, got {window!r}.")
-    return low, high
 
 
 def _grey(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -55,3 +55,17 @@ def dropping(what: str) -> Iterator[None]:
         yield
     except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:
         _LOG.warning("%s of the page was dropped: %s", what, error)
+
+
+def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, Any]], Any]) -> None:
+    """Put what a page says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
+
+    Parameters
+    ----------
+    said : values by name; of_page : the names a page may decide on.
+    """
+    for name, value in dict(said).items():
+        with dropping("a trait"):
+            if name not in of_page:
+                raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
+            put({name: value})

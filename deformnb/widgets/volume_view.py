@@ -35,7 +35,7 @@ from deformnb.widgets.scene_loop import Frame, SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
-from deformnb.widgets.view_messages import LONGEST_TEXT, dropping, text, whole
+from deformnb.widgets.view_messages import dropping, take_traits, text, whole
 
 _FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
           "volume_view.js")
@@ -338,11 +338,7 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        for name, value in dict(sync_data).items():
-            with dropping("a trait"):
-                if name not in _OF_PAGE:
-                    raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
-                super().set_state({name: value})
+        take_traits(sync_data, _OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
         with dropping("a message"):
