@@ -31,6 +31,8 @@ class ControlPoints:
     active : (N,) bool; a point that is switched off keeps its place but has no say.
     weight : (N,) positive; how much a point counts when smoothing is on (inverse variance).
     next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
+    locked : (N,) bool; editors, brushes and fits leave such a point where it is. Code may move it.
+    radius : (N,) positive, a support radius of the point's own; NaN where it has that of all.
 
     Examples
     --------
@@ -49,26 +51,37 @@ class ControlPoints:
     active: NDArray[np.bool_]
     weight: NDArray[np.float64]
     next_id: int = field(default=0)
+    locked: NDArray[np.bool_] = field(default=None)  # type: ignore[arg-type]  # made in __post_init__
+    radius: NDArray[np.float64] = field(default=None)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         n = len(self.ids)
+        if self.locked is None:
+            object.__setattr__(self, "locked", np.zeros(n, dtype=bool))
+        if self.radius is None:
+            object.__setattr__(self, "radius", np.full(n, np.nan))
         if self.source.ndim != 2 or self.source.shape[1] not in (2, 3) or self.source.shape != self.target.shape:
             raise DeformError(
                 "source and target must both have shape (N, 2) or (N, 3), "
                 f"got {self.source.shape} and {self.target.shape}."
             )
-        if not (len(self.source) == n == len(self.names) == len(self.active) == len(self.weight)):
-            raise DeformError(f"{len(self.source)} points need as many ids, names, switches and weights.")
+        if {len(self.source), len(self.names), *map(len, self._of_each.values())} != {n}:
+            raise DeformError(f"{len(self.source)} points need as many ids, names, switches, weights, locks and radii.")
         if len(set(self.ids)) != n:
             twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
             raise DeformError(f"control point ids must differ; {twice} come more than once.")
         self._check_numbers()
-        for array in (self.source, self.target, self.active, self.weight):
+        for array in (self.source, self.target, *self._of_each.values()):
             array.flags.writeable = False
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
 
+    @property
+    def _of_each(self) -> dict[str, NDArray[Any]]:
+        """What there is one of for each point, apart from its places, id and name."""
+        return {"active": self.active, "weight": self.weight, "locked": self.locked, "radius": self.radius}
+
     def _check_numbers(self) -> None:
-        for what, array in (("switches", self.active), ("weights", self.weight)):
+        for what, array in zip(("switches", "weights", "locks", "radii"), self._of_each.values(), strict=True):
             if array.ndim != 1:
                 raise DeformError(f"the {what} of control points must be one for each, got shape {array.shape}.")
         for what, array in (("source", self.source), ("target", self.target)):
@@ -82,11 +95,17 @@ class ControlPoints:
         if not (np.isfinite(self.weight) & (self.weight > 0)).all():
             k = int(np.flatnonzero(~(np.isfinite(self.weight) & (self.weight > 0)))[0])
             raise DeformError(f"the weight of {self.label(k)} is {self.weight[k]}; weights must be positive numbers.")
+        good = np.isnan(self.radius) | (self.radius > 0) & (self.radius <= LARGEST_COORDINATE)
+        if not good.all():
+            k = int(np.flatnonzero(~good)[0])
+            raise DeformError(f"the radius of {self.label(k)} is {self.radius[k]}; a radius is a positive length, or "
+                              "nan for the one that all points have.")
 
     @classmethod
     def from_arrays(cls, source: ArrayLike, target: ArrayLike | None = None, *, ids: Sequence[int] | None = None,
                     names: Sequence[str] | None = None, active: ArrayLike | None = None,
-                    weight: ArrayLike | None = None, next_id: int = 0) -> ControlPoints:
+                    weight: ArrayLike | None = None, next_id: int = 0, locked: ArrayLike | None = None,
+                    radius: ArrayLike | None = None) -> ControlPoints:
         """Points from arrays of shape (N, 2) or (N, 3); the targets are the sources where not given."""
         s = _as_points(source, "source")
         t = s.copy() if target is None else _as_points(target, "target")
@@ -96,6 +115,8 @@ class ControlPoints:
             tuple(str(name) for name in ([""] * n if names is None else names)),
             np.ones(n, dtype=bool) if active is None else np.array(active, dtype=bool),
             np.ones(n) if weight is None else np.array(weight, dtype=np.float64), next_id,
+            None if locked is None else np.array(locked, dtype=bool),  # type: ignore[arg-type]
+            None if radius is None else np.array(radius, dtype=np.float64),  # type: ignore[arg-type]
         )
 
     @classmethod
@@ -113,6 +134,8 @@ class ControlPoints:
             self.ids == other.ids and self.names == other.names and self.next_id == other.next_id
             and np.array_equal(self.source, other.source) and np.array_equal(self.target, other.target)
             and np.array_equal(self.active, other.active) and np.array_equal(self.weight, other.weight)
+            and np.array_equal(self.locked, other.locked)
+            and np.array_equal(self.radius, other.radius, equal_nan=True)
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -147,6 +170,7 @@ class ControlPoints:
         return ControlPoints(
             np.concatenate([self.source, s]), np.concatenate([self.target, t]), (*self.ids, self.next_id),
             (*self.names, name), np.append(self.active, True), np.append(self.weight, weight), self.next_id + 1,
+            np.append(self.locked, False), np.append(self.radius, np.nan),
         )
 
     def _one_place(self, value: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -163,11 +187,13 @@ class ControlPoints:
         return self.edit(point, target=target)
 
     def edit(self, point: int, *, source: ArrayLike | None = None, target: ArrayLike | None = None,
-             name: str | None = None, active: bool | None = None, weight: float | None = None) -> ControlPoints:
-        """Change what is given of the point with this id."""
+             name: str | None = None, active: bool | None = None, weight: float | None = None,
+             locked: bool | None = None, radius: float | None = None) -> ControlPoints:
+        """Change what is given of the point with this id; a radius of nan is again the one that all points have."""
         k = self.index(point)
         changed: dict[str, Any] = {}
-        for key, value in (("source", source), ("target", target), ("active", active), ("weight", weight)):
+        for key, value in (("source", source), ("target", target), ("active", active), ("weight", weight),
+                           ("locked", locked), ("radius", radius)):
             if value is not None:
                 array = np.array(getattr(self, key))
                 array[k] = self._one_place(value, key) if array.ndim == 2 else value
@@ -186,7 +212,7 @@ class ControlPoints:
         k = [int(p) for p in positions]
         return ControlPoints(
             self.source[k], self.target[k], tuple(self.ids[p] for p in k), tuple(self.names[p] for p in k),
-            self.active[k], self.weight[k], self.next_id,
+            self.active[k], self.weight[k], self.next_id, self.locked[k], self.radius[k],
         )
 
     def blended(self, strength: float) -> ControlPoints:
@@ -194,6 +220,11 @@ class ControlPoints:
         if not np.isfinite(strength):
             raise DeformError(f"strength must be a finite number, got {strength}.")
         return replace(self, target=self.source + strength * (self.target - self.source))
+
+    @property
+    def has_own_radii(self) -> bool:
+        """True if an active point has a support radius of its own."""
+        return bool((~np.isnan(self.radius) & self.active).any())
 
     def reset(self) -> ControlPoints:
         """Every target back at its source."""

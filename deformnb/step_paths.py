@@ -189,7 +189,8 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     return ControlPoints(
         np.concatenate([result.source, some.source]), np.concatenate([result.target, carried]), ids,
         (*result.names, *some.names), np.concatenate([result.active, some.active]),
-        np.concatenate([result.weight, some.weight]), max(points.next_id, others.next_id))
+        np.concatenate([result.weight, some.weight]), max(points.next_id, others.next_id),
+        np.concatenate([result.locked, some.locked]), np.concatenate([result.radius, some.radius]))
 
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:

@@ -1,8 +1,9 @@
 """Control points as the plain JSON that the page holds, and back, with everything checked.
 
-``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0}, ...]``
+``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0, "locked": false,
+"radius": null}, ...]``
 
-Points in space have three coordinates each.
+Points in space have three coordinates each. A radius of null is the one that all points have.
 """
 
 from __future__ import annotations
@@ -24,8 +25,12 @@ LONGEST_MESSAGE = 65536
 LONGEST_EDIT = 2**20
 """Bytes of an edit at most: all the points that a fit takes."""
 
-KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several")
+KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
+         "scale", "brush")
 """What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
+
+OVERLAYS = ("none", "folds", "area", "uncertainty")
+"""What an editor can lay over its picture."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -40,7 +45,8 @@ def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
     """The list that the page gets."""
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
-         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k])}
+         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
+         "locked": bool(points.locked[k]), "radius": None if np.isnan(r := points.radius[k]) else float(r)}
         for k in range(len(points))
     ]
 
@@ -60,25 +66,30 @@ def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints
     return ControlPoints(
         places[:, 0].copy(), places[:, 1].copy(), tuple(r["id"] for r in rows), tuple(r["name"] for r in rows),
         np.array([r["active"] for r in rows], dtype=bool), np.array([r["weight"] for r in rows], dtype=np.float64),
-        next_id,
+        next_id, np.array([r["locked"] for r in rows], dtype=bool),
+        np.array([np.nan if r["radius"] is None else r["radius"] for r in rows], dtype=np.float64),
     )
 
 
 def _row(item: Any, dim: int) -> dict[str, Any]:
     if not isinstance(item, dict):
         raise DeformError(f"a control point must be an object, got {type(item).__name__}.")
-    row = {"name": "", "active": True, "weight": 1.0, **item}
+    row = {"name": "", "active": True, "weight": 1.0, "locked": False, "radius": None, **item}
     number, name = row.get("id"), row["name"]
     if not _is_id(number):
         raise DeformError("the id of a control point must be a whole number from 0.")
-    if not isinstance(name, str) or len(name) > _LONGEST_NAME or not isinstance(row["active"], bool):
-        raise DeformError(f"control point {number} needs a text as name and true or false as switch.")
+    if not isinstance(name, str) or len(name) > _LONGEST_NAME:
+        raise DeformError(f"control point {number} needs a text as name.")
+    if not isinstance(row["active"], bool) or not isinstance(row["locked"], bool):
+        raise DeformError(f"control point {number} needs true or false as switch and as lock.")
     for what in ("source", "target"):
         place = row.get(what)
         if not isinstance(place, list) or len(place) != dim or not all(_is_number(v) for v in place):
             raise DeformError(f"the {what} of control point {number} must be {_COUNTS[dim]} numbers.")
     if not _is_number(row["weight"]):
         raise DeformError(f"the weight of control point {number} must be a number.")
+    if row["radius"] is not None and not _is_number(row["radius"]):
+        raise DeformError(f"the radius of control point {number} must be a number, or null.")
     return row
 
 
@@ -194,6 +205,9 @@ def _check_trait(name: Any, value: Any) -> None:
     elif name in ("show_net", "show_radius"):
         if not isinstance(value, bool):
             raise DeformError("it must be true or false.")
+    elif name == "overlay":
+        if value not in OVERLAYS:
+            raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
     elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
         raise DeformError("the page does not own it.")
 
