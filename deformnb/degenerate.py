@@ -9,6 +9,7 @@ on one line, or in one plane       the trend goes on across them as a similarity
 (of space)
 same place, same displacement      merged; a note names them
 same place, other displacement     DeformError naming both; with smoothing their weighted mean
+same place, other radius           the radius of the first
 pulled past one another            fitted, and a note names the pair: a fold is likely
 not finite, beyond 1e15            refused by ControlPoints, before any LAPACK call (inf makes some of them hang)
 more than 2000                     DeformError
@@ -52,7 +53,8 @@ class PreparedPoints:
     """Active points, merged and centred, ready for the solve.
 
     targets, displacements (n, dim) and weights (n,); origin (dim,) their centre; support radius; basis (dim, rank) of
-    the span of the centred targets; trend: the name of the trend they can carry; ids, notes, and the closest pair.
+    the span of the centred targets; trend: the name of the trend they can carry; ids, notes, and the closest pair;
+    radii (n,) of their own, that of all where they have none.
     """
 
     targets: NDArray[np.float64]
@@ -65,6 +67,7 @@ class PreparedPoints:
     ids: tuple[int, ...]
     notes: tuple[str, ...]
     closest: str
+    radii: NDArray[np.float64]
 
     @property
     def count(self) -> int:
@@ -101,7 +104,8 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     basis = _span(targets - origin)
     name, remark = _bearable(trend, kernel, len(targets), basis.shape[1], points.dim)
     return PreparedPoints(targets, displacements, weights, origin, radius, basis, name,
-                          tuple(active.ids[k] for k in first), (*notes, *remark), _closest(active, targets, first))
+                          tuple(active.ids[k] for k in first), (*notes, *remark), _closest(active, targets, first),
+                          np.where(np.isnan(active.radius), radius, active.radius)[first])
 
 
 def _radius(points: ControlPoints, support: float | None, trend: Trend, n: int) -> float:

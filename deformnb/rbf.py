@@ -4,6 +4,10 @@ The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with ce
 ``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
 are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
 digits, and evaluation can run in float32.
+
+Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so nothing is
+known of its definiteness and there is no energy to make least: the trend is that of least squares (all points count
+alike), what is left is solved by elimination, and a system that comes out nearly singular is refused.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from deformnb.degenerate import PreparedPoints, crossing_pairs, prepare
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.kernels import AbstractKernel, WendlandC2, kernel_named
-from deformnb.rbf_evaluation import at_lattice, at_points
+from deformnb.rbf_evaluation import Leaves, at_lattice, at_points, jacobian_at_lattice, jacobian_at_points
 from deformnb.trend import NO_ANGLE, TRENDS, Trend, complete, trend_named
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
@@ -32,6 +36,9 @@ CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
 # above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
 _RESIDUAL = 1e-7
+# Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
+# singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
+_MOST_GAIN = 1e5
 # Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
 _ROUNDING = 1e-10
 
@@ -45,7 +52,7 @@ _PIXEL_SHARE = 1e-3
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count"],
+    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales"],
     meta_fields=["kernel", "trend", "notes", "ids"],
 )
 @dataclass(frozen=True, eq=False)
@@ -62,6 +69,7 @@ class RBFInterpolant(AbstractField):
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
     notes : remarks for a status line ("points on one line: ...").
     ids : ids of the control points behind the centres, in order.
+    scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
     """
 
     centers: Any
@@ -75,6 +83,7 @@ class RBFInterpolant(AbstractField):
     trend: str = "affine"
     notes: tuple[str, ...] = field(default=())
     ids: tuple[int, ...] = field(default=())
+    scales: Any = None
 
     @property
     def dim(self) -> int:
@@ -84,23 +93,46 @@ class RBFInterpolant(AbstractField):
         """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
         p = (jnp.asarray(points) - self.origin) / self.support
         s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
+        s = s if self.scales is None else s * jnp.asarray(self.scales) ** 2
         return p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        relative, shape = self._relative(points)
+        return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
+
+        Kernels with a kink have no derivative at a control point; there the kernel's share is 0.
+        """
+        relative, shape = self._relative(points)
+        d = jacobian_at_points(relative, self._leaves(np.float64), self.kernel, np.float64) / self.support
+        return np.moveaxis(d, -1, 0).reshape(*shape, self.dim)
+
+    def _relative(self, points: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
         x = np.asarray(points, dtype=np.float64)
         if x.shape[-1:] != (self.dim,):
             raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
-        relative = ((x - self.origin) / self.support).reshape(-1, self.dim).T
-        return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(x.shape)
+        return ((x - self.origin) / self.support).reshape(-1, self.dim).T, x.shape
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        """dD_m/dx_k at ``rows[:, r] + columns[:, c]``, (dim, dim, R, C): for pictures, not for proofs (float32)."""
+        first, other = self._relative_lines(rows, columns)
+        leaves = self._leaves(np.float32)
+        d = jacobian_at_lattice(first, other, leaves, self.kernel, np.float32)
+        return np.asarray(d / self.support, dtype=np.float32)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
-        first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
-        other = np.asarray(columns, dtype=np.float64) / self.support
-        middle = other[:, [0, -1]].mean(axis=1, keepdims=True) if other.size else 0.0
-        first, other = first + middle, other - middle  # float32 has no digits left for pixels far from their origin
+        first, other = self._relative_lines(rows, columns)
         reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*first, *other))))
         dtype = np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
+
+    def _relative_lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
+        other = np.asarray(columns, dtype=np.float64) / self.support
+        middle = other[:, [0, -1]].mean(axis=1, keepdims=True) if other.size else 0.0
+        return first + middle, other - middle  # float32 has no digits left for pixels far from their origin
 
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
@@ -110,9 +142,11 @@ class RBFInterpolant(AbstractField):
         trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
         return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
-    def _leaves(self, dtype: Any) -> tuple[Any, ...]:
+    def _leaves(self, dtype: Any) -> Leaves:
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
-        return (*(np.asarray(a, dtype=dtype) for a in arrays), np.int32(self.count))
+        scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
+        centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
+        return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales)
 
 
 def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
@@ -152,6 +186,9 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     kind, radius = _resolve_kernel(kernel, support)
     chosen = trend_named(trend)
     _check_pairing(kind, chosen, smoothing)
+    if points.has_own_radii and kind.order > 0:
+        raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
+                          "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
     ready = prepare(points, kind, radius, chosen, smoothing)
     if ready.count == 0:
         return _identity(points.dim, ready, kind)
@@ -198,14 +235,23 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
     x[:n] = (ready.targets - ready.origin) / ready.support
     d[:n] = ready.displacements / ready.support
     nugget[:n] = smoothing / ready.weights
+    scales = None
+    if (ready.radii != ready.support).any():
+        scales = np.ones(size)
+        scales[:n] = ready.support / ready.radii
     if not d.any():  # exactly the identity, which a solve would miss by rounding
         zero = np.zeros((dim, dim))
         return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
-                              ready.trend, ready.notes, ready.ids)
+                              ready.trend, ready.notes, ready.ids, scales)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     with float64():
-        solved = _solve(x, d, np.arange(size) < n, nugget, ready.basis, turn, kernel=kernel, trend=ready.trend)
+        solved = _solve(x, d, np.arange(size) < n, nugget, ready.basis, turn, scales, kernel=kernel, trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved)
+    if scales is not None and not np.abs(alpha).max() <= _MOST_GAIN * np.abs(d).max():
+        raise DeformError(
+            "the support radii that these control points have of their own do not go together: the system is nearly "
+            f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
+        )
     # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
     if not np.abs(miss).max() <= _RESIDUAL * np.abs(d).max() + _ROUNDING * np.abs(x).max():
         raise DeformError(
@@ -215,7 +261,7 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
         )
     r, notes = ready.support, ready.notes + _warnings(ready, np.eye(dim) + linear)
     return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
-                          ready.ids)
+                          ready.ids, scales)
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to ask for 25 to 3600 times.
@@ -255,19 +301,23 @@ def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
 # ---- the compiled solve ---------------------------------------------------------------------------------------------
 
 
-def solve(x: Any, d: Any, active: Any, nugget: Any, basis: Any, turn: Any, *, kernel: type[AbstractKernel],
-          trend: str) -> tuple[Any, Any, Any, Any]:
+def solve(x: Any, d: Any, active: Any, nugget: Any, basis: Any, turn: Any, scales: Any = None, *,
+          kernel: type[AbstractKernel], trend: str) -> tuple[Any, Any, Any, Any]:
     """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
 
     ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``basis`` (dim, rank) spans the centred
-    points, ``turn`` is the rotation to fall back on. Returns alpha (C, dim), A (dim, dim), t (dim,) and the residual
+    points, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
+    their own. Returns alpha (C, dim), A (dim, dim), t (dim,) and the residual
     (C, dim) of the interpolation conditions, zero but for rounding.
     """
     both = active[:, None] & active[None, :]
     s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
+    s = s if scales is None else s * scales**2
     phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
     one = active.astype(x.dtype)[:, None]
-    if kernel.order == 2:
+    if scales is not None:
+        alpha, linear, constant = _least_squares(phi, x, d, one, basis, turn, trend)
+    elif kernel.order == 2:
         alpha, linear, constant = _bordered_affine(phi, x, d, one, basis)
     elif TRENDS[trend].linear is None:
         alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
@@ -301,6 +351,19 @@ def _least_energy(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, ker
     assert rule is not None
     linear = rule(s, s + d.T @ wx, basis, turn) - jnp.eye(dim)
     return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
+
+
+def _least_squares(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, trend: str) -> tuple[Any, Any, Any]:
+    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
+    dim, rule = x.shape[1], TRENDS[trend].linear
+    linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
+    if rule is not None:
+        mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+        centred = one * (x - mean_x)
+        s = centred.T @ centred
+        linear = rule(s, s + d.T @ centred, basis, turn) - jnp.eye(dim)
+        constant = mean_d - linear @ mean_x
+    return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 
 
 def _bordered_affine(phi: Any, x: Any, d: Any, one: Any, basis: Any) -> tuple[Any, Any, Any]:
