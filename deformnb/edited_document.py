@@ -1,7 +1,7 @@
 """The document being edited: each edit makes the next immutable one, or raises and leaves everything as it was.
 
-Undo is the list of old documents. What is edited is one step of the document and one of its sets of points; both go
-along with undo. It may be called from any thread; observers are called in the thread of the edit.
+Undo goes along a tree of old documents. What is edited is one step of the document and one of its sets of points; both
+go along with undo. It may be called from any thread; observers are called in the thread of the edit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
-from deformnb.history import History
+from deformnb.history import History, HistoryNode
 from deformnb.plane import Plane
 from deformnb.step_changes import complete_change, untouched_step
 from deformnb.volume import Volume
@@ -233,6 +233,38 @@ class EditedDocument(traitlets.HasTraits):
                 return ""
             self._show(found[0])
             return found[1]
+
+    def history_tree(self) -> tuple[HistoryNode, ...]:
+        """All states that can be gone to, from the oldest to the newest: an edit after an undo begins a branch.
+
+        Returns
+        -------
+        For each state its ``id``, that of its ``parent``, its ``label`` (what was done to get there), its ``time``, and
+        whether it ``is_current`` and ``is_on_way``, where undo and redo lead.
+        """
+        with self._lock:
+            return self._history.nodes()
+
+    def go_to(self, state: int) -> str:
+        """The document as it was in any state of the history; observers see one change.
+
+        Parameters
+        ----------
+        state : its id, see :meth:`history_tree`.
+
+        Returns
+        -------
+        What was done to get to that state.
+
+        Raises
+        ------
+        DeformError
+            If there is no such state (any more); everything stays as it was.
+        """
+        with self._lock:
+            found, label = self._history.go(state, self._state)
+            self._show(found)
+            return label
 
     # -- results -------------------------------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """What one person does to one volume: the document being edited, its history, and how it is looked at.
 
 A session knows no widget and no thread: the notebook's studio and the application are thin front ends of it. Every
-edit makes the next immutable document, or raises and leaves everything as it was; undo is the list of old documents.
+edit makes the next immutable document, or raises and leaves everything as it was; undo is a tree of old documents.
 It may be called from any thread; observers are called in the thread of the edit.
 """
 

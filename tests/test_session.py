@@ -16,7 +16,6 @@ from numpy.testing import assert_array_equal
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.history import History
 from deformnb.kernels import KERNELS
 from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
@@ -150,23 +149,6 @@ def do(session: Session, what: str, n: int) -> None:
             session.edit_step(session.index, n)
     else:
         getattr(session, what)()
-
-
-def test_edits_of_one_kind_in_quick_succession_are_one_step_of_undo() -> None:
-    history = History()
-    for k, now in enumerate((0.0, 0.5, 1.0, 3.0)):
-        history.record(k, "nudge", "nudge", now=now)
-    assert [state for state, _ in history.past] == [0, 3]
-    history.record(4, "drag", now=3.1)
-    history.record(5, "drag", now=3.2)
-    assert [state for state, _ in history.past] == [0, 3, 4, 5]
-
-
-def test_history_has_an_end() -> None:
-    history = History(most=10)
-    for k in range(1000):
-        history.record(k, "edit")
-    assert [state for state, _ in history.past] == list(range(990, 1000))
 
 
 # -- settings that need each other -------------------------------------------------------------------------------------
