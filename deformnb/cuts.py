@@ -247,6 +247,29 @@ class Decoupled(AbstractField):
             total = np.where((choice == k)[..., None], d, total)
         return total, np.asarray(opacity)
 
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """That of the field which is seen at each point; it says nothing of the jump across a cut."""
+        x = np.asarray(points, dtype=np.float64)
+        choice, _ = self._decided(x, [f.displacement(x) for f in self.fields], np)
+        out = np.zeros((*x.shape, self.dim))
+        for k, f in enumerate(self.fields):
+            own = choice == k
+            if own.any():
+                out[own] = f.jacobian(x[own])
+        return out
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
+        moves = [np.moveaxis(f.on_outer_sum(r, c, self.softness), 0, -1) for f in self.fields]
+        choice, _ = self._decided(x, moves, np)
+        out = np.zeros((self.dim, self.dim, *choice.shape), dtype=np.float32)
+        for k, f in enumerate(self.fields):
+            own = choice == k
+            if own.any():
+                out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
+        return out
+
     def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
         here = self._distances(x, xp)
         there = [self._distances(x + d, xp) for d in moves]

@@ -193,10 +193,54 @@ class Extrusion(AbstractField):
         total = sum(w[..., None] * m.displacement(abc[..., :2]) for m, w in zip(self.maps, weights, strict=True))
         return np.asarray(total @ self.plane.frame[:2])
 
+    def slopes_at(self, c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivatives (K, ...) of the weights by depth c (...), per unit of length.
+
+        At a knot the side of growing depth counts, at the last one the side before it; beyond the ends they are zero.
+        """
+        c0, c1 = self.depth
+        at, knots = np.asarray(c, dtype=np.float64), np.asarray(self.knots, dtype=np.float64)
+        w = np.asarray(self.weights, dtype=np.float64)
+        if not c1 > c0 or len(knots) < 2:
+            return np.zeros((len(w), *at.shape))
+        z = (at - c0) / (c1 - c0)
+        slopes = np.diff(w, axis=1) / np.diff(knots) / (c1 - c0)
+        piece = np.clip(np.searchsorted(knots, z, side="right") - 1, 0, len(knots) - 2)
+        within = (z >= knots[0]) & (z <= knots[-1]) & (z >= 0) & (z <= 1)
+        return np.where(within, slopes[:, piece], 0.0)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """``u, v (sum_k w_k J_k) (u, v)^T + (sum_k w_k' D_k) n^T``: the derivative of the maps, and of the weights."""
+        abc = self.plane.to_plane(points)
+        ab, c = abc[..., :2], abc[..., 2]
+        weights, slopes = self.weights_at(c), self.slopes_at(c)
+        inner = np.zeros((*c.shape, 2, 3))
+        for m, w, slope in zip(self.maps, weights, slopes, strict=True):
+            inner[..., :2] += w[..., None, None] * m.jacobian(ab)
+            if slope.any():
+                inner[..., 2] += slope[..., None] * m.displacement(ab)
+        return np.asarray(self.plane.frame[:2].T @ inner @ self.plane.frame)
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        frame = self.plane.frame.astype(np.float32)
+        r, c = self._lines(rows, columns)
+        depth = r[2][:, None] + c[2][None, :]
+        inner = np.zeros((2, 3, *depth.shape), dtype=np.float32)
+        for m, w, slope in zip(self.maps, self.weights_at(depth), self.slopes_at(depth), strict=True):
+            inner[:, :2] += w.astype(np.float32) * m.jacobian_on_outer_sum(r[:2], c[:2])
+            if slope.any():
+                inner[:, 2] += slope.astype(np.float32) * m.on_outer_sum(r[:2], c[:2], 1.0)
+        return np.einsum("am,abrc,bk->mkrc", frame[:2], inner, frame, optimize=True)
+
+    def _lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rows and columns of an outer sum in coordinates (a, b, c) of the plane."""
+        frame = self.plane.frame
+        first = frame @ (np.asarray(rows, dtype=np.float64) - np.asarray(self.plane.origin)[:, None])
+        return first, frame @ np.asarray(columns, dtype=np.float64)
+
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         frame = self.plane.frame
-        r = frame @ (np.asarray(rows, dtype=np.float64) - np.asarray(self.plane.origin)[:, None])
-        c = frame @ np.asarray(columns, dtype=np.float64)
+        r, c = self._lines(rows, columns)
         weights = self.weights_at(r[2][:, None] + c[2][None, :])
         total = np.zeros((2, r.shape[1], c.shape[1]), dtype=np.float32)
         for m, w in zip(self.maps, weights, strict=True):

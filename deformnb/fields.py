@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import jax
@@ -21,6 +22,9 @@ from deformnb.compilation import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.plane import Raster
 from deformnb.volume import Grid
+
+BLOCK = 2**16
+"""Points at a time in loops over many: little memory, and few enough calls."""
 
 
 class AbstractField(ABC):
@@ -57,11 +61,24 @@ class AbstractField(ABC):
         return self.displacement(points), self.opacity(points)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """dD/dx at points (..., dim): shape (..., dim, dim); row m holds the gradient of component m."""
+        """dD/dx at points (..., dim): shape (..., dim, dim); row m holds the gradient of component m.
+
+        Fields with edges, where the derivative jumps, give that of one of the sides there. The map ``x + D(x)`` has the
+        derivative ``1 + dD/dx``; where the determinant of that is 0 or less, the map folds.
+        """
         x = np.asarray(points, dtype=np.float64)
-        with float64():
-            rows = _jacobians(self, x.reshape(-1, self.dim))
-        return np.asarray(rows).reshape(*x.shape, self.dim)
+        return in_blocks(partial(_jacobians, self), x.reshape(-1, self.dim)).reshape(*x.shape, self.dim)
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        """:meth:`jacobian` at all points ``rows[:, r] + columns[:, c]``: dD_m/dx_k at [m, k] of (dim, dim, R, C)."""
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        out = np.empty((self.dim, self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
+        step = max(1, BLOCK // max(1, c.shape[1]))
+        for start in range(0, r.shape[1], step):
+            points = r[:, start : start + step, None] + c[:, None, :]
+            part = self.jacobian(np.moveaxis(points, 0, -1))
+            out[:, :, start : start + step] = np.moveaxis(part, (-2, -1), (0, 1))
+        return out
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         """Displacements at all points ``rows[:, r] + columns[:, c]``: any regular lattice in two blocks of lines.
@@ -155,13 +172,56 @@ class DisplacementField(AbstractField):
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
         index = np.asarray(_index(self.lattice, x.reshape(-1, self.dim))).T[::-1]
-        values = np.asarray(self.values, dtype=np.float64)
-        parts = [ndimage.map_coordinates(values[..., m], index, order=1, mode="nearest") for m in range(self.dim)]
-        return np.stack(parts, axis=-1).reshape(x.shape)
+        out = np.empty((self.dim, index.shape[1]))
+        for m, part in enumerate(np.moveaxis(np.asarray(self.values), -1, 0)):
+            ndimage.map_coordinates(part, index, output=out[m], order=1, mode="nearest")
+        return np.moveaxis(out, 0, -1).reshape(x.shape)
+
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Exact for what is interpolated: the slopes of the cell a point lies in.
+
+        At a node that is the cell of growing index, at the last node the last cell; beyond the samples nothing changes.
+        """
+        x = np.asarray(points, dtype=np.float64)
+        index = np.asarray(_index(self.lattice, x.reshape(-1, self.dim)))
+        counts = np.array(self.lattice.shape[::-1])
+        low = np.clip(np.floor(index), 0, np.maximum(counts - 2, 0)).astype(np.intp)
+        t = np.clip(index - low, 0.0, 1.0)
+        within = (index >= 0) & (index <= counts - 1) & (counts > 1)
+        out = np.zeros((len(index), self.dim, self.dim))
+        for corner in product((0, 1), repeat=self.dim):
+            at = np.minimum(low + corner, counts - 1)
+            values = np.asarray(self.values)[tuple(at.T[::-1])]
+            shares = np.where(corner, t, 1.0 - t)
+            for k, upper in enumerate(corner):
+                slope = within[:, k] * np.delete(shares, k, axis=1).prod(axis=1)
+                out[:, :, k] += (slope if upper else -slope)[:, None] * values
+        raster = isinstance(self.lattice, Raster)
+        matrix = np.diag(self.lattice.spacing) if raster else self.lattice.matrix  # type: ignore[union-attr]
+        return (out @ np.linalg.inv(matrix)).reshape(*x.shape, self.dim)
 
 
 # Op by op the first call took 1.1 s, compiled 0.13 s.
 _jacobians = compiled(lambda field, points: jax.vmap(jax.jacfwd(field))(points))
+
+
+def in_blocks(function: Callable[[Any], Any], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A compiled function of many points (n, dim), in 64 bits: few shapes, so that it is not compiled anew each time.
+
+    The last block is filled up to a power of two with the last point.
+    """
+    if not len(points):
+        with float64():
+            return np.asarray(function(np.zeros((1, *points.shape[1:]))))[:0]
+    parts = []
+    for start in range(0, len(points), BLOCK):
+        part = points[start : start + BLOCK]
+        full = max(64, 1 << (len(part) - 1).bit_length())
+        with float64():
+            found = function(np.concatenate([part, np.repeat(part[-1:], full - len(part), axis=0)]))
+        parts.append(np.asarray(found)[: len(part)])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _index(lattice: Grid | Raster, points: Any) -> Any:
@@ -183,6 +243,9 @@ class Identity(AbstractField):
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         return np.zeros_like(np.asarray(points, dtype=np.float64))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.zeros((*np.shape(points), self.dim))
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
@@ -208,6 +271,12 @@ class Composed(AbstractField):
         x = np.asarray(points, dtype=np.float64)
         d = self.then.displacement(x)
         return d + self.first.displacement(x + d)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The chain rule: ``J = J_then + J_first(x + D_then) (1 + J_then)``."""
+        x = np.asarray(points, dtype=np.float64)
+        then = self.then.jacobian(x)
+        return then + self.first.jacobian(x + self.then.displacement(x)) @ (np.eye(self.dim) + then)
 
     @property
     def has_cuts(self) -> bool:
@@ -247,6 +316,12 @@ class Blended(AbstractField):
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(sum(f.displacement(points) for f in self.fields))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(sum(f.jacobian(points) for f in self.fields))
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        return np.asarray(sum(f.jacobian_on_outer_sum(rows, columns) for f in self.fields))
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
         return self.seen(points)[1]

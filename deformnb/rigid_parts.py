@@ -21,9 +21,7 @@ seen twice.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -41,12 +39,19 @@ from deformnb.kernels import kernel_named
 from deformnb.rbf import RBFInterpolant, fit_rbf
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_weights import (
+    WEIGHTS,
+    blended,
+    drift_gradient,
+    gradients,
+    kept_distances,
+    kept_gradients,
+    weight_gradient,
+    weight_of,
+)
 
 # A point that asks, inside a part, for what the part does anyway may miss it by this share of the box of all points.
 _SAME_MOTION = 1e-6
-
-# Distances on lattices that are kept while a control point is dragged, for the parts do not move: 256^3 twice.
-_KEPT_BYTES = 2**27
 
 
 @dataclass(frozen=True)
@@ -90,24 +95,6 @@ class RigidPart:
     def scaled(self, strength: float) -> RigidPart:
         """The same part moved ``strength`` times as far."""
         return self if self.motion is None or strength == 1 else replace(self, motion=self.motion.power(strength))
-
-
-def saturated(t: Any, xp: Any = np) -> Any:
-    """A step from 0 to 1 over t from 0 to 1 with two continuous derivatives: 6 t^5 - 15 t^4 + 10 t^3.
-
-    >>> saturated(np.array([-1.0, 0.5, 2.0])).tolist()
-    [0.0, 0.5, 1.0]
-    """
-    t = xp.clip(t, 0.0, 1.0)
-    return t * t * t * (t * (6.0 * t - 15.0) + 10.0)
-
-
-def _distance(t: Any, xp: Any = np) -> Any:
-    return xp.maximum(t, 0.0)
-
-
-WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": saturated, "distance": _distance}
-"""What is made of a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
 
 
 @partial(
@@ -154,7 +141,7 @@ class RigidInterpolant(AbstractField):
         x = jnp.asarray(points)
         back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [jnp.maximum(r(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
-        moved, weight = _blend(x, back, distances, self.scales, self.weights, jnp)
+        moved, weight = blended(x, back, distances, self.scales, self.weights, jnp)
         return moved + weight[..., None] * self.base(x)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -162,11 +149,41 @@ class RigidInterpolant(AbstractField):
         moved, weight = self.parts_at(x)
         return np.asarray(moved + weight[..., None] * self.base.displacement(x))
 
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The product rule: ``d(L - x) + w J_g + g (dw)^T``.
+
+        The smooth weight has no edge. The paper's distance has one on the part's surface, where the inner side counts.
+        """
+        x = np.asarray(points, dtype=np.float64)
+        places = x.reshape(-1, self.dim)
+        parts = list(zip(self.regions, self.matrices, self.shifts, strict=True))
+        back = [places @ np.asarray(m).T + t for _, m, t in parts]
+        measured = [gradients(r, np.asarray(m), y) for (r, m, _), y in zip(parts, back, strict=True)]
+        distances, slopes = [d for d, _ in measured], [g for _, g in measured]
+        weight, rate = weight_gradient(distances, slopes, self.scales, self.weights)
+        base = self.base.displacement(places)
+        out = weight[:, None, None] * self.base.jacobian(places) + base[:, :, None] * rate[:, None, :]
+        out += drift_gradient(places, back, distances, slopes, self.matrices)
+        return np.asarray(out).reshape(*x.shape, self.dim)
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        if not all(map(_is_still, self.matrices, self.shifts)):
+            return super().jacobian_on_outer_sum(r, c)
+        measured = [kept_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
+        shape = (r.shape[1], c.shape[1])
+        weight, rate = weight_gradient([m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales,
+                                       self.weights)
+        base = self.base.on_outer_sum(r, c, 1.0)
+        rate = np.moveaxis(rate.reshape(*shape, self.dim), -1, 0)
+        out = weight.reshape(shape) * self.base.jacobian_on_outer_sum(r, c) + base[:, None] * rate[None]
+        return np.asarray(out, dtype=np.float32)
+
     def parts_at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """L(x) - x, (..., dim), and w(x), (...), at points."""
         back = [x @ np.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [np.maximum(r.signed_distance(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
-        return _blend(x, back, distances, self.scales, self.weights, np)
+        return blended(x, back, distances, self.scales, self.weights, np)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
@@ -177,60 +194,16 @@ class RigidInterpolant(AbstractField):
             still = _is_still(m, t)
             y = places if still else places @ np.asarray(m).T + t
             back.append(y)
-            distances.append(_kept_distances(region, np.asarray(m), np.asarray(t), r, c, y))
+            distances.append(kept_distances(region, np.asarray(m), np.asarray(t), r, c, y))
             all_still &= still
         if all_still:  # the common case, without the drift that is zero everywhere
-            return np.asarray(_weight(distances, self.scales, self.weights, np), dtype=np.float32) * base
-        moved, weight = _blend(places, back, distances, self.scales, self.weights, np)
+            return np.asarray(weight_of(distances, self.scales, self.weights, np), dtype=np.float32) * base
+        moved, weight = blended(places, back, distances, self.scales, self.weights, np)
         return np.asarray(np.moveaxis(moved, -1, 0) + weight * base, dtype=np.float32)
 
 
 def _is_still(matrix: Any, shift: Any) -> bool:
     return bool((np.asarray(matrix) == np.eye(len(shift))).all() and not np.asarray(shift).any())
-
-
-def _blend(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
-           xp: Any) -> tuple[Any, Any]:
-    """L(x) - x and w(x) from every part's motion and distance."""
-    weight = _weight(distances, scales, weights, xp)
-    if len(back) == 1:
-        return back[0] - x, weight
-    # 1 / distance^2, multiplied by the least of all, which is finite in the parts and keeps the digits beside them.
-    least = distances[0]
-    for d in distances[1:]:
-        least = xp.minimum(least, d)
-    shares = [xp.where(d > least, (least / xp.where(d > 0, d, 1.0)) ** 2, 1.0) for d in distances]
-    total = sum(shares)
-    return sum((s / total)[..., None] * (y - x) for s, y in zip(shares, back, strict=True)), weight
-
-
-def _weight(distances: list[Any], scales: Any, weights: tuple[str, ...], xp: Any) -> Any:
-    """w(x), the product over the parts."""
-    weight = 1.0
-    for distance, scale, name in zip(distances, scales, weights, strict=True):
-        # A NumPy scalar of 64 bits would make 64 bits of all distances.
-        weight = weight * WEIGHTS[name](distance / (float(scale) if xp is np else scale), xp)
-    return weight
-
-
-_kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()
-_keeping = threading.Lock()
-
-
-def _kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: NDArray[np.float64],
-                    rows: NDArray[np.float64], columns: NDArray[np.float64],
-                    places: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Distances on a lattice, from the last edit if they are the same: a drag moves points, and no parts."""
-    key = (region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes())
-    with _keeping:
-        found = _kept.pop(key, None)
-    if found is None:
-        found = np.maximum(region.signed_distance(places), 0.0).astype(np.float32)
-    with _keeping:
-        _kept[key] = found  # the newest is last
-        while sum(a.nbytes for a in _kept.values()) > _KEPT_BYTES and len(_kept) > 1:
-            _kept.popitem(last=False)
-    return found
 
 
 def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str = "wendland_c2",
@@ -277,7 +250,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     support = support if support is not None else default_support(points)
     scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
     weights = tuple(p.weight for p in chosen)
-    drift, weight = _blend(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
+    drift, weight = blended(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
     rest = points.take(np.flatnonzero(free))
     asked = (rest.displacement - drift) / weight[:, None]
     base = fit_rbf(replace(rest, source=rest.target + asked, weight=rest.weight * weight**2), kernel=kernel,

@@ -21,7 +21,8 @@ from deformnb.plane import Raster
 from deformnb.rbf import fit_rbf
 from deformnb.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rigid_motion import RigidMotion
-from deformnb.rigid_parts import WEIGHTS, RigidInterpolant, RigidPart, fit_rigid, saturated
+from deformnb.rigid_parts import RigidInterpolant, RigidPart, fit_rigid
+from deformnb.rigid_weights import WEIGHTS, saturated
 from deformnb.trend import TRENDS
 
 SUPPORT = 100.0
