@@ -14,9 +14,15 @@ const ROW_BUTTONS = {
 const LONGEST_NAME = 100;
 const DARK_BELOW = 110; // brightness of the page's paper
 
+// Where the page is, which may be another zone than Python's.
+function timeOfDay(seconds) {
+  return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+}
+
 class ItemListPage {
   constructor(model, el) {
     this.model = model;
+    this.chosen = -1; // the row that was in sight last
     this.current = 0; // the row that Tab reaches
     this.isWaiting = false;
     this.isNaming = false;
@@ -35,10 +41,13 @@ class ItemListPage {
     this.preference.addEventListener("change", this.repaint);
     this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change the body
     this.themes.observe(document.body, { attributes: true });
+    this.sized = new ResizeObserver(() => this.#show()); // a tab that was hidden had nothing to scroll
+    this.sized.observe(this.root);
     this.#draw();
   }
 
   close() {
+    this.sized.disconnect();
     for (const name of ["rows", "chosen", "columns"]) this.model.off(`change:${name}`, this.draw);
     this.model.off("msg:custom", this.answered);
     this.preference.removeEventListener("change", this.repaint);
@@ -75,8 +84,21 @@ class ItemListPage {
     this.#drawHead(rows.length > 0);
     this.body.replaceChildren(...rows.map((row, k) => this.#row(row, k, k === chosen)));
     this.#paper();
+    if (chosen !== this.chosen && !held) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
     this.#reach();
     if (held) this.#focus(this.current, held);
+    const isOther = chosen !== this.chosen;
+    this.chosen = chosen;
+    if (isOther) this.#show();
+  }
+
+  // By its own scroll bar: scrollIntoView would move the whole page.
+  #show() {
+    const line = this.body.children[this.chosen];
+    if (!line) return;
+    const head = this.head.offsetHeight, top = line.offsetTop - head, end = line.offsetTop + line.offsetHeight;
+    if (top < this.root.scrollTop) this.root.scrollTop = top;
+    else if (end > this.root.scrollTop + this.root.clientHeight) this.root.scrollTop = end - this.root.clientHeight;
   }
 
   #drawHead(isShown) {
@@ -94,15 +116,16 @@ class ItemListPage {
     const mark = pageElement("td", "dnb-il-mark", line);
     const disc = pageElement("span", row.swatch ? "dnb-il-swatch" : "dnb-il-number", mark, { "aria-hidden": "true" });
     if (row.swatch) disc.style.background = row.swatch;
-    else disc.textContent = k + 1;
-    const cell = pageElement("td", "dnb-il-name", line);
+    else disc.textContent = row.mark ?? k + 1;
+    const cell = pageElement("td", "dnb-il-name", line), facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
+    for (let depth = 0; depth < (row.indent || 0); depth += 1) pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
-      title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...(row.facts || [])].join(", ")}`,
+      title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
     choose.textContent = name;
     choose.addEventListener("click", () => this.act("choose", k));
     choose.addEventListener("dblclick", () => this.#rename(k));
-    for (const fact of row.facts || []) {
+    for (const fact of facts) {
       const shown = pageElement("td", "dnb-il-fact", line);
       shown.textContent = fact;
       shown.title = fact;
