@@ -14,8 +14,7 @@ from deformnb.widgets.controls import Guard, Panel
 from deformnb.widgets.item_list import ItemList
 
 _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in further
-_HINT = ("Click on a state to go there. An edit after an undo begins a branch; what was undone stays, moved in. The oldest "
-         "states go first when there are many.")
+_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, moved in."
 
 
 class HistoryPanel(Panel):

@@ -73,7 +73,7 @@ class ItemList(anywidget.AnyWidget):
         ----------
         rows : of each ``name``, or ``title`` where it has none; ``facts``, a list of texts; ``on``; a colour as
             ``swatch``, or a letter as ``mark``, in the place of its number; ``tip``; ``time`` in seconds since 1970,
-            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else tells it from others.
+            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else tells it apart.
         chosen : the row that is marked, -1 for none.
         """
         whole = [{"name": "", "title": "", "facts": [], "swatch": "", "tip": "", "on": True, **row} for row in rows]
