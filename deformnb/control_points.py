@@ -116,6 +116,7 @@ class ControlPoints:
             np.ones(n, dtype=bool) if active is None else np.array(active, dtype=bool),
             np.ones(n) if weight is None else np.array(weight, dtype=np.float64), next_id,
             None if locked is None else np.array(locked, dtype=bool),  # type: ignore[arg-type]
+            # None becomes nan: a list may leave out single radii
             None if radius is None else np.array(radius, dtype=np.float64),  # type: ignore[arg-type]
         )
 

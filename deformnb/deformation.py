@@ -8,6 +8,7 @@ document can be applied to another volume. ``document.py`` turns it into JSON an
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -24,15 +25,12 @@ from deformnb.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.fields import AbstractField, Identity, blend, compose
 from deformnb.kernels import kernel_named
 from deformnb.plane import Plane
-from deformnb.rbf import RBFInterpolant
 from deformnb.regions import AbstractRegion
-from deformnb.rigid_parts import RigidInterpolant, RigidPart, fit_rigid
+from deformnb.rigid_parts import RigidPart
+from deformnb.staged import Fit, check_stages, fit_points
 from deformnb.trend import trend_named
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
-
-Fit = RBFInterpolant | RigidInterpolant
-"""What a set of control points becomes; both tell their notes, ids and trend."""
 
 
 def lone_support(grid: Grid) -> float:
@@ -65,6 +63,8 @@ class Step:
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which matter comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.cuts.CUT_RULES`.
+    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.staged`. On a
+        plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
 
     Raises
     ------
@@ -88,6 +88,7 @@ class Step:
     parts: tuple[RigidPart, ...] = ()
     cuts: tuple[Cut, ...] = ()
     cut_rule: str = "source"
+    stages: int = 1
 
     def __post_init__(self) -> None:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
@@ -128,6 +129,7 @@ class Step:
                     way = "take the silhouette(plane) of a mask" if dim == 2 else "give it three coordinates"
                     raise DeformError(f"the {what} of this step need regions of dimension {dim}, as its points have; "
                                       f"one has {shape.region.dim}: {way}.")
+        check_stages(self.stages, self.parts)
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
 
@@ -167,8 +169,8 @@ class Step:
         dragged = points if self.strength == 1 else points.blended(self.strength)
         support = self.support or default_support(points) or lone_support(grid)
         parts = [part.scaled(self.strength) for part in self.parts if part.enabled]
-        return fit_rigid(dragged, parts, kernel=self.kernel, support=support, trend=self.trend,
-                         smoothing=self.smoothing)
+        return fit_points(dragged, parts, stages=self.stages, kernel=self.kernel, support=support, trend=self.trend,
+                          smoothing=self.smoothing)
 
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid."""
@@ -229,6 +231,26 @@ class VolumeReference:
     def matches(self, volume: Volume) -> bool:
         """True if the voxels are the same; the name does not count."""
         return self.shape == volume.shape and self.sha256 == VolumeReference.of(volume).sha256
+
+    def has_labels(self, volume: Volume) -> bool:
+        """True for labels as large as the volume: they have other voxels and may well belong to it."""
+        return volume.is_labels and self.shape == volume.shape
+
+
+class LazyReference:
+    """The reference of a volume, made by the first call and kept; the volume itself is not kept for longer."""
+
+    def __init__(self, volume: Volume) -> None:
+        self._volume: Volume | None = volume
+        self._made: VolumeReference | None = None
+        self._making = threading.Lock()
+
+    def __call__(self) -> VolumeReference:
+        with self._making:
+            if self._made is None:
+                assert self._volume is not None
+                self._made, self._volume = VolumeReference.of(self._volume), None
+            return self._made
 
 
 @dataclass(frozen=True)

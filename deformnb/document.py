@@ -24,7 +24,9 @@ from deformnb.errors import DeformError
 from deformnb.plane import Plane
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 1)  # 1.1: rigid parts, cuts, the mode and an animation, each left out where a document has none
+VERSION = (1, 2)
+"""1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points. Each is left out where
+a document has none."""
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""
@@ -160,12 +162,25 @@ def _step_data(step: Step) -> dict[str, Any]:
         shapes["parts"] = [part_to_data(part) for part in step.parts]
     if step.cuts:
         shapes |= {"cuts": [cut_to_data(cut) for cut in step.cuts], "cut_rule": step.cut_rule}
+    if step.stages != 1:
+        shapes["stages"] = step.stages
     return {
         **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
         "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
         "extrusion": step.extrusion, "curve": curve, "knots": list(step.knots),
-        "maps": [_points_data(m) for m in step.maps], **shapes,
+        "maps": [_points_data(m) for m in step.maps], **shapes, **_own_of_points(step),
     }
+
+
+def _own_of_points(step: Step) -> dict[str, Any]:
+    """Locks and radii, set by set: beside the points, for a minor version may add fields to a step only."""
+    data: dict[str, Any] = {}
+    if any(m.locked.any() for m in step.maps):
+        data["locked"] = [[i for i, is_locked in zip(m.ids, m.locked, strict=True) if is_locked] for m in step.maps]
+    if any(not np.isnan(m.radius).all() for m in step.maps):
+        data["radii"] = [[[i, float(r)] for i, r in zip(m.ids, m.radius, strict=True) if not np.isnan(r)]
+                         for m in step.maps]
+    return data
 
 
 def _points_data(points: ControlPoints) -> dict[str, Any]:
@@ -194,20 +209,48 @@ def _step(r: Reader) -> Step:
         p = r.part("plane")
         plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
     known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
-             "knots", "maps", "parts", "cuts", "cut_rule"}
+             "knots", "maps", "parts", "cuts", "cut_rule", "stages", "locked", "radii"}
     curve = r.data.get("curve", "z")
     try:
         return Step(
-            tuple(_points(m) for m in r.items("maps")), plane, r.text("kernel", "wendland_c2"),
+            _with_own(tuple(_points(m) for m in r.items("maps")), r), plane, r.text("kernel", "wendland_c2"),
             None if r.data.get("support") is None else r.number("support"), r.text("trend", "affine"),
             r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
             curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
             r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
             tuple(read_part(p) for p in r.items("parts", [])), tuple(read_cut(c) for c in r.items("cuts", [])),
-            r.text("cut_rule", "source"),
+            r.text("cut_rule", "source"), r.integer("stages", 1),
         )
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints, ...]:
+    """The sets of points with their locks and radii."""
+    for key, field, is_right in (("locked", "locked", _is_id), ("radii", "radius", _is_radius)):
+        rows = r.data.get(key)
+        if rows is None:
+            continue
+        if not isinstance(rows, list) or len(rows) != len(maps) or not all(isinstance(row, list) for row in rows):
+            raise DeformError(f"{r.where}.{key} must be a list for each of its {len(maps)} sets of points.")
+        wrong = next((item for row in rows for item in row if not is_right(item)), None)
+        if wrong is not None:
+            raise DeformError(f"{r.where}.{key} names points by their ids, got {wrong!r:.40}.")
+        for k, row in enumerate(rows):
+            for item in row:
+                number, value = (item, True) if key == "locked" else item
+                own: dict[str, Any] = {field: value}
+                maps = (*maps[:k], maps[k].edit(number, **own), *maps[k + 1 :])
+    return maps
+
+
+def _is_id(item: Any) -> bool:
+    return isinstance(item, int) and not isinstance(item, bool)
+
+
+def _is_radius(item: Any) -> bool:
+    return (isinstance(item, list) and len(item) == 2 and _is_id(item[0]) and isinstance(item[1], int | float)
+            and not isinstance(item[1], bool))
 
 
 def _points(r: Reader) -> ControlPoints:

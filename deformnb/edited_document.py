@@ -25,7 +25,7 @@ from deformnb.volume import Volume
 _NAMES = {"kernel": "kernel", "support": "support radius", "trend": "trend", "smoothing": "smoothing",
           "extrusion": "extrusion", "curve": "curve", "knots": "keys", "strength": "strength", "enabled": "switch",
           "maps": "points", "plane": "plane", "name": "name", "cuts": "cuts", "parts": "rigid parts",
-          "cut_rule": "rule of the cuts"}
+          "cut_rule": "rule of the cuts", "stages": "stages"}
 
 
 class _State(NamedTuple):

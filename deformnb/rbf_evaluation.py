@@ -55,7 +55,7 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
 
 
 def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
-    """The dim^2 derivatives dD_m/dp_k at relative points, row by row: ``A + 2 sum_j alpha_j slope(s_j) (p - c_j)^T``."""
+    """All dD_m/dp_k at relative points, row by row: ``A + 2 sum_j alpha_j slope(s_j) (p - c_j)^T``."""
     dim, linear = len(p), leaves.linear
     start = tuple(linear[m, k] + 0 * p[0] for m in range(dim) for k in range(dim))
 

@@ -28,7 +28,7 @@ _LONG = 80
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
 _USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name in ("mode", "easing", "loop")}
 _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name",
-          "parts", "cuts", "cut_rule")
+          "parts", "cuts", "cut_rule", "stages")
 
 
 def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
@@ -137,6 +137,10 @@ def _points(points: ControlPoints) -> str:
         rows["active"] = repr(points.active.tolist())
     if (points.weight != 1).any():
         rows["weight"] = repr(points.weight.tolist())
+    if points.locked.any():
+        rows["locked"] = repr(points.locked.tolist())
+    if not np.isnan(points.radius).all():
+        rows["radius"] = "[" + ", ".join("None" if np.isnan(r) else repr(r) for r in points.radius.tolist()) + "]"
     if points.next_id != last:  # points were removed: their ids shall not come back
         rows["next_id"] = str(points.next_id)
     return "dn.ControlPoints.from_arrays(\n" + "".join(f"    {key}={value},\n" for key, value in rows.items()) + ")"

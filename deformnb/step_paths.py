@@ -30,11 +30,13 @@ from deformnb.extrusion import CURVE_KNOTS, modulate
 from deformnb.fields import AbstractField
 from deformnb.handle_paths import HandlePath
 from deformnb.rigid_motion import RigidMotion
-from deformnb.rigid_parts import RigidPart, fit_rigid
+from deformnb.rigid_parts import RigidPart
+from deformnb.staged import fit_points
 
 Places = NDArray[np.float64]
 
-_SWITCHED = {"kernel": "kernel", "trend": "trend", "cuts": "cuts", "cut_rule": "rule of the cuts"}
+_SWITCHED = {"kernel": "kernel", "trend": "trend", "cuts": "cuts", "cut_rule": "rule of the cuts",
+             "stages": "number of stages"}
 _SAME = 1e-6  # of the box of all points: what a rigid part does anyway
 
 
@@ -213,7 +215,8 @@ def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     every = ControlPoints.from_arrays(np.concatenate([points.source, places]))
     support = step.support or default_support(points) or default_support(every)
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    return fit_rigid(points, parts, kernel=step.kernel, support=support, trend=step.trend, smoothing=step.smoothing)
+    return fit_points(points, parts, stages=step.stages, kernel=step.kernel, support=support, trend=step.trend,
+                      smoothing=step.smoothing)
 
 
 def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:

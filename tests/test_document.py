@@ -216,7 +216,41 @@ SHAPED = Deformation(
 
 def test_rigid_parts_cuts_and_key_frames_are_kept_to_the_letter() -> None:
     assert from_json(to_json(SHAPED)) == SHAPED
-    assert to_json(SHAPED) == (FIXTURES / "document_1.1.json").read_text(encoding="utf-8")
+    written = (FIXTURES / "document_1.1.json").read_text(encoding="utf-8")
+    assert from_json(written) == SHAPED
+    assert to_json(SHAPED) == written.replace('"version": "1.1"', f'"version": "{VERSION[0]}.{VERSION[1]}"')
+
+
+HELD = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]], ids=[2, 5, 7],
+                                 locked=[True, False, True], radius=[None, 3.25, 40.0])
+OWN = Deformation((Step((HELD,), PLANE, stages=6), Step((POINTS, HELD), PLANE, extrusion="interpolate", knots=(0, 1)),
+                   Step((IN_SPACE.edit(0, locked=True),))))
+
+
+def test_stages_locks_and_radii_are_kept_to_the_letter() -> None:
+    assert from_json(to_json(OWN)) == OWN
+    assert to_json(OWN) == (FIXTURES / "document_1.2.json").read_text(encoding="utf-8")
+
+
+def test_a_document_without_them_does_not_mention_them() -> None:
+    assert not {"stages", "locked", "radii"} & set(json.loads(to_json(SAMPLE))["steps"][0])
+
+
+@pytest.mark.parametrize(("key", "value", "message"), [
+    ("locked", [[2, 7, 8]], r"no control point 8"),
+    ("locked", [[True]], r"steps\[0\]\.locked names points by their ids, got True"),
+    ("locked", [], r"steps\[0\]\.locked must be a list for each of its 1 sets"),
+    ("radii", [[[2, -1.0]]], r"radius of control point 2 is -1"),
+    ("radii", [[[2]]], r"radii names points by their ids"),
+    ("radii", {"2": 1.0}, r"radii must be a list for each"),
+    ("stages", 65, r"whole number from 1 to 64, got 65"),
+    ("stages", 1.5, r"stages"),
+])
+def test_broken_locks_radii_and_stages_are_refused_at_their_place(key: str, value: Any, message: str) -> None:
+    broken = json.loads(to_json(OWN))
+    broken["steps"][0][key] = value
+    with pytest.raises(DeformError, match=message):
+        read(broken)
 
 
 @pytest.mark.parametrize(("path", "value", "message"), [

@@ -28,6 +28,7 @@ import traitlets
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.kernels import kernel_named
+from deformnb.staged import MOST_STAGES
 from deformnb.trend import trend_named
 from deformnb.widgets.point_messages import (
     EditMessage,
@@ -87,6 +88,7 @@ class EditedPoints(anywidget.AnyWidget):
     trend = traitlets.Unicode("affine").tag(sync=True)
     smoothing = traitlets.Float(0.0).tag(sync=True)
     strength = traitlets.Float(1.0).tag(sync=True)
+    stages = traitlets.Int(1, min=1, max=MOST_STAGES).tag(sync=True)
     lone_support = traitlets.Float(1.0).tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)

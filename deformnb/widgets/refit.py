@@ -14,13 +14,13 @@ from deformnb.cuts import Decoupled, decoupled_fits
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Composed, Identity
-from deformnb.rbf import RBFInterpolant, fit_rbf
-from deformnb.rigid_parts import fit_rigid
+from deformnb.staged import Fit, fit_points
 from deformnb.widgets.card_cuts import cut_plane
 from deformnb.widgets.card_maps import MOST_MAPS, count_maps, equal_fields
 from deformnb.widgets.shape_messages import shapes_of
 
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts", "cut_rule")
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts", "cut_rule",
+             "stages")
 
 
 def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:
@@ -90,7 +90,7 @@ class Refit:
         check_map(field, index)
         assert field is not None
         self._field, self._index = field, index
-        self._previous: RBFInterpolant | None = None
+        self._previous: Fit | None = None
         self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
 
     def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
@@ -110,12 +110,10 @@ class Refit:
     def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         strength = settings["strength"]
         dragged = points if strength == 1 else points.blended(strength)
-        options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
+        options = {name: settings[name] for name in ("kernel", "trend", "smoothing", "stages")}
         options["support"] = settings["support"] or default_support(points) or settings["lone_support"]
         parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
-        if parts:
-            return fit_rigid(dragged, parts, **options)
-        self._previous = fit_rbf(dragged, previous=self._previous, **options)
+        self._previous = fit_points(dragged, parts, previous=self._previous, **options)
         return self._previous
 
     def _made(self, what: str, settings: dict[str, Any]) -> tuple[Any, ...]:

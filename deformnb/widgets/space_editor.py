@@ -48,7 +48,7 @@ _SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which 
 _REST = 0.35  # seconds after the last movement
 _PREVIEW_DPI = 80
 
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength")
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 
 class SpaceEditor(EditedPoints):

@@ -25,7 +25,7 @@ POINT_STYLES = ("editor.css", "space_points.css")
 QUICK_SIZE = 32
 
 _REST = 1.5  # seconds after the last movement, if no end of it is heard: a hand may rest, and a kernel be slow
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength")
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 FieldOf = Callable[[ControlPoints], AbstractField]
 

@@ -29,19 +29,15 @@ from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets import studio_parts as parts
-from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
-from deformnb.widgets.controls import LookPanel, MapPanel, Panel, PicturePanel, strip
-from deformnb.widgets.depth_panel import DepthPanel
-from deformnb.widgets.files_panel import FilesPanel
+from deformnb.widgets.controls import Panel
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.shape_messages import checked_shapes, shapes_of
-from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_link import StudioLink
+from deformnb.widgets.studio_panels import PanelParts, make_panels
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
@@ -124,14 +120,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
                      names: Mapping[int, str] | None) -> list[Panel]:
-        session, guard = self.session, self._edited
-        self._opacity = TransferEditor(session.volume, session.transfer)
-        head, _ = strip(session, guard, self.view)
-        files = FilesPanel(session, guard, self.view, folder, self.export_html)
-        return [head, PicturePanel(session, guard, self._editors.plane), StepsPanel(session, guard),
-                ShapesPanel(session, guard, self._editors.plane, labels, names), MapPanel(session, guard),
-                DepthPanel(session, guard), AnimationPanel(session, guard, self.view, folder),
-                LookPanel(session, guard, self.view, self._opacity), files]
+        self._opacity = TransferEditor(self.session.volume, self.session.transfer)
+        return make_panels(PanelParts(self.session, self._edited, self.view, self._editors, self._worker, self._opacity,
+                                      folder, self.export_html, labels, names))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -316,13 +307,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Do again what was taken back."""
         self._travel("redo")
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the document as JSON."""
-        self.session.save(path)
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the document as JSON; see :meth:`Session.save <deformnb.session.Session.save>`."""
+        self.session.save(path, overwrite=overwrite)
 
-    def load(self, path: str | PathLike[str]) -> None:
+    def load(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
         """Go on with a saved document; can be undone."""
-        self.session.open(path)
+        self.session.open(path, allow_other_volume=allow_other_volume)
 
     def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None) -> Path:
         """Write a file; its suffix chooses what: see :data:`deformnb.exports.EXPORTS`, and ``.html`` for a page."""

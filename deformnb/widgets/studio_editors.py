@@ -18,7 +18,7 @@ from deformnb.widgets.editor import Editor
 from deformnb.widgets.shape_messages import checked_shapes
 from deformnb.widgets.space_editor import SpaceEditor
 
-_OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength")
+_OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 _HALF, _WHOLE = "1 1 320px", "1 1 100%"
 _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other

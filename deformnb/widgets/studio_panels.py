@@ -1,0 +1,63 @@
+"""The panels of a studio in the order of their tabs; the first is the strip below the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+from deformnb.session import Session
+from deformnb.volume import Volume
+from deformnb.widgets.animation_panel import AnimationPanel
+from deformnb.widgets.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, strip
+from deformnb.widgets.depth_panel import DepthPanel
+from deformnb.widgets.files_panel import FilesPanel
+from deformnb.widgets.shapes_panel import ShapesPanel
+from deformnb.widgets.steps_panel import StepsPanel
+from deformnb.widgets.studio_editors import StudioEditors
+from deformnb.widgets.transfer_editor import TransferEditor
+from deformnb.widgets.worker import Worker
+
+
+@dataclass(frozen=True)
+class PanelParts:
+    """What panels may need of a studio.
+
+    Parameters
+    ----------
+    guard : does what a user asked for and says in the page what went wrong.
+    editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
+    worker : the studio's thread, ``worker.latest(name, work)``.
+    opacity : the editor of the opacity curve.
+    folder : where files are saved and opened.
+    export_html : writes the page that deforms without a kernel.
+    labels, label_names : numbered parts of the volume and what they are called.
+    """
+
+    session: Session
+    guard: Guard
+    view: Any
+    editors: StudioEditors
+    worker: Worker
+    opacity: TransferEditor
+    folder: str | PathLike[str]
+    export_html: Callable[..., None]
+    labels: Volume | None
+    label_names: Mapping[int, str] | None
+
+
+def make_panels(s: PanelParts) -> list[Panel]:
+    """All panels of a studio."""
+    head, _ = strip(s.session, s.guard, s.view)
+    return [
+        head,
+        PicturePanel(s.session, s.guard, s.editors.plane),
+        StepsPanel(s.session, s.guard),
+        ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
+        MapPanel(s.session, s.guard),
+        DepthPanel(s.session, s.guard),
+        AnimationPanel(s.session, s.guard, s.view, s.folder),
+        LookPanel(s.session, s.guard, s.view, s.opacity),
+        FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html),
+    ]
