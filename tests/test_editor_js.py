@@ -9,6 +9,7 @@ import pytest
 from scripts import run_script
 from test_rbf_js import as_json, scattered
 
+from deformnb.control_points import ControlPoints
 from deformnb.forward import warp_points
 from deformnb.rbf import fit_rbf
 from deformnb.regions import Polygon
@@ -75,7 +76,8 @@ def test_points_from_anywhere_are_cleaned() -> None:
     assert run_script(("edits.js",), main, None) == [[], [good]]
 
 
-MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "maps.js")
+MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "maps.js",
+        "fold_map.js")
 
 
 def test_the_inverse_is_that_of_the_package() -> None:
@@ -101,9 +103,51 @@ def test_folds_are_those_of_the_jacobian() -> None:
     at = np.concatenate([np.stack([a, b], axis=-1).reshape(-1, 2), points.target])
     det = np.linalg.det(np.eye(2) + fit_rbf(points).jacobian(at))
     found = folds(points)
-    assert abs(found["least"] - det.min()) < 1e-9
+    assert found["least"] <= det.min() + 1e-9  # between the nodes it is less still
+    assert abs(found["least"] - np.linalg.det(np.eye(2) + fit_rbf(points).jacobian(found["place"]))) < 1e-9
     assert found["share"] == (det[: 33 * 33] <= 0).mean() > 0
-    assert folds(points.reset()) == {"least": 1, "share": 0}
+    assert folds(points.reset()) == {"least": 1, "share": 0, "place": [0, 0]}
+
+
+def test_the_least_determinant_is_found_between_the_nodes() -> None:
+    # Two points a fortieth of the picture apart change places: the fold is smaller than a cell.
+    corners = [[0, 0], [500, 0], [0, 450], [500, 450]]
+    points = ControlPoints.from_arrays([*corners, [231, 217], [243, 217]], [*corners, [243, 217], [231, 217]])
+    settings: dict[str, Any] = {"kernel": "wendland_c4", "support": 40.0}
+    a, b = np.meshgrid(np.linspace(200, 275, 301), np.linspace(180, 255, 301))
+    at = np.stack([a, b], axis=-1)
+    det = np.linalg.det(np.eye(2) + fit_rbf(points, **settings).jacobian(at))
+    main = f"([points, settings, n]) => foldsOf(layeredFit(points, settings), {BOX}, n)"
+    for nodes in (9, 17, 33):
+        found = run_script(MAPS, main, [as_json(points), settings, nodes])
+        assert found["least"] == pytest.approx(det.min(), rel=0.01)
+        assert np.abs(np.subtract(found["place"], at[np.unravel_index(det.argmin(), det.shape)])).max() < 8
+
+
+def test_what_folds_is_outlined_where_the_determinant_is_zero() -> None:
+    points = scattered(size=60.0)
+    fit = fit_rbf(points)
+    main = """(points) => { const layered = layeredFit(points);
+        const raster = { shape: [46, 51], spacing: [10, 10], origin: [0, 0] };
+        const dets = detsOnRaster(layered, raster), probes = probesOf(layered);
+        return [Array.from(dets), foldPieces(layered, raster, dets, probes, 1e7)]; }"""
+    dets, pieces = run_script(MAPS, main, as_json(points))
+    a, b = np.meshgrid(np.arange(51) * 10.0, np.arange(46) * 10.0)
+    oracle = np.linalg.det(np.eye(2) + fit.jacobian(np.stack([a, b], axis=-1)))
+    assert np.abs(np.reshape(dets, oracle.shape) - oracle).max() < 1e-9
+    ends = np.array(pieces["edge"]).reshape(-1, 2)
+    slope = np.abs(np.linalg.det(np.eye(2) + fit.jacobian(ends)))
+    assert len(ends) > 40
+    assert slope.max() < 0.02  # of a second order in a quarter of a cell
+    fine_a, fine_b = np.meshgrid(np.arange(0, 500, 2.0), np.arange(0, 450, 2.0))
+    det = np.linalg.det(np.eye(2) + fit.jacobian(np.stack([fine_a, fine_b], axis=-1)))
+    assert sum(area(piece) for piece in pieces["fill"]) == pytest.approx(4 * (det <= 0).sum(), rel=0.03)
+
+
+def area(polygon: list[float]) -> float:
+    """By the shoelace formula."""
+    x, y = np.reshape(polygon, (-1, 2)).T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
 def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:

@@ -23,19 +23,18 @@ from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.picture import Picture
 from deformnb.plane import Raster
-from deformnb.rbf import RBFInterpolant, fit_rbf
-from deformnb.rigid_parts import fit_rigid
+from deformnb.staged import Fit, fit_points
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
-from deformnb.widgets.point_messages import Message, RefusedMessage, header
+from deformnb.widgets.point_messages import OVERLAYS, Message, RefusedMessage, header
 from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
 from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "link.js",
           "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
-          "shape_handles.js", "handles.js", "toolbar.js", "pen.js", "gestures.js", "editor_drawing.js",
-          "editor_shapes.js", "editor.js")
+          "fold_map.js", "overlay.js", "shape_handles.js", "handles.js", "toolbar.js", "pen.js", "gestures.js",
+          "editor_drawing.js", "editor_shapes.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -57,6 +56,8 @@ class Editor(EditedPoints):
     kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.deformation.Step`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_net, show_radius : whether the grid and the reach of the points are drawn.
+    overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how matter grows and
+        shrinks, "uncertainty" the haze of ``haze``. Where the map folds all of them show it, "none" does not.
     height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
     theme : "auto" follows the page, "light" and "dark" do not.
     label : what a screen reader calls the picture.
@@ -77,6 +78,9 @@ class Editor(EditedPoints):
     such as another picture: while it is not empty the page dims the picture, shows that text over it and takes no edit
     and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
     editor in its page, where other widgets find its live points without the kernel (see link.js).
+    ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours. ``haze`` is
+    one byte for each cell of a raster over the picture, rows first, 255 where the map is known least; ``haze_facts`` is
+    ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour is drawn at each byte.
 
     Raises
     ------
@@ -101,13 +105,17 @@ class Editor(EditedPoints):
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_net = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
+    overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
+    haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
+    haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
+    marked = traitlets.List(traitlets.Int(), help="points that disagree with their neighbours").tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
 
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
                  raster: Raster | None = None, **settings: Any) -> None:
         given = ControlPoints.empty() if points is None else points
-        self._previous: RBFInterpolant | None = None
+        self._previous: Fit | None = None
         self._picture = picture
         self._shapes_callbacks: list[ShapesCallback] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
@@ -131,7 +139,8 @@ class Editor(EditedPoints):
         """The fit of the points as the core makes it: the displacement that the page shows.
 
         An :class:`~deformnb.rbf.RBFInterpolant`, beside rigid parts a
-        :class:`~deformnb.rigid_parts.RigidInterpolant`, with cuts a :class:`~deformnb.cuts.Decoupled`.
+        :class:`~deformnb.rigid_parts.RigidInterpolant`, in stages a :class:`~deformnb.staged.Staged`, with cuts a
+        :class:`~deformnb.cuts.Decoupled`.
 
         Raises
         ------
@@ -148,14 +157,11 @@ class Editor(EditedPoints):
                          softness=float(np.mean(self.raster["spacing"])))
 
     def _fit(self, dragged: ControlPoints, points: ControlPoints) -> AbstractField:
-        settings: dict[str, Any] = {"kernel": self.kernel, "trend": self.trend, "smoothing": self.smoothing,
-                                    "support": self.support or default_support(points) or self.lone_support}
+        settings: dict[str, Any] = {name: getattr(self, name) for name in ("kernel", "trend", "smoothing", "stages")}
+        settings["support"] = self.support or default_support(points) or self.lone_support
         parts = [part.scaled(self.strength) for part in shapes_of("parts", self.parts) if part.enabled]
-        if parts:
-            return fit_rigid(dragged, parts, **settings)
-        fit = fit_rbf(dragged, previous=self._previous, **settings)
-        self._previous = fit
-        return fit
+        self._previous = fit_points(dragged, parts, previous=self._previous, **settings)
+        return self._previous
 
     def step(self, **options: Any) -> Step:
         """The points and settings as a step of a :class:`~deformnb.deformation.Deformation`.
@@ -166,7 +172,7 @@ class Editor(EditedPoints):
         """
         if self._picture is None:
             raise DeformError("an editor without a picture has no plane in space; give it a picture.")
-        names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule")
+        names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule", "stages")
         own = {name: getattr(self, name) for name in names}
         shapes = {what: shapes_of(what, getattr(self, what)) for what in ("cuts", "parts")}
         return Step((self.points,), self._picture.plane, **{**own, **shapes, **options})
@@ -230,6 +236,16 @@ class Editor(EditedPoints):
             self._note(message)
             for callback in tuple(self._shapes_callbacks):
                 callback(message)
+
+    @traitlets.validate("haze_facts")
+    def _facts_of_a_haze(self, proposal: Any) -> dict[str, Any]:
+        value = dict(proposal["value"])
+        sizes, legend = [value.get("width"), value.get("height")], value.get("legend", [])
+        if value and not (all(isinstance(n, int) and n > 0 for n in sizes) and all(
+                len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)):
+            raise DeformError('the facts of a haze must be {} or {"width": columns, "height": rows, "legend": [[byte, '
+                              f"text], ...]}}, got {value}.")
+        return value
 
     # ---- display ----------------------------------------------------------------------------------------------------
 

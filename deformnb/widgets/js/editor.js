@@ -1,7 +1,7 @@
 // The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
 // To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
-const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule"];
+const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];
 
 const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
   switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };
@@ -21,6 +21,7 @@ class EditorPage extends EditorShapes {
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
     this.painter = new Painter(this.canvas);
+    this.overlay = new Overlay(this);
     this.shapeHandles = new ShapeHandles(this.svg); // under the points
     this.handles = new Handles(this.svg);
     this.pen = new Pen(this);
@@ -71,7 +72,8 @@ class EditorPage extends EditorShapes {
     on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
-    for (const name of ["density", "show_net", "show_radius", "read_only", "history"]) on(`change:${name}`, () => this.invalidate());
+    const shown = ["density", "show_net", "show_radius", "read_only", "history", ...OVERLAY_TRAITS];
+    for (const name of shown) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
       const { origin, points, phase, settings } = event.detail;
@@ -335,6 +337,7 @@ class EditorPage extends EditorShapes {
       reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all), "reset"),
       net: () => this.set("show_net", !this.model.get("show_net")),
       radius: () => this.set("show_radius", !this.model.get("show_radius")),
+      overlay: () => this.overlay.next(),
       compare: () => { this.isComparing = !this.isComparing; this.invalidate(); },
       "zoom-in": () => this.zoomAt(1.25, width / 2, height / 2), "zoom-out": () => this.zoomAt(0.8, width / 2, height / 2),
       fit: () => this.fitView(), help: () => this.toggleHelp(),

@@ -83,7 +83,7 @@ class EditorDrawing {
   moving() {
     this.isMoving = true;
     clearTimeout(this.restTimer);
-    this.restTimer = setTimeout(() => { this.isMoving = false; this.net = null; this.invalidate(); }, REST);
+    this.restTimer = setTimeout(() => { this.isMoving = false; this.net = this.folds = null; this.invalidate(); }, REST);
     this.invalidate();
   }
 
@@ -106,13 +106,17 @@ class EditorDrawing {
     const painted = performance.now();
     if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
     const drawn = performance.now();
+    if (this.layered && !this.folds) this.folds = this.measuredFolds();
+    this.overlay.draw(fit, this.folds, isMoving);
+    const laid = performance.now();
     const reach = this.reach(), radius = this.model.get("show_radius") ? reach : 0;
     const isLost = this.drawShapes(), marks = (p) => this.markOf(p);
+    this.handles.suspects = new Set(this.model.get("marked") ?? []);
     if (this.handles.update(this.points, this.selected, this.view, radius, reach, marks) || isLost) this.focusStage();
     this.describe();
     const end = performance.now();
     Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
-      picture: painted - fitted, net: drawn - painted, handles: end - drawn }, isMoving });
+      picture: painted - fitted, net: drawn - painted, overlay: laid - drawn, handles: end - laid }, isMoving });
   }
 
   refit() {
@@ -125,7 +129,7 @@ class EditorDrawing {
       if (!(error instanceof RbfError)) throw error;
       this.error = error.message; // the last good picture stays
     }
-    this.net = this.folds = null;
+    this.net = this.folds = null; // of these points, looked at once more when they rest
     const phase = this.drag0 || this.shapes0 ? "move" : "end", layered = this.error ? null : this.layered;
     publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered, phase });
     if (this.drag0 && this.isLive && this.model.get("live")) {
@@ -148,6 +152,12 @@ class EditorDrawing {
       this.net = { key, lines: deformedNet(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k) };
     }
     this.painter.drawNet(this.view, this.net.lines, this.colours.net);
+  }
+
+  // Where the map folds; only at rest as finely as the status line tells.
+  measuredFolds() {
+    const { layered, isMoving } = this, probes = probesOf(layered, isMoving ? 5e4 : 4e5);
+    return { ...foldsOf(layered, this.box, layered.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes };
   }
 
   // How far a point reaches, in units of the picture; 0 where nothing tells.
@@ -206,7 +216,6 @@ class EditorDrawing {
     this.showLegend();
     setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
       : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
-    if (fit && !this.folds) this.folds = foldsOf(fit, this.box, fit.count > 200 ? 9 : this.isMoving ? 17 : 33);
     const folds = this.folds ?? { least: 1, share: 0 };
     this.#describeFolds(folds);
     // The fit only suspects a fold; the page has looked.

@@ -228,7 +228,7 @@ class Gestures {
   key(event) {
     const { page } = this;
     const isCommand = event.ctrlKey || event.metaKey;
-    if (event.target.closest("input")) return; // has an undo of its own
+    if (event.target.closest("input, select")) return; // has an undo of its own
     if (!isCommand && event.target.closest(".dnb-ed-help")) { if (event.key === "Escape") page.closeHelp(); return; }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const handled = isCommand ? this.command(key, event.shiftKey) : this.plain(key, event);
@@ -297,4 +297,4 @@ class Gestures {
 
 const KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", x: "cut", p: "part", g: "ground", f: "turn",
   o: "switch", n: "net", r: "radius",
-  c: "compare", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };
+  v: "overlay", c: "compare", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };

@@ -34,6 +34,7 @@ class Handles {
     this.points = svgElement("g", { class: "dnb-ed-points" }, svg);
     this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
     this.byId = new Map();
+    this.suspects = new Set(); // ids of points that get a dashed ring
   }
 
   // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
@@ -54,7 +55,9 @@ class Handles {
       this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
         ? radius : 0);
       this.#mark(parts, markOf(p));
-      setText(parts.tip, this.words.tip(p, reach));
+      const isSuspect = this.suspects.has(p.id);
+      parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
+      setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
     return isFocusLost;
   }
@@ -73,6 +76,7 @@ class Handles {
     const tip = svgElement("title", {}, target);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
     svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
+    for (const name of ["dnb-ed-doubt-case", "dnb-ed-doubt"]) svgElement("circle", { r: 15, class: name }, target);
     svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
     const form = svgElement("path", { class: "dnb-ed-form" }, target);
     svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);

@@ -1,4 +1,4 @@
-// What an editor shows of a fit: where lines of the picture go, and whether the map folds. Needs cut_fits.js. No DOM.
+// What an editor shows of a fit: its slope, and where lines of the picture go. Needs cut_fits.js. No DOM.
 
 const NO_CUTS = { fits: [], regions: [], rule: "source", count: 0, byKey: new Map() };
 
@@ -187,30 +187,4 @@ function isSeenFrom(layered, k, a, b) {
   if (at < 0) return true; // what stays gives way to what comes
   const [da, db] = fieldAt(layered.fits[at].fit, a, b);
   return marginOf(layered.regions, own, a + da, b + db) < 0;
-}
-
-// The smallest det J of the map x + D(x) over a lattice in a box and at the points, and the share that folds (<= 0).
-function foldsOf(layered, box, nodes) {
-  const [a0, a1, b0, b1] = box, work = new Float64Array(6), seen = [0, 0, 1, 0];
-  let least = Infinity, folded = 0;
-  const look = (fit, a, b) => {
-    fieldWithSlope(fit, a, b, work);
-    const det = work[2] * work[5] - work[3] * work[4];
-    if (det < least) least = det;
-    return det <= 0;
-  };
-  for (let i = 0; i < nodes; i++) {
-    for (let k = 0; k < nodes; k++) {
-      const a = a0 + (a1 - a0) * k / (nodes - 1), b = b0 + (b1 - b0) * i / (nodes - 1);
-      const at = layered.regions.length ? placeOf(layered, a, b, 1e-9, seen)[3] : 0;
-      if (at < 0) least = Math.min(least, 1);
-      else if (seen[2] > 0 && look(layered.fits[at].fit, a, b)) folded += 1;
-    }
-  }
-  for (const { fit } of layered.fits) {
-    for (let k = 0; k < fit.count; k++) {
-      look(fit, fit.origin[0] + fit.centers[2 * k] * fit.support, fit.origin[1] + fit.centers[2 * k + 1] * fit.support);
-    }
-  }
-  return { least, share: folded / (nodes * nodes) };
 }

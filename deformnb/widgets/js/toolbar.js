@@ -53,7 +53,7 @@ const HELP = [
   ["X, P, G", "cut, rigid, ground"], ["Click a line", "reshape, F turns it"],
   ["Ctrl + Z, Ctrl + Y", "undo, redo"],
   ["Wheel, pinch, +, -", "zoom"], ["Space, middle drag", "move the view"],
-  ["0", "whole picture"], ["N, R, C", "grid, radius, before"],
+  ["0", "whole picture"], ["N, R, C, V", "grid, radius, before, overlay"],
 ];
 
 class Toolbar {

@@ -1,0 +1,247 @@
+// What is laid over the editor's picture: where the map folds, how areas change, how little is known. Needs fold_map.js
+// and elements.js. It has a canvas of its own between the picture and the handles.
+
+const OVERLAYS = { // name: label of the menu, title
+  none: ["Plain", "nothing over the picture"],
+  folds: ["Folds", "red where the map folds over itself"],
+  area: ["Area", "green where matter grows, purple where it shrinks"],
+  uncertainty: ["Haze", "a grey haze where the map is only guessed from afar"],
+};
+const OVERLAY_TRAITS = ["overlay", "haze", "haze_facts", "marked"];
+const FOLD_COLOURS = { fill: "rgba(211, 47, 47, 0.45)", edge: "#d32f2f" };
+const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
+const AREA_ALPHA = 0.62;
+const AREA_OCTAVES = 1; // half and twice the area have the full colours
+const HAZE_COLOUR = [150, 153, 160], HAZE_ALPHA = 0.88;
+const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
+const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
+
+class Overlay {
+  constructor(page) {
+    this.page = page;
+    this.canvas = pageElement("canvas", "dnb-ed-overlay", page.stage, { "aria-hidden": "true" });
+    this.context = this.canvas.getContext("2d");
+    this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, page.svg);
+    for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
+    this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", hidden: "" });
+    this.drawn = null; // what is on the canvas
+    this.pieces = null; // what folds there, in places of the picture
+    this.ms = 0;
+    page.svg.before(this.canvas); // the handles lie over it
+    this.#menu(page.toolbar);
+  }
+
+  #menu(toolbar) {
+    this.select = pageElement("select", "dnb-ed-menu", toolbar.buttons.get("compare").button.parentElement,
+      { "aria-label": "Overlay (V)", ...OWN_KEYS });
+    for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
+      pageElement("option", "", this.select, { value, title }).textContent = label;
+    }
+    this.select.addEventListener("change", () => this.page.guard(() => this.choose(this.select.value)));
+  }
+
+  get kind() { return Object.hasOwn(OVERLAYS, this.page.model.get("overlay")) ? this.page.model.get("overlay") : "folds"; }
+
+  choose(kind) {
+    this.page.set("overlay", kind);
+    this.page.speak(`overlay: ${OVERLAYS[kind][1]}`);
+  }
+
+  next() {
+    const names = Object.keys(OVERLAYS), kind = names[(names.indexOf(this.kind) + 1) % names.length];
+    this.choose(kind);
+    this.page.hint(`${OVERLAYS[kind][0]}: ${OVERLAYS[kind][1]}`);
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  // layered: null for the picture as it was, over which nothing is laid.
+  draw(layered, folds, isMoving) {
+    const start = performance.now(), { page: { view, model, box }, kind } = this;
+    this.#describe(layered ? kind : "none");
+    this.#mark(layered && kind !== "none" ? folds : null);
+    const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
+      String(box), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+    if (this.drawn?.every((value, n) => value === key[n])) return;
+    this.drawn = key;
+    this.#clear();
+    this.pieces = null;
+    const part = this.#visible();
+    if (!layered || kind === "none" || !part) return;
+    if (kind === "uncertainty") this.#drawHaze();
+    if (layered.fits.some(({ fit }) => !isStill(fit))) this.#drawMap(layered, part, folds, isMoving);
+    this.ms = performance.now() - start;
+  }
+
+  #clear() {
+    const { view: { width, height, ratio } } = this.page, { canvas, context: c } = this;
+    const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
+    if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    if (this.isUsed) c.clearRect(0, 0, w, h);
+    this.isUsed = false;
+  }
+
+  // The part of the picture that is seen, [a0, a1, b0, b1].
+  #visible() {
+    const { view: { k, x, y, width, height }, box: [a0, a1, b0, b1] } = this.page;
+    const part = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k), Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
+    return part[1] > part[0] && part[3] > part[2] ? part : null;
+  }
+
+  #drawMap(layered, part, folds, isMoving) {
+    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, work = OVERLAY_WORK[isMoving ? "moving" : "resting"];
+    const size = OVERLAY_CELL[isMoving ? "moving" : "resting"] / k, cost = Math.max(1, layered.count);
+    const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
+    const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
+    const raster = { shape: [rows, columns], spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)], origin: [a0, b0] };
+    const dets = detsOnRaster(layered, raster);
+    if (kind === "area") this.#drawArea(dets, raster);
+    const probes = folds.probes ?? [];
+    if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
+    this.pieces = foldPieces(layered, raster, dets, probes, work);
+    this.#drawFolds(this.pieces);
+  }
+
+  #drawFolds({ fill, edge }) {
+    if (!fill.length) return;
+    const { context: c } = this, { k, x, y, ratio } = this.page.view, red = new Path2D(), rim = new Path2D();
+    for (const polygon of fill) {
+      red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
+      for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
+      red.closePath();
+    }
+    for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.fillStyle = FOLD_COLOURS.fill;
+    c.fill(red);
+    c.fillStyle = this.hatch ??= hatchPattern(c);
+    c.fill(red);
+    c.strokeStyle = FOLD_COLOURS.edge;
+    c.lineWidth = 1.2;
+    c.stroke(rim);
+    this.isUsed = true;
+  }
+
+  #drawArea(dets, raster) {
+    const { shape: [rows, columns] } = raster, image = new ImageData(columns, rows), out = image.data;
+    for (let n = 0, at = 0; n < dets.length; n++, at += 4) {
+      if (Number.isNaN(dets[n])) continue; // a gap has no area
+      const t = Math.max(-1, Math.min(1, dets[n] > 0 ? -Math.log2(dets[n]) / AREA_OCTAVES : 1));
+      const { same } = AREA_COLOURS, full = t < 0 ? AREA_COLOURS.shrinks : AREA_COLOURS.grows;
+      for (let i = 0; i < 3; i++) out[at + i] = same[i] + Math.abs(t) * (full[i] - same[i]);
+      out[at + 3] = 255;
+    }
+    this.#spread(image, raster, AREA_ALPHA);
+  }
+
+  // One pixel of an image for each node of a raster, smooth between them.
+  #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha) {
+    const { context: c } = this, { k, x, y, ratio } = this.page.view, { width, height } = image;
+    this.small ??= document.createElement("canvas");
+    Object.assign(this.small, { width, height }); // which clears it
+    this.small.getContext("2d").putImageData(image, 0, 0);
+    const [left, right, top, bottom] = this.#visible();
+    c.save();
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.beginPath();
+    c.rect(k * left + x, k * top + y, k * (right - left), k * (bottom - top));
+    c.clip();
+    c.globalAlpha = alpha;
+    c.imageSmoothingEnabled = true;
+    c.drawImage(this.small, k * (a0 - da / 2) + x, k * (b0 - db / 2) + y, k * da * width, k * db * height);
+    c.restore();
+    this.isUsed = true;
+  }
+
+  // What Python knows of the uncertainty, with a line at every level that the legend names.
+  #drawHaze() {
+    const { width = 0, height = 0, legend = [] } = this.page.model.get("haze_facts") ?? {}, given = this.page.model.get("haze");
+    if (!given || !width || given.byteLength !== width * height) return;
+    const values = new Uint8Array(given.buffer ?? given, given.byteOffset ?? 0, given.byteLength);
+    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box, da = (a1 - a0) / width, db = (b1 - b0) / height;
+    for (let n = 0; n < values.length; n++) image.data.set([...HAZE_COLOUR, HAZE_ALPHA * values[n]], 4 * n);
+    const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
+    this.#spread(image, raster, 1);
+    const { context: c } = this, { k, x, y, ratio } = this.page.view, lines = new Path2D();
+    for (const [level] of legend) {
+      for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
+        lines.moveTo(k * (raster.origin[0] + u * da) + x, k * (raster.origin[1] + v * db) + y);
+        lines.lineTo(k * (raster.origin[0] + p * da) + x, k * (raster.origin[1] + q * db) + y);
+      }
+    }
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    for (const [style, wide] of [["rgba(0, 0, 0, 0.55)", 2.6], ["rgba(255, 255, 255, 0.9)", 1]]) {
+      Object.assign(c, { strokeStyle: style, lineWidth: wide });
+      c.stroke(lines);
+    }
+  }
+
+  // ---- marks and words ----------------------------------------------------------------------------------------------
+
+  // A ring around the place where the map folds most.
+  #mark(folds) {
+    const isShown = Boolean(folds) && folds.least <= 0, { k, x, y } = this.page.view;
+    setAttributes(this.worst, { visibility: isShown ? "visible" : "hidden" });
+    if (isShown) {
+      setAttributes(this.worst, { transform: `translate(${(k * folds.place[0] + x).toFixed(1)} ${(k * folds.place[1] + y).toFixed(1)})` });
+    }
+  }
+
+  #describe(kind) {
+    const facts = kind === "uncertainty" ? this.page.model.get("haze_facts") ?? {} : null;
+    const told = JSON.stringify([kind, facts?.legend]);
+    if (this.select && this.select.value !== this.kind) this.select.value = this.kind;
+    if (told === this.told) return;
+    this.told = told;
+    if (this.select) this.select.title = `What lies over the picture: ${OVERLAYS[this.kind][1]} (V)`;
+    this.key.hidden = kind !== "area" && kind !== "uncertainty";
+    this.key.classList.remove("dnb-ed-key-wide");
+    this.key.replaceChildren();
+    if (kind === "area") this.#areaKey();
+    if (kind === "uncertainty") this.#hazeKey(facts.legend ?? []);
+  }
+
+  #areaKey() {
+    const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS, rgb = (colour) => `rgb(${colour.join(" ")})`;
+    this.#bar("area of matter", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
+      [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
+    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white the same, ` +
+      `green ${most} times or more` });
+  }
+
+  #hazeKey(legend) {
+    const colour = HAZE_COLOUR.join(" "), words = legend.map(([level, text]) => [level / 255, text]);
+    this.key.classList.add("dnb-ed-key-wide");
+    this.#bar("uncertainty", `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`, words);
+    if (!legend.length) pageElement("div", "", this.key).textContent = "not known yet";
+    setAttributes(this.key, { "aria-label": `Uncertainty: ${legend.map(([, text]) => text).join(", ") || "not known yet"}` });
+  }
+
+  // A bar of colours with texts under it: [share of the bar, text].
+  #bar(title, background, texts) {
+    pageElement("div", "", this.key).textContent = title;
+    pageElement("div", "dnb-ed-key-bar", this.key).style.background = background;
+    const row = pageElement("div", "dnb-ed-key-texts", this.key);
+    for (const [share, text] of texts) {
+      const item = pageElement("span", "", row);
+      item.textContent = text;
+      item.style.left = `${(100 * share).toFixed(1)}%`;
+      item.style.transform = `translateX(${(-100 * share).toFixed(1)}%)`; // nothing hangs over the ends
+    }
+  }
+}
+
+// Diagonal lines, light with a dark rim: a fold is seen without its colour too.
+function hatchPattern(context) {
+  const tile = document.createElement("canvas"), size = 11;
+  Object.assign(tile, { width: size, height: size });
+  const c = tile.getContext("2d");
+  for (const [style, wide] of [["rgba(80, 0, 0, 0.7)", 2.2], ["rgba(255, 225, 225, 0.85)", 0.9]]) {
+    Object.assign(c, { strokeStyle: style, lineWidth: wide });
+    c.beginPath();
+    for (const at of [-size, 0, size]) { c.moveTo(at - 1, size + 1); c.lineTo(at + size + 1, -1); }
+    c.stroke();
+  }
+  return context.createPattern(tile, "repeat");
+}
