@@ -1,4 +1,5 @@
 from .animation import Animation as Animation
+from .autosave import Autosave as Autosave
 from .control_points import ControlPoints as ControlPoints
 from .cuts import CUT_RULES as CUT_RULES
 from .cuts import Cut as Cut
@@ -66,6 +67,8 @@ from .rigid_parts import RigidPart as RigidPart
 from .rigid_parts import fit_rigid as fit_rigid
 from .script import as_python as as_python
 from .session import Session as Session
+from .session_store import restore as restore
+from .session_store import saved_sessions as saved_sessions
 from .surfaces import Mesh as Mesh
 from .surfaces import filled as filled
 from .surfaces import isosurface as isosurface

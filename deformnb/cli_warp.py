@@ -171,7 +171,7 @@ def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
     made = document.volume
     if made is None:
         return
-    if not made.matches(volume):
+    if not (made.matches(volume) or made.has_labels(volume)):
         yield f"the session was made on another volume ({made.name or 'unnamed'})."
     elif any(abs(a - b) > 1e-5 * a for a, b in zip(made.spacing, volume.grid.spacing, strict=True)):
         was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))

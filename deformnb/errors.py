@@ -15,6 +15,14 @@ class VolumeFileError(DeformError):
     """A file could not be read or written; nothing was loaded and nothing was overwritten."""
 
 
+class FileChangedError(VolumeFileError):
+    """Somebody else has written the file since it was opened or saved here; nothing was overwritten."""
+
+
+class OtherVolumeError(DeformError):
+    """A document was made on another volume than the one it shall be opened on; nothing was opened."""
+
+
 class MissingPackageError(DeformError, ImportError):
     """An optional package is not installed; the message names it and the extra that brings it."""
 

@@ -16,7 +16,6 @@ from deformnb.deformation import Deformation
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.documents import write_deformation
 from deformnb.io.formats import write_volume
 from deformnb.movie import Frames, animation_frames, deformation_frames, write_movie
 from deformnb.picture import Picture, project
@@ -45,6 +44,7 @@ class Frozen:
     Parameters
     ----------
     camera : direction, up and zoom of a view, for renderings and movies.
+    save : writes a document to a path, as :meth:`Session.save <deformnb.session.Session.save>`.
     """
 
     volume: Volume
@@ -55,13 +55,14 @@ class Frozen:
     depth: float | None
     transfer: TransferFunction
     camera: dict[str, Any]
+    save: Callable[..., None]
 
     @classmethod
     def of(cls, session: Session, camera: dict[str, Any] | None = None) -> Frozen:
         """A session at this moment."""
         depth = session.depth if session.method == "slice" else None
         return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
-                   session.transfer_function, {**_HOME, **(camera or {})})
+                   session.transfer_function, {**_HOME, **(camera or {})}, session.save)
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ def _script(it: Frozen, path: Path, progress: Progress) -> None:
 
 
 def _document(it: Frozen, path: Path, progress: Progress) -> None:
-    write_deformation(it.document, path)
+    it.save(path, document=it.document)
 
 
 EXPORTS: dict[str, Export] = {

@@ -14,11 +14,13 @@ from typing import Any
 
 import traitlets
 
-from deformnb.deformation import Deformation, VolumeReference
+from deformnb.deformation import Deformation, LazyReference
 from deformnb.edited_steps import EditedSteps
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.fields import AbstractField
-from deformnb.io.documents import read_deformation, write_deformation
+from deformnb.io.documents import read_document, write_deformation
+from deformnb.io.headers import shown
+from deformnb.io.known_files import KnownFiles
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
 from deformnb.script import as_python
@@ -48,6 +50,8 @@ class Session(EditedSteps):
     transfer : colours and opacities, a :class:`~deformnb.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
     notice : the last thing worth saying, such as a trend that was changed along with a kernel.
+    saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
+    reference : call it for what tells the volume from others; the first call takes a moment for a large volume.
 
     Examples
     --------
@@ -64,13 +68,15 @@ class Session(EditedSteps):
     method = traitlets.Enum(list(PROJECTIONS), "mip")
     depth = traitlets.Float(0.0)
     transfer = traitlets.Any("specimen")
+    saved = traitlets.Instance(Deformation, allow_none=True)
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  **traits: Any) -> None:
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
         self._transfer: tuple[Any, TransferFunction] | None = None
-        self._reference: VolumeReference | None = None
+        self.reference = LazyReference(volume)
+        self._files = KnownFiles()
         self.volume = volume
         home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(volume, deformation, home, **traits)
@@ -167,26 +173,64 @@ class Session(EditedSteps):
 
     def document(self) -> Deformation:
         """The deformation together with the checksum of its volume, as it is saved."""
-        if self._reference is None:
-            self._reference = VolumeReference.of(self.volume)
-        return replace(self.deformation, volume=self._reference)
+        return replace(self.deformation, volume=self.reference())
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the document as JSON."""
-        write_deformation(self.document(), path)
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False, document: Deformation | None = None) -> None:
+        """Write the document as JSON.
 
-    def open(self, path: str | PathLike[str]) -> None:
-        """Go on with a saved document; can be undone. A notice says if it was made on another volume."""
-        self.take(read_deformation(path))
+        Parameters
+        ----------
+        overwrite : replace the file even if somebody else has changed it since it was opened or saved here.
+        document : of an earlier moment; default is that of now.
 
-    def take(self, deformation: Deformation, label: str = "open a document") -> None:
-        """Go on with another document; can be undone."""
+        Raises
+        ------
+        FileChangedError
+            If somebody else has changed the file; nothing is written.
+        """
+        document = document or self.document()
+        write_deformation(document, path, known=self._files, overwrite=overwrite)
+        self.saved = document
+
+    def open(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
+        """Go on with a saved document; can be undone.
+
+        Parameters
+        ----------
+        allow_other_volume : open it even if it was made on another volume; a notice says so.
+
+        Raises
+        ------
+        OtherVolumeError
+            If it was made on another volume and that is not allowed; everything stays as it was.
+        """
+        document, content = read_document(path)
+        self.take(document, allow_other_volume=allow_other_volume)
+        self._files.remember(path, content)
+
+    def take(self, deformation: Deformation, label: str = "open a document", *,
+             allow_other_volume: bool = False) -> None:
+        """Go on with another document that is kept elsewhere; can be undone. See :meth:`open`."""
+        difference = self.difference(deformation)
+        if difference and not allow_other_volume:
+            raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it all the same.")
         with self._lock:
             self._become(deformation, label, index=max(0, len(deformation.steps) - 1), key=0)
+            self.saved = self.deformation
+        if difference:
+            self.notice = difference
+
+    def difference(self, deformation: Deformation) -> str:
+        """What is to be said of a document that was made on another volume; empty if it was made on this one.
+
+        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
+        """
         made_on = deformation.volume
-        if made_on is not None and made_on.sha256 != self.document().volume.sha256:  # type: ignore[union-attr]
-            self.notice = (f"This document was made on another volume ({made_on.name or 'without a name'}, "
-                           f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
+        if made_on is None or (made_on.shape == self.volume.shape and (
+                made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume))):
+            return ""
+        return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "
+                f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
 
     def code(self, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
         """The document as a Python script; see :func:`deformnb.script.as_python`."""

@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, FileChangedError, OtherVolumeError, VolumeFileError
 from deformnb.kernels import KERNELS
 from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
@@ -304,8 +304,66 @@ def test_a_saved_document_comes_back_and_another_volume_is_noticed(session: Sess
     assert again.notice == ""
     assert again.undo() == "open a document"
     other = Session(a_volume(1))
-    other.open(file)
+    before = other.deformation
+    words = r"another volume \(noise, 12 x 10 x 9 voxels\).*allow_other_volume=True"
+    with pytest.raises(OtherVolumeError, match=words):
+        other.open(file)
+    assert other.deformation is before
+    assert (other.history["undo"], other.saved) == ("", None)
+    other.open(file, allow_other_volume=True)
+    assert other.deformation.steps == session.deformation.steps
     assert "another volume (noise, 12 x 10 x 9 voxels)" in other.notice
+
+
+def test_labels_of_the_same_scan_are_no_other_volume(session: Session) -> None:
+    labels = replace(a_volume(1), is_labels=True)
+    assert Session(labels).difference(session.document()) == ""
+    assert "another volume" in Session(a_volume(1)).difference(session.document())
+    smaller = Volume(labels.values[1:], Grid((8, 10, 12)), "part", is_labels=True)
+    assert "another volume" in Session(smaller).difference(session.document())
+
+
+def test_a_file_that_somebody_else_has_changed_is_not_written_over(session: Session, tmp_path: Path) -> None:
+    file = tmp_path / "fish.json"
+    session.save(file)
+    session.save(file)  # our own is no other's
+    other = Session(a_volume())
+    other.open(file)
+    other.edit_points(dragged(other))
+    other.save(file)
+    theirs = file.read_bytes()
+    words = r"^fish.json has been changed by someone else.*another name.*overwrite=True"
+    with pytest.raises(FileChangedError, match=words):
+        session.save(file)
+    assert file.read_bytes() == theirs
+    session.save(tmp_path / "mine.json")
+    session.save(file, overwrite=True)
+    assert file.read_bytes() != theirs
+    with pytest.raises(FileChangedError):
+        other.save(file)
+    file.unlink()
+    other.save(file)  # what is gone is not written over
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["fish.json", "mine.json"]
+    file.touch()
+    other.save(file)  # other times, the same content
+
+
+def test_what_is_safe_in_a_file_is_known(session: Session, tmp_path: Path) -> None:
+    assert session.saved is None
+    session.edit_points(dragged(session))
+    session.save(tmp_path / "a.json")
+    assert session.saved == session.document()
+    early = session.document()
+    session.change(strength=0.5)
+    session.save(tmp_path / "early.json", document=early)
+    again = Session(a_volume())
+    again.open(tmp_path / "early.json")
+    assert again.step.strength == 1.0
+    assert again.saved == again.deformation
+    again.change(strength=0.2)
+    with pytest.raises(VolumeFileError):
+        again.save(tmp_path / "none" / "a.json")
+    assert again.saved != again.document()
 
 
 def test_the_code_makes_the_document(session: Session) -> None:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
+import platform
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from deformnb.errors import VolumeFileError
 from deformnb.io.headers import fail, human_bytes, shown
+from deformnb.io.locks import held, sweep
+
+_SUFFIX = ".deformnb.tmp"
+# A lock may say nothing of a process on another machine that shares the folder: only our own leftovers are swept.
+_HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
 def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Path:
@@ -55,16 +62,20 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Iterator[BinaryIO]:
+def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0,
+                 replacing: Callable[[Path], AbstractContextManager[Any]] = nullcontext) -> Iterator[BinaryIO]:
     """A binary file that takes the place of ``path`` at the end of the block, whole, or not at all.
 
     It is written next to its target, so that the final rename stays on one disk, and flushed to the disk before: after
     a crash there is the old file or the new one. An exception (a full disk, :class:`~deformnb.errors.Cancelled`)
-    leaves the old file and no litter. The permissions of an existing file are kept.
+    leaves the old file and no litter; what a killed process has left is swept away by the next that writes into the
+    folder. The permissions of an existing file are kept.
 
     Parameters
     ----------
     path, overwrite, needed : see :func:`check_target`.
+    replacing : makes the context, from the real path, in which the old file is replaced when all is written; what it
+        raises keeps the old file.
 
     Raises
     ------
@@ -81,17 +92,23 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     b'whole'
     """
     target = check_target(path, overwrite=overwrite, needed=needed)
-    # At most 255 bytes, the limit of common file systems, whatever the length of the target's name.
-    temporary = target.with_name(f".{secrets.token_hex(8)}.deformnb.tmp")
+    sweep_folder(target.parent)
+    temporary = target.parent
     try:
-        with temporary.open("xb") as file:
-            if target.exists():
-                with suppress(OSError):  # a file system without permissions
-                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
+        temporary, file, lock = _open_temporary(target)
+        try:
+            with file:
+                if target.exists():
+                    with suppress(OSError):  # a file system without permissions
+                        temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            with replacing(target):
+                temporary.replace(target)
+        finally:
+            if lock is not None:
+                os.close(lock)
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
@@ -99,9 +116,36 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         why = "the disk (or your share of it) is full" if full else f"the system says: {error.strerror or error}"
         raise fail(target, f"was not written, {why}; an older file of this name is untouched.") from error
     finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        if temporary != target.parent:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
     _flush_folder(target.parent)
+
+
+def temporary_name() -> str:
+    """A name for what is not finished, of at most 255 bytes, the limit of common file systems."""
+    return f".{_HERE}-{secrets.token_hex(8)}{_SUFFIX}"
+
+
+def _open_temporary(target: Path) -> tuple[Path, BinaryIO, int | None]:
+    """A fresh file beside the target, and a lock on it that outlives the file's closing."""
+    while True:
+        temporary = target.with_name(temporary_name())
+        file = temporary.open("xb")
+        if os.name == "nt":  # an open file can be neither renamed nor swept away there
+            return temporary, file, None
+        lock = held(temporary, os.dup(file.fileno()))
+        if lock is not None:
+            return temporary, file, lock
+        file.close()
+
+
+def sweep_folder(folder: Path) -> None:
+    """Remove what processes of this machine have left half written when they were killed."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(_SUFFIX) and entry.name.startswith(f".{_HERE}-"):
+                sweep(Path(entry.path))
 
 
 def _flush_folder(folder: Path) -> None:

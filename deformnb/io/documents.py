@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from os import PathLike
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from deformnb.document import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
+from deformnb.io.known_files import KnownFiles
 from deformnb.rigid_parts import RigidPart
 
 
@@ -23,6 +25,11 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     DeformError
         In one sentence, if the file is missing, is no deformnb document, is cut short, or is of a newer version.
     """
+    return read_document(path)[0]
+
+
+def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
+    """The deformation in a file, and the file's content; see :func:`read_deformation`."""
     file = Path(path)
     name = shown(path)
     try:
@@ -34,15 +41,33 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     except OSError as error:
         raise VolumeFileError(f"{name} cannot be read: {error.strerror}.") from None
     try:
-        return from_json(data)
+        return from_json(data), data
     except DeformError as error:
         raise DeformError(f"{shown(file.name)}: {error}") from None
 
 
-def write_deformation(deformation: Deformation, path: str | PathLike[str]) -> None:
-    """Write a deformation to a file, whole or not at all."""
-    with atomic_write(path) as stream:
-        stream.write(to_json(deformation).encode("utf-8"))
+def write_deformation(deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None,
+                      overwrite: bool = False) -> None:
+    """Write a deformation to a file, whole or not at all.
+
+    Parameters
+    ----------
+    known : files that shall not be replaced if somebody else has changed them; this one is known afterwards.
+    overwrite : whether it may be replaced nevertheless.
+
+    Raises
+    ------
+    FileChangedError
+        If the file is known and was changed.
+    """
+    data = to_json(deformation).encode("utf-8")
+    guard = None if overwrite else known
+    if guard is not None:
+        guard.check(path)
+    with atomic_write(path, replacing=nullcontext if guard is None else guard.replacing) as stream:
+        stream.write(data)
+    if known is not None:
+        known.remember(path, data)
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:

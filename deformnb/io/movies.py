@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import secrets
 import shutil
 import subprocess
 import tempfile
@@ -21,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
-from deformnb.io.atomic import atomic_write, check_target
+from deformnb.io.atomic import atomic_write, check_target, sweep_folder, temporary_name
 from deformnb.io.headers import fail, shown
+from deformnb.io.locks import hold_folder
 
 Image = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
@@ -270,10 +270,13 @@ def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
     check_target(folder if is_new else folder / f"{before}0{after}")
     if not is_new:
         _refuse_mixing(folder, before, after)
-    work = (folder.parent if is_new else folder) / f".{secrets.token_hex(8)}.deformnb.tmp"
+    beside = folder.parent if is_new else folder
+    sweep_folder(beside)
+    work, lock = beside / temporary_name(), None
     moved: list[Path] = []
     try:
         work.mkdir()
+        lock = hold_folder(work)
         names = _write_pictures(work, frames, lambda k: f"{before}{k:0{digits}d}{after}")
         if is_new:
             work.replace(folder)
@@ -292,6 +295,8 @@ def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
         for picture in moved:
             picture.unlink(missing_ok=True)
         shutil.rmtree(work, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
 def _numbering(name: str) -> tuple[str, int, str]:

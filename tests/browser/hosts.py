@@ -61,6 +61,7 @@ class Host:
                 "JUPYTERLAB_SETTINGS_DIR", "JUPYTERLAB_WORKSPACES_DIR")}
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
         # The server's extension is enabled by the file that the package installs, also where it is not installed.
+        own["DEFORMNB_STATE"] = str(self.folder / "state")  # what other servers have left is not offered here
         return {**os.environ, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
                 "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config")}
 

@@ -1,0 +1,339 @@
+"""What is being edited is written by itself, a second after each edit, into a folder of the user.
+
+An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
+that knows the session no more. Trouble is told once and never stops an edit.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import os
+import secrets
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deformnb.deformation import Deformation, VolumeReference
+from deformnb.errors import DeformError
+from deformnb.io.locks import hold, sweep
+from deformnb.session import Session
+from deformnb.session_store import (
+    SavedSession,
+    delete,
+    file_name,
+    mark,
+    prune,
+    restore,
+    saved_sessions,
+    skip,
+    state_folder,
+    write_session,
+)
+
+__all__ = ["Autosave", "SavedSession", "delete", "restore", "saved_sessions", "skip"]
+
+_LOG = logging.getLogger(__name__)
+
+LONGEST_WAIT = 5.0
+"""Seconds after the first edit of a row at which it is written though the next comes: as many delays as a default."""
+
+_PATIENCE_AT_EXIT = 3.0
+_WAIT_AT_CLOSE = 1.0
+
+
+class _Snapshot(NamedTuple):
+    """What is written, as it was after an edit."""
+
+    deformation: Deformation
+    step: int
+    key: int
+    edited: datetime
+
+
+class Autosave:
+    """Writes a session after each edit.
+
+    Parameters
+    ----------
+    session : what is watched; it is not kept alive.
+    folder : where to; default is :func:`~deformnb.session_store.state_folder`.
+    delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
+    on_ready : called once the volume's checksum is known, with what tells the volume from others.
+    on_written : called with the facts of what was written.
+    on_trouble : called with what stands in the way, once until it works again.
+
+    Notes
+    -----
+    All three are called in the thread that writes.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
+    >>> autosave = Autosave(session)
+    >>> session.change(strength=0.5)
+    >>> autosave.flush()
+    >>> [(entry.state, entry.points) for entry in saved_sessions(session.volume, every=True)]
+    [('open', 4)]
+    >>> autosave.close()
+    """
+
+    def __init__(self, session: Session, folder: str | os.PathLike[str] | None = None, delay: float = 1.0, *,
+                 on_ready: Callable[[VolumeReference], None] | None = None,
+                 on_written: Callable[[SavedSession], None] | None = None,
+                 on_trouble: Callable[[str], object] | None = None) -> None:
+        self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
+        job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
+        self._session = weakref.ref(session)
+        session.observe(job.note, ["deformation", "saved"])
+        self._thread = threading.Thread(target=_run, args=(job,), name="deformnb-autosave", daemon=True)
+        _RUNNING[self._thread] = job
+        self._thread.start()
+        weakref.finalize(self, job.end, "open").atexit = False
+
+    @property
+    def folder(self) -> Path:
+        """Where sessions are written."""
+        return self._job.folder
+
+    @property
+    def path(self) -> Path | None:
+        """The session's file, once it was written."""
+        return self._job.entry.path if self._job.entry is not None else None
+
+    def replaces(self, entry: SavedSession) -> None:
+        """The session goes on with this one, which is offered no more once the session itself is written."""
+        self._job.replaced.append(entry)
+
+    def flush(self, timeout: float = 60.0) -> None:
+        """Write now what waits, and wait for it.
+
+        Raises
+        ------
+        TimeoutError
+            If it takes longer.
+        """
+        if not self._job.flushed(timeout):
+            raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
+
+    def close(self, *, orderly: bool = True) -> None:
+        """Write what waits and end.
+
+        Parameters
+        ----------
+        orderly : its user has closed the session and wants nothing of it back; else what was not saved is offered
+            when the volume is opened again.
+        """
+        session = self._session()
+        if session is not None and self._thread.is_alive():
+            session.unobserve(self._job.note, ["deformation", "saved"])
+        self._job.end("closed" if orderly else "open")
+        if threading.current_thread() is not self._thread:
+            self._thread.join(_WAIT_AT_CLOSE)
+
+
+class _Job:
+    """What the thread works on: shared with the session's observer, and without the session."""
+
+    def __init__(self, session: Session, folder: Path, delay: float) -> None:
+        self.folder = folder
+        self.delay = float(delay)
+        self.refer: Callable[[], VolumeReference] | None = session.reference
+        self.reference: VolumeReference | None = None
+        self.first = _bare(session.deformation)
+        self.saved: Deformation | None = None
+        self.changed = threading.Condition()
+        self.waiting: _Snapshot | None = None
+        self.since = self.due = 0.0
+        self.is_urgent = self.is_busy = False
+        self.ended = ""  # the state in which the session is left
+        self.entry: SavedSession | None = None
+        self.held: int | None = None
+        self.replaced: list[SavedSession] = []
+        self.has_trouble = False
+        self.on_ready: Callable[[VolumeReference], None] | None = None
+        self.on_written: Callable[[SavedSession], None] | None = None
+        self.on_trouble: Callable[[str], object] | None = None
+
+    # -- from the session's threads ------------------------------------------------------------------------------------
+
+    def note(self, change: Any) -> None:
+        """An edit was made, or the session was saved; this takes microseconds."""
+        session, now = change["owner"], time.monotonic()
+        with self.changed:
+            if change["name"] == "saved":
+                self.saved = None if session.saved is None else _bare(session.saved)
+            is_first = self.waiting is None
+            self.waiting = _Snapshot(session.deformation, session.index, session.key, datetime.now(UTC))
+            self.since = now if is_first else self.since
+            self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
+            if is_first:  # else the thread waits already, and looks at the time again when it wakes
+                self.changed.notify_all()
+
+    def flushed(self, timeout: float) -> bool:
+        with self.changed:
+            self.is_urgent = True
+            self.changed.notify_all()
+            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.ended == "done",
+                                         timeout)
+            self.is_urgent = False
+            return done
+
+    def end(self, state: str) -> None:
+        with self.changed:
+            self.ended = self.ended or state
+            self.changed.notify_all()
+
+    # -- in the thread -------------------------------------------------------------------------------------------------
+
+    def take(self) -> _Snapshot | None:
+        """What is to be written, when it is time; None at the end."""
+        with self.changed:
+            while True:
+                self.is_busy = False
+                self.changed.notify_all()
+                left = self.due - time.monotonic()
+                if self.waiting is not None and (self.ended or self.is_urgent or left <= 0):
+                    taken, self.waiting, self.is_busy = self.waiting, None, True
+                    return taken
+                if self.ended:
+                    return None
+                self.changed.wait(None if self.waiting is None else left)
+
+    def write(self, snapshot: _Snapshot) -> None:
+        """Write what was edited, if it differs from what the session began with."""
+        assert self.reference is not None
+        bare = _bare(snapshot.deformation)
+        state = "saved" if bare == self.saved else "unchanged" if bare == self.first else "open"
+        if self.entry is None and state == "unchanged":
+            return
+        if self.entry is None or not self.entry.held.exists():  # the first time, or the folder was removed
+            self._begin()
+        assert self.entry is not None
+        self.entry = replace(
+            self.entry, state=state, edited=snapshot.edited, index=snapshot.step, key=snapshot.key,
+            points=sum(len(m) for step in bare.steps for m in step.maps), steps=len(bare.steps))
+        write_session(self.entry, replace(bare, volume=self.reference))
+        while self.replaced:
+            mark(self.replaced.pop(), "restored")
+        if self.on_written is not None:
+            self.on_written(self.entry)
+
+    def _begin(self) -> None:
+        """Make the file that is held while the session runs."""
+        assert self.reference is not None
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._let_go()
+        while self.held is None:
+            path = self.folder / file_name(self.reference, secrets.token_hex(4))
+            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0)
+            try:
+                self.held = hold(self.entry.held)
+            except OSError:
+                self.entry = None
+                raise
+        _HELD.add(self.held)
+
+    def leave(self) -> None:
+        """The last work: nobody holds the file any more."""
+        if self.entry is not None and self.ended == "closed" and self.entry.state == "open":
+            mark(self.entry, "closed")
+        self._let_go()
+        with self.changed:
+            self.ended = "done"
+            self.changed.notify_all()
+
+    def _let_go(self) -> None:
+        if self.held is not None and self.entry is not None:
+            _HELD.discard(self.held)
+            os.close(self.held)
+            sweep(self.entry.held)
+        self.held = None
+
+    def say(self, error: Exception) -> None:
+        """Tell trouble once."""
+        if self.has_trouble:
+            return
+        self.has_trouble = True
+        _LOG.warning("a session could not be written by itself: %s", error)
+        if self.on_trouble is not None:
+            self.on_trouble(f"Nothing is kept by itself for now, save the session yourself: {_why(error)}")
+
+
+def _run(job: _Job) -> None:
+    try:
+        assert job.refer is not None
+        job.reference = job.refer()
+        job.refer = None  # and with it the volume
+        _safely(lambda: job.on_ready and job.on_ready(job.reference))  # type: ignore[arg-type]
+        is_pruned = False
+        while (snapshot := job.take()) is not None:
+            try:
+                job.write(snapshot)
+                job.has_trouble = False
+                if not is_pruned and job.entry is not None:
+                    is_pruned = True
+                    prune(job.folder)
+            except Exception as error:  # a full disk, a folder that is gone or read-only
+                _safely(lambda error=error: job.say(error))  # type: ignore[misc]
+            del snapshot
+    except Exception:
+        _LOG.exception("a session is not written by itself")
+    finally:
+        _safely(job.leave)
+        _RUNNING.pop(threading.current_thread(), None)
+
+
+def _safely(action: Callable[[], Any]) -> None:
+    try:
+        action()
+    except Exception:
+        _LOG.exception("a session's own saving met trouble")
+
+
+def _bare(deformation: Deformation) -> Deformation:
+    """Without its volume, which does not count when documents are compared."""
+    return replace(deformation, volume=None)
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, DeformError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the folder of sessions'}: {error.strerror or error}."
+    return f"{type(error).__name__}: {error}"
+
+
+# -- the end of the process --------------------------------------------------------------------------------------------
+
+_RUNNING: dict[threading.Thread, _Job] = {}
+_HELD: set[int] = set()
+
+
+@atexit.register
+def _end_all() -> None:
+    """Write what waits; what was not saved is offered when its volume is opened again."""
+    running = list(_RUNNING.items())
+    for _, job in running:
+        job.end("open")
+    until = time.monotonic() + _PATIENCE_AT_EXIT
+    for thread, _ in running:
+        thread.join(max(0.0, until - time.monotonic()))
+
+
+def _let_go() -> None:
+    """In a copy of the process: the files belong to the original."""
+    for descriptor in _HELD:
+        os.close(descriptor)
+    _HELD.clear()
+    _RUNNING.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
