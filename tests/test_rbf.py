@@ -375,3 +375,103 @@ def test_results_are_arrays_of_the_right_kind() -> None:
         assert value.dtype == np.float64
     oracle.assert_close(fit_rbf(points, kernel=WendlandC2(SUPPORT)).displacement(points.source),
                                fit.displacement(points.source), atol=0)
+
+
+# ---- points with support radii of their own -------------------------------------------------------------------------
+
+OWN_KERNELS = [k for k in KERNELS if KERNEL_ORDER[k] == 0]
+RADII = [30.0, None, 55.0, 20.0, None, 80.0, 40.0]
+
+
+@cache
+def own_radii(kernel: str, trend: str, dim: int) -> tuple[ControlPoints, RBFInterpolant]:
+    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim), radius=RADII)
+    return points, fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("trend", TRENDS)
+@pytest.mark.parametrize("kernel", OWN_KERNELS)
+def test_points_with_their_own_radii_are_interpolated(kernel: str, trend: str, dim: int) -> None:
+    points, fit = own_radii(kernel, trend, dim)
+    np.testing.assert_allclose(fit.displacement(points.target), points.displacement, atol=CLOSE * 10)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_their_fit_is_that_of_the_literal_system(dim: int) -> None:
+    """Least squares for the trend, then Phi_ij = phi(|x_i - x_j| / R_j) for what it leaves, by NumPy alone."""
+    points, fit = own_radii("wendland_c2", "affine", dim)
+    x, d = points.target, points.displacement
+    radii = np.array([SUPPORT if r is None else r for r in RADII])
+    trend = np.column_stack([x, np.ones(len(x))])
+    coefficients = np.linalg.lstsq(trend, d, rcond=None)[0]
+
+    def phi(at: np.ndarray) -> np.ndarray:
+        rho = np.linalg.norm(at[:, None] - x[None], axis=2) / radii
+        return np.maximum(1 - rho, 0) ** 4 * (4 * rho + 1)
+
+    alpha = np.linalg.solve(phi(x), d - trend @ coefficients)
+    at = elsewhere(dim)
+    expected = np.column_stack([at, np.ones(len(at))]) @ coefficients + phi(at) @ alpha
+    np.testing.assert_allclose(fit.displacement(at), expected, atol=CLOSE * 10)
+    np.testing.assert_allclose(np.asarray(fit(at)), expected, atol=1e-3)
+    lines = np.zeros((dim, 1))
+    np.testing.assert_allclose(fit.on_outer_sum(at.T, lines, 1.0)[:, :, 0].T, expected, atol=1e-3)
+
+
+def test_a_radius_that_is_that_of_all_changes_nothing() -> None:
+    points, fit = fitted("wendland_c2", "similarity", 2)
+    same = fit_rbf(ControlPoints.from_arrays(points.source, points.target, radius=[SUPPORT] * 7), support=SUPPORT,
+                   trend="similarity")
+    assert same.scales is None
+    np.testing.assert_array_equal(same.displacement(elsewhere(2)), fit.displacement(elsewhere(2)))
+
+
+def test_beyond_its_own_radius_a_point_changes_nothing() -> None:
+    near, far = [20.0, 20.0], [70.0, 20.0]
+    still, moved = (ControlPoints.from_arrays([near, far], [near, [70.0 + step, 20.0]], radius=[10, 15])
+                    for step in (0, 4))
+    apart = np.array([[20.0, 20.0], [70.0, 36.0], [55.0, 5.0]])
+    fits = [fit_rbf(points, support=SUPPORT, trend="none") for points in (still, moved)]
+    np.testing.assert_array_equal(fits[1].displacement(apart), fits[0].displacement(apart))
+    np.testing.assert_allclose(fits[1].displacement([74.0, 20.0]), [-4.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [k for k in KERNELS if KERNEL_ORDER[k] > 0])
+def test_kernels_without_an_end_refuse_radii_of_their_own(kernel: str) -> None:
+    points = ControlPoints.from_arrays(sources(2), radius=RADII)
+    with pytest.raises(DeformError, match=f"radii of their own, and the {kernel} kernel"):
+        fit_rbf(points, kernel=kernel)
+    fit_rbf(ControlPoints.from_arrays(sources(2), radius=[None] * 7), kernel=kernel)
+
+
+def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
+    # Two points a millimetre apart that reach ten metres: the columns of Phi are equal but for 1e-13.
+    points = ControlPoints.from_arrays([[5, 0], [0.001, 3], [60, 0]], [[0, 0], [0.001, 0], [60, 0]],
+                                       radius=[1e4, 2e4, 20])
+    with pytest.raises(DeformError, match=r"do not go together.*closest are"):
+        fit_rbf(points, trend="none", support=100.0)
+
+
+# ---- the derivative in closed form ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kernel", "trend", "dim", "own"), [(*case, False) for case in CASES] + [
+    (*case, True) for case in CASES if case[0] in OWN_KERNELS])
+def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, dim: int, own: bool) -> None:
+    _, fit = (own_radii if own else fitted)(kernel, trend, dim)
+    x, h = elsewhere(dim), 1e-4
+    differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)],
+                           axis=-1)
+    np.testing.assert_allclose(fit.jacobian(x), differences, atol=2e-6)
+    lattice = fit.jacobian_on_outer_sum(x.T, np.zeros((dim, 1)))
+    np.testing.assert_allclose(np.moveaxis(lattice[..., 0], -1, 0), fit.jacobian(x), atol=1e-4)
+
+
+@pytest.mark.parametrize("kernel", ["wendland_c2", "wendland_c4", "gaussian", "multiquadric", "cubic"])
+def test_the_jacobian_of_smooth_kernels_is_finite_and_right_at_a_control_point(kernel: str) -> None:
+    points, fit = fitted(kernel, "affine", 2)
+    x, h = points.target, 1e-4
+    differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)],
+                           axis=-1)
+    np.testing.assert_allclose(fit.jacobian(x), differences, atol=1e-5)
