@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -41,7 +42,8 @@ MAIN = """(cases) => cases.map(({ points, settings, raster, places }) => {
 def as_json(points: ControlPoints) -> list[dict[str, Any]]:
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
-         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k])}
+         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
+         "locked": bool(points.locked[k]), "radius": None if np.isnan(points.radius[k]) else float(points.radius[k])}
         for k in range(len(points))
     ]
 
@@ -53,6 +55,13 @@ def scattered(n: int = 12, size: float = 14.0, seed: int = 1) -> ControlPoints:
     source = lattice + rng.uniform(-30, 30, lattice.shape)
     return ControlPoints.from_arrays(source, source + rng.normal(0, size, source.shape),
                                      weight=rng.uniform(0.5, 3, len(source)))
+
+
+def with_radii(points: ControlPoints, low: float = 60.0, high: float = 240.0) -> ControlPoints:
+    """Two of three points with a radius of their own."""
+    radius = np.random.default_rng(5).uniform(low, high, len(points))
+    radius[::3] = np.nan
+    return replace(points, radius=radius)
 
 
 def shifted(points: ControlPoints, by: list[float]) -> ControlPoints:
@@ -72,6 +81,13 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
         found[f"{kernel}-{trend}-turned"] = (ControlPoints.from_arrays(line, turned), both)
         found[f"{kernel}-{trend}-one"] = (ControlPoints.from_arrays([[5, 6]], [[7, 9]]), {**both, "support": 100.0})
         found[f"{kernel}-{trend}-two"] = (ControlPoints.from_arrays([[5, 6], [90, 70]], [[7, 9], [70, 90]]), both)
+    for kernel, trend in (pair for pair in PAIRS if KERNELS[pair[0]].order == 0):
+        both = {"kernel": kernel, "trend": trend}
+        found[f"{kernel}-{trend}-radii"] = (with_radii(some), {**both, "support": 200.0})
+        found[f"{kernel}-{trend}-radii-smooth"] = (with_radii(some), {**both, "smoothing": 0.3, "support": 260.0})
+        found[f"{kernel}-{trend}-radii-line"] = (with_radii(ControlPoints.from_arrays(line, bent), 40.0, 90.0), both)
+        found[f"{kernel}-{trend}-radii-one"] = (ControlPoints.from_arrays([[5, 6]], [[7, 9]], radius=[40.0]),
+                                                {**both, "support": 100.0})
     off = some.edit(3, active=False).edit(7, active=False)
     same = some.add(some.source[2], some.target[2], name="twin")
     crossing = ControlPoints.from_arrays([[0, 0], [100, 0], [0, 90], [100, 90]], [[100, 0], [0, 0], [0, 90], [100, 90]])
@@ -83,6 +99,14 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
     found |= {
         "none": (ControlPoints.empty(), {}), "all switched off": (some.edit(0, active=False).take([0]), {}),
         "at rest": (some.reset(), {}), "some off": (off, {}), "merged": (same, {}),
+        "radii of a kernel without end": (with_radii(some), {"kernel": "thin_plate"}),
+        "radii switched off": (replace(some, radius=np.where(np.arange(12) == 3, 50.0, np.nan)).edit(3, active=False),
+                               {"kernel": "thin_plate"}),
+        "radii that are all alike": (replace(some, radius=np.full(12, 80.0)), {}),
+        "radii and merged": (with_radii(same.edit(12, radius=33.0)), {}),
+        "radii at rest": (with_radii(some.reset()), {}),
+        "radii that do not go together": (ControlPoints.from_arrays(
+            [[0, 0], [1, 0], [0, 90]], [[0, 9], [1, -9], [0, 90]], radius=[1e6, 2e6, 3e6]), {"kernel": "wendland_c4"}),
         "merged with smoothing": (some.add(some.source[2], some.target[2] + 0.0), {"smoothing": 1.0}),
         "far away": (shifted(some, [1e6, -1e6]), {}), "crossing": (crossing, {}), "piled": (piled, {}),
         "nearly a line": (nearly, {}),
@@ -142,6 +166,13 @@ def test_the_jacobian_in_the_browser_is_that_of_the_package(kernel: str, trend: 
     fit: AbstractField = fit_rbf(points, **settings)
     # Not at the points themselves, where a kernel with a kink has no slope and the two round to different sides.
     oracle = fit.jacobian(np.array([[33.0, 44.0], [-300.0, 900.0]]))
+    assert np.abs(np.array(answers()[name]["jacobian"][3:]) - oracle).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", [name for name in cases() if name.endswith("-radii")])
+def test_so_is_the_jacobian_of_points_with_radii_of_their_own(name: str) -> None:
+    points, settings = cases()[name]
+    oracle = fit_rbf(points, **settings).jacobian(np.array([[33.0, 44.0], [-300.0, 900.0]]))
     assert np.abs(np.array(answers()[name]["jacobian"][3:]) - oracle).max() < 1e-9
 
 

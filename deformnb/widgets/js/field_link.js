@@ -116,7 +116,7 @@ class FieldLink {
 
 /** Equal for points that give the same fit. */
 function pointsKey(points) {
-  return JSON.stringify(points.map((p) => [p.id, p.source, p.target, p.active !== false, p.weight ?? 1]));
+  return JSON.stringify(points.map((p) => [p.id, p.source, p.target, p.active !== false, p.weight ?? 1, p.radius ?? null]));
 }
 
 function madeKey(points, shapes) { return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name])); }

@@ -27,12 +27,13 @@ function fieldWithSlope(fit, a, b, out) {
 // y + D(y) and its Jacobian at (a, b) in one pass over the centres: [a', b', j00, j01, j10, j11].
 function mapWithSlope(fit, a, b, out) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
-  const { centers: x, coefficients: alpha, linear, constant, count } = fit;
+  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const { profile, slope } = RBF_KERNELS[fit.kernel];
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
   let j00 = linear[0][0], j01 = linear[0][1], j10 = linear[1][0], j11 = linear[1][1];
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j], dq = q - x[j + 1], s = dp * dp + dq * dq, phi = profile(s), g = 2 * slope(s);
+    const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
+    const s = (dp * dp + dq * dq) * w, phi = profile(s), g = 2 * w * slope(s);
     u += alpha[j] * phi;
     v += alpha[j + 1] * phi;
     j00 += alpha[j] * g * dp;

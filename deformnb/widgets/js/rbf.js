@@ -6,7 +6,8 @@
 //   rbfOnRaster(fit, raster)    -> Float32Array (nv * nu * 2) of displacements at the pixels of {shape, spacing, origin}
 //   RBF_KERNELS, RBF_TRENDS     the same names, in the same order, as KERNELS and TRENDS of the package
 //
-// points: [{id, name, source: [a, b], target: [a, b], active, weight}]
+// points: [{id, name, source: [a, b], target: [a, b], active, weight, radius}]; radius: null, or a support radius of the
+//   point's own
 // settings: {kernel, support, trend, smoothing, strength, lone_support, previous}; all may be left out.
 // fit.notes are for people; those of them in fit.doubts say that the map may fold, which is not measured here.
 // All arithmetic is in float64, as in the package; a test compares the two for every kernel and trend.
@@ -21,6 +22,7 @@ const RBF_LARGEST_SET = 2000;
 const RBF_LARGEST_COORDINATE = 1e15;
 const RBF_RESIDUAL = 1e-7;
 const RBF_ROUNDING = 1e-10;
+const RBF_MOST_GAIN = 1e5;
 const RBF_STEEP = 10;
 const RBF_NO_ANGLE = 1e-6;
 const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
@@ -90,6 +92,10 @@ function rbfFit(points, settings = {}) {
   rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
   rbfCheckPoints(points);
   const active = points.filter((p) => p.active !== false);
+  if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
+    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, knows ` +
+      "none; choose a Wendland kernel or the Gaussian, or clear their radii.");
+  }
   if (active.length > RBF_LARGEST_SET) {
     throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
       "for; switch some off or thin them out.");
@@ -140,6 +146,10 @@ function rbfCheckPoints(points) {
     const weight = p.weight ?? 1;
     if (!(Number.isFinite(weight) && weight > 0)) {
       throw new RbfError(`the weight of ${rbfLabel(p)} is ${weight}; weights must be positive numbers.`);
+    }
+    const radius = p.radius ?? 1;
+    if (!(radius > 0 && radius <= RBF_LARGEST_COORDINATE)) {
+      throw new RbfError(`the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that of all.`);
     }
   }
 }
@@ -245,7 +255,9 @@ function rbfIdentity(ready, kernel, trend, support) {
     centers[2 * k] = (q.x[0] - ready.origin[0]) / support;
     centers[2 * k + 1] = (q.x[1] - ready.origin[1]) / support;
   });
-  return { count: ready.n, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
+  const radii = ready.merged.map((q) => q.point.radius ?? ready.radius), isOwn = radii.some((r) => r !== ready.radius);
+  const scales = isOwn ? Float64Array.from(radii, (r) => ready.radius / r) : null;
+  return { count: ready.n, scales, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
     constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
 }
 
@@ -257,8 +269,14 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready.basis, turn, kernel, ready.trend);
-  const largest = (array) => array.reduce((most, value) => (Math.abs(value) <= most ? most : Math.abs(value)), 0);
+  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready.basis, turn, kernel, ready.trend,
+    fit.scales);
+  const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
+    : Math.abs(value)), 0);
+  if (fit.scales && !(largest(alpha) <= RBF_MOST_GAIN * largest(d))) {
+    throw new RbfError("the support radii that these control points have of their own do not go together: the system is " +
+      `nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
+  }
   if (!(largest(miss) <= RBF_RESIDUAL * largest(d) + RBF_ROUNDING * largest(fit.centers))) {
     throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
       `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
@@ -272,81 +290,16 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
     doubts: crossed };
 }
 
-// Positions of the neighbours of a point, nearest first, itself left out.
-function rbfNeighbours(merged, k, count) {
-  const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
-  const best = [];
-  merged.forEach((q, j) => {
-    if (j === k) return;
-    const gap = distance(q);
-    if (best.length === count && gap >= best[count - 1][0]) return;
-    let at = best.length;
-    while (at > 0 && best[at - 1][0] > gap) at--;
-    best.splice(at, 0, [gap, j]);
-    if (best.length > count) best.pop();
-  });
-  return best;
-}
-
-function rbfClosest(ready) {
-  if (ready.n < 2) return "a single point";
-  let found = [Infinity, 0, 0];
-  for (let k = 0; k < ready.n; k++) {
-    const [[gap, j]] = rbfNeighbours(ready.merged, k, 1);
-    if (gap < found[0]) found = [gap, k, j];
-  }
-  return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
-}
-
-function rbfWarnings(ready, map) {
-  const notes = [];
-  if (ready.trend === "affine" && rbfSpectralNorm(map) > RBF_STEEP) {
-    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
-      "in one plane; the trend similarity would not");
-  }
-  const spread = (place) => Math.max(...[0, 1].map((k) => {
-    const all = ready.merged.map((q) => place(q)[k]);
-    return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
-  }));
-  const collapses = { affine: "the trend collapses everything to one place",
-    similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
-  const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
-  if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
-    notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
-  }
-  return notes;
-}
-
-function rbfCrossingPairs(ready, map, most = 3) {
-  const { merged, n } = ready;
-  if (n < 2) return [];
-  const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
-  const pairs = new Map();
-  for (let i = 0; i < n; i++) {
-    for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
-      const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
-      const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
-        Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
-      const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
-      // In quarters of an octave, as in deformnb.degenerate: neither rounding nor a small move changes who is named.
-      const degree = Math.round(4 * Math.log2(beside / along));
-      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
-    }
-  }
-  const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
-  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - RBF_FAR_BEHIND).sort(([p], [q]) => p - q)
-    .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
-}
-
 // ---- evaluation -----------------------------------------------------------------------------------------------------
 
 function rbfAt(fit, a, b) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
-  const { centers: x, coefficients: alpha, linear, constant, count } = fit;
+  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const profile = RBF_KERNELS[fit.kernel].profile;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j], dq = q - x[j + 1], phi = profile(dp * dp + dq * dq);
+    const dp = p - x[j], dq = q - x[j + 1], s = dp * dp + dq * dq;
+    const phi = profile(scales ? s * scales[k] * scales[k] : s);
     u += alpha[j] * phi;
     v += alpha[j + 1] * phi;
   }
@@ -355,10 +308,11 @@ function rbfAt(fit, a, b) {
 
 function rbfJacobianAt(fit, a, b) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
-  const { centers: x, coefficients: alpha, linear, count } = fit, slope = RBF_KERNELS[fit.kernel].slope;
+  const { centers: x, coefficients: alpha, linear, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
   let [[m00, m01], [m10, m11]] = linear;
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j], dq = q - x[j + 1], g = 2 * slope(dp * dp + dq * dq);
+    const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
+    const g = 2 * w * slope((dp * dp + dq * dq) * w);
     m00 += alpha[j] * g * dp;
     m01 += alpha[j] * g * dq;
     m10 += alpha[j + 1] * g * dp;
@@ -373,7 +327,7 @@ function rbfOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, [du, dv] = raster.spacing, r = fit.support;
   const map = out ?? new Float32Array(nv * nu * 2);
   const step = du / r, p0 = (raster.origin[0] - fit.origin[0]) / r;
-  const { centers: x, coefficients: alpha, linear, constant, count } = fit;
+  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const { profile, compact } = RBF_KERNELS[fit.kernel], row = new Float64Array(2 * nu);
   for (let i = 0; i < nv; i++) {
     const q = (raster.origin[1] + i * dv - fit.origin[1]) / r;
@@ -383,13 +337,13 @@ function rbfOnRaster(fit, raster, out = null) {
       row[2 * k + 1] = linear[1][0] * p + linear[1][1] * q + constant[1];
     }
     for (let c = 0, j = 0; c < count; c++, j += 2) {
-      const au = alpha[j], av = alpha[j + 1], dq2 = (q - x[j + 1]) ** 2;
-      if ((au === 0 && av === 0) || (compact && dq2 >= 1)) continue;
-      const reach = compact ? Math.sqrt(1 - dq2) : Infinity;
+      const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq2 = (q - x[j + 1]) ** 2;
+      if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
+      const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
       const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
       const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
       for (let k = first; k <= last; k++) {
-        const dp = p0 + k * step - x[j], phi = profile(dp * dp + dq2);
+        const dp = p0 + k * step - x[j], phi = profile((dp * dp + dq2) * w);
         row[2 * k] += au * phi;
         row[2 * k + 1] += av * phi;
       }

@@ -2,17 +2,20 @@
 // Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
 
 // alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
-function rbfSolve(x, d, nugget, basis, turn, kernel, trend) {
+// scales: null, or support / R_j of points with support radii R_j of their own.
+function rbfSolve(x, d, nugget, basis, turn, kernel, trend, scales = null) {
   const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
   for (let i = 0; i < n; i++) {
     for (let j = 0; j <= i; j++) {
-      const dp = x[2 * i] - x[2 * j], dq = x[2 * i + 1] - x[2 * j + 1];
-      phi[i * n + j] = phi[j * n + i] = profile(dp * dp + dq * dq);
+      const dp = x[2 * i] - x[2 * j], dq = x[2 * i + 1] - x[2 * j + 1], s = dp * dp + dq * dq;
+      phi[i * n + j] = profile(scales ? s * scales[j] * scales[j] : s);
+      phi[j * n + i] = scales ? profile(s * scales[i] * scales[i]) : phi[i * n + j];
     }
     phi[i * n + i] += nugget[i];
   }
   let solved;
-  if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, basis);
+  if (scales) solved = rbfLeastSquares(phi, x, d, basis, turn, trend);
+  else if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, basis);
   else if (trend === "none") {
     solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
   } else solved = rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend);
@@ -132,6 +135,30 @@ function rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend) {
   return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
 }
 
+// For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves.
+function rbfLeastSquares(phi, x, d, basis, turn, trend) {
+  const n = x.length / 2, mean = [0, 0, 0, 0], s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+  let linear = [[0, 0], [0, 0]], constant = [0, 0];
+  if (trend !== "none") {
+    for (let i = 0; i < n; i++) for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < 2; k++) {
+        for (let j = 0; j < 2; j++) {
+          const c = x[2 * i + j] - mean[j];
+          s[k][j] += (x[2 * i + k] - mean[k]) * c;
+          h[k][j] += (x[2 * i + k] - mean[k] + d[2 * i + k]) * c;
+        }
+      }
+    }
+    const m = rbfTrendMap(s, h, basis, turn, trend);
+    linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+    constant = [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]);
+  }
+  const left = Float64Array.from(d, (value, i) => value - constant[i % 2] - linear[i % 2][0] * x[i - (i % 2)] -
+    linear[i % 2][1] * x[i - (i % 2) + 1]);
+  return { alpha: rbfFactored(phi, n)(left, 2), linear, constant };
+}
+
 function rbfTrendMap(s, h, basis, turn, trend) {
   if (trend === "translation") return [[1, 0], [0, 1]];
   const size = s[0][0] + s[1][1];
@@ -237,4 +264,72 @@ function rbfRotationOf(fit) {
   const c = m[0][0] + m[1][1], s = m[1][0] - m[0][1], length = Math.hypot(c, s);
   if (!(m[0][0] * m[1][1] - m[0][1] * m[1][0] > 0) || length === 0) return [[1, 0], [0, 1]];
   return [[c / length, -s / length], [s / length, c / length]];
+}
+
+// ---- remarks on a fit, as deformnb.degenerate makes them ------------------------------------------------------------
+
+// Positions of the neighbours of a point, nearest first, itself left out.
+function rbfNeighbours(merged, k, count) {
+  const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
+  const best = [];
+  merged.forEach((q, j) => {
+    if (j === k) return;
+    const gap = distance(q);
+    if (best.length === count && gap >= best[count - 1][0]) return;
+    let at = best.length;
+    while (at > 0 && best[at - 1][0] > gap) at--;
+    best.splice(at, 0, [gap, j]);
+    if (best.length > count) best.pop();
+  });
+  return best;
+}
+
+function rbfClosest(ready) {
+  if (ready.n < 2) return "a single point";
+  let found = [Infinity, 0, 0];
+  for (let k = 0; k < ready.n; k++) {
+    const [[gap, j]] = rbfNeighbours(ready.merged, k, 1);
+    if (gap < found[0]) found = [gap, k, j];
+  }
+  return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
+}
+
+function rbfWarnings(ready, map) {
+  const notes = [];
+  if (ready.trend === "affine" && rbfSpectralNorm(map) > RBF_STEEP) {
+    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
+      "in one plane; the trend similarity would not");
+  }
+  const spread = (place) => Math.max(...[0, 1].map((k) => {
+    const all = ready.merged.map((q) => place(q)[k]);
+    return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
+  }));
+  const collapses = { affine: "the trend collapses everything to one place",
+    similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
+  const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
+  if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
+    notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
+  }
+  return notes;
+}
+
+function rbfCrossingPairs(ready, map, most = 3) {
+  const { merged, n } = ready;
+  if (n < 2) return [];
+  const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
+  const pairs = new Map();
+  for (let i = 0; i < n; i++) {
+    for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
+      const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
+      const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
+        Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
+      const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
+      // In quarters of an octave, as in deformnb.degenerate: neither rounding nor a small move changes who is named.
+      const degree = Math.round(4 * Math.log2(beside / along));
+      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
+    }
+  }
+  const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
+  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - RBF_FAR_BEHIND).sort(([p], [q]) => p - q)
+    .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
 }
