@@ -27,7 +27,14 @@ from .fields import AbstractField as AbstractField
 from .fields import DisplacementField as DisplacementField
 from .fields import blend as blend
 from .fields import compose as compose
+from .folds import Folds as Folds
+from .folds import folds_of as folds_of
+from .folds import jacobian_determinant as jacobian_determinant
+from .folds import largest_safe as largest_safe
 from .forward import warp_points as warp_points
+from .inversion import Inverse as Inverse
+from .inversion import invert as invert
+from .inversion import round_trip as round_trip
 from .io.documents import read_deformation as read_deformation
 from .io.documents import write_deformation as write_deformation
 from .io.formats import FORMATS as FORMATS
@@ -69,6 +76,8 @@ from .script import as_python as as_python
 from .session import Session as Session
 from .session_store import restore as restore
 from .session_store import saved_sessions as saved_sessions
+from .strain import Stretches as Stretches
+from .strain import stretches as stretches
 from .surfaces import Mesh as Mesh
 from .surfaces import filled as filled
 from .surfaces import isosurface as isosurface

@@ -19,9 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.cuts import Decoupled
 from deformnb.errors import DeformError
 from deformnb.expression import evaluate
-from deformnb.fields import AbstractField
+from deformnb.fields import AbstractField, Blended, Identity
 from deformnb.plane import Plane
 from deformnb.volume import Grid
 
@@ -223,7 +224,7 @@ class Extrusion(AbstractField):
 
     def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         frame = self.plane.frame.astype(np.float32)
-        r, c = self._lines(rows, columns)
+        r, c = self.lines(rows, columns)
         depth = r[2][:, None] + c[2][None, :]
         inner = np.zeros((2, 3, *depth.shape), dtype=np.float32)
         for m, w, slope in zip(self.maps, self.weights_at(depth), self.slopes_at(depth), strict=True):
@@ -232,7 +233,7 @@ class Extrusion(AbstractField):
                 inner[:, 2] += slope.astype(np.float32) * m.on_outer_sum(r[:2], c[:2], 1.0)
         return np.einsum("am,abrc,bk->mkrc", frame[:2], inner, frame, optimize=True)
 
-    def _lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Rows and columns of an outer sum in coordinates (a, b, c) of the plane."""
         frame = self.plane.frame
         first = frame @ (np.asarray(rows, dtype=np.float64) - np.asarray(self.plane.origin)[:, None])
@@ -240,7 +241,7 @@ class Extrusion(AbstractField):
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         frame = self.plane.frame
-        r, c = self._lines(rows, columns)
+        r, c = self.lines(rows, columns)
         weights = self.weights_at(r[2][:, None] + c[2][None, :])
         total = np.zeros((2, r.shape[1], c.shape[1]), dtype=np.float32)
         for m, w in zip(self.maps, weights, strict=True):
@@ -267,13 +268,41 @@ class Extrusion(AbstractField):
 
     def axis_of(self, grid: Grid) -> int | None:
         """The array axis of ``grid`` (0 z, 1 y, 2 x) along which the plane's normal runs; None if it is oblique."""
-        direction, normal = np.asarray(grid.direction), np.asarray(self.plane.normal)
-        along = np.abs(direction.T @ normal)
-        k = int(along.argmax())
-        # sine of the angle below 1e-6: over 1000 voxels it moves nothing by more than a thousandth of a voxel. The axis
-        # itself counts too: the columns of a direction may be four digits off right angles.
-        sines = np.linalg.norm(np.delete(along, k)), np.linalg.norm(np.cross(direction[:, k], normal))
-        return 2 - k if max(sines) < 1e-6 else None
+        return _axis_along(self.plane, grid, 1e-6)
+
+
+def _axis_along(plane: Plane, grid: Grid, sine: float) -> int | None:
+    direction, normal = np.asarray(grid.direction), np.asarray(plane.normal)
+    along = np.abs(direction.T @ normal)
+    k = int(along.argmax())
+    # A sine below 1e-6 moves nothing by more than a thousandth of a voxel over 1000 voxels. The axis itself counts too:
+    # the columns of a direction may be four digits off right angles.
+    sines = np.linalg.norm(np.delete(along, k)), np.linalg.norm(np.cross(direction[:, k], normal))
+    return 2 - k if max(sines) < sine else None
+
+
+def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> frozenset[int]:
+    """The array axes of ``grid`` along which a field in space is certainly the same: one slice then tells all.
+
+    Parameters
+    ----------
+    sine : of the angle between the normal of a replication and an axis, at most.
+    """
+    if isinstance(field, Identity):
+        return frozenset(range(3))
+    if isinstance(field, Extrusion):
+        plane, parts = field.plane, []
+        if not field.is_replication:
+            return frozenset()
+    elif isinstance(field, Decoupled) and field.plane is not None:
+        plane, parts = field.plane, list(field.fields)
+    elif isinstance(field, Blended) or len(field.steps) > 1:
+        common = [unchanging_axes(f, grid, sine) for f in (field.fields if isinstance(field, Blended) else field.steps)]
+        return frozenset.intersection(*common)
+    else:
+        return frozenset()
+    own = _axis_along(plane, grid, sine)
+    return frozenset(() if own is None else (own,)).intersection(*(unchanging_axes(f, grid, sine) for f in parts))
 
 
 def extrude(plane: Plane, grid: Grid, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:

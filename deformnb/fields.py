@@ -52,6 +52,11 @@ class AbstractField(ABC):
         """True if the field jumps and hides matter along cuts; see :mod:`deformnb.cuts`."""
         return False
 
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        """The deformations that this one does one after the other, first to last; most fields are one by themselves."""
+        return (self,)
+
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
         """The paper's transparency map A (...) at points (..., dim): 1 shows what was brought there, 0 hides it."""
         return np.ones(np.shape(points)[:-1])
@@ -277,6 +282,10 @@ class Composed(AbstractField):
         x = np.asarray(points, dtype=np.float64)
         then = self.then.jacobian(x)
         return then + self.first.jacobian(x + self.then.displacement(x)) @ (np.eye(self.dim) + then)
+
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        return (*self.first.steps, *self.then.steps)
 
     @property
     def has_cuts(self) -> bool:

@@ -60,6 +60,10 @@ class Staged(AbstractField):
         """Remarks of all fits, each once."""
         return tuple(dict.fromkeys(note for fit in self.fits for note in fit.notes))
 
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        return self.fits
+
     def __call__(self, points: Any) -> Any:
         y = points
         for fit in reversed(self.fits):  # backwards: the place in the result is looked up in the last stage first
