@@ -43,6 +43,7 @@ _LOG = logging.getLogger(__name__)
 LONGEST_WAIT = 5.0
 """Seconds after the first edit of a row at which it is written though the next comes: as many delays as a default."""
 
+_WATCHED = ["deformation", "index", "key", "saved"]
 _PATIENCE_AT_EXIT = 3.0
 _WAIT_AT_CLOSE = 1.0
 
@@ -91,7 +92,7 @@ class Autosave:
         self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
         job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
         self._session = weakref.ref(session)
-        session.observe(job.note, ["deformation", "saved"])
+        session.observe(job.note, _WATCHED)
         self._thread = threading.Thread(target=_run, args=(job,), name="deformnb-autosave", daemon=True)
         _RUNNING[self._thread] = job
         self._thread.start()
@@ -131,8 +132,8 @@ class Autosave:
             when the volume is opened again.
         """
         session = self._session()
-        if session is not None and self._thread.is_alive():
-            session.unobserve(self._job.note, ["deformation", "saved"])
+        if session is not None and not self._job.ended:
+            session.unobserve(self._job.note, _WATCHED)
         self._job.end("closed" if orderly else "open")
         if threading.current_thread() is not self._thread:
             self._thread.join(_WAIT_AT_CLOSE)
@@ -150,6 +151,7 @@ class _Job:
         self.saved: Deformation | None = None
         self.changed = threading.Condition()
         self.waiting: _Snapshot | None = None
+        self.edited = datetime.now(UTC)
         self.since = self.due = 0.0
         self.is_urgent = self.is_busy = False
         self.ended = ""  # the state in which the session is left
@@ -164,13 +166,15 @@ class _Job:
     # -- from the session's threads ------------------------------------------------------------------------------------
 
     def note(self, change: Any) -> None:
-        """An edit was made, or the session was saved; this takes microseconds."""
+        """An edit was made, another step chosen, or the session saved; this takes microseconds."""
         session, now = change["owner"], time.monotonic()
         with self.changed:
             if change["name"] == "saved":
                 self.saved = None if session.saved is None else _bare(session.saved)
+            if change["name"] == "deformation":
+                self.edited = datetime.now(UTC)
             is_first = self.waiting is None
-            self.waiting = _Snapshot(session.deformation, session.index, session.key, datetime.now(UTC))
+            self.waiting = _Snapshot(session.deformation, session.index, session.key, self.edited)
             self.since = now if is_first else self.since
             self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
             if is_first:  # else the thread waits already, and looks at the time again when it wakes
@@ -223,7 +227,8 @@ class _Job:
         while self.replaced:
             mark(self.replaced.pop(), "restored")
         if self.on_written is not None:
-            self.on_written(self.entry)
+            told, entry = self.on_written, self.entry
+            _safely(lambda: told(entry))
 
     def _begin(self) -> None:
         """Make the file that is held while the session runs."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from deformnb.autosave import Autosave
 from deformnb.deformation import VolumeReference
 from deformnb.errors import DeformError
 from deformnb.session import Session
-from deformnb.session_store import SavedSession, counted, delete, moment, restore, saved_sessions, skip
+from deformnb.session_store import SavedSession, counted, delete, moment, restore, saved_sessions, skip, state_folder
 
 COMMANDS = ("restore", "skip", "delete")
 """What can be done with a lost session."""
@@ -53,7 +54,8 @@ class Recovery:
         self._say, self._changed = say, changed
         self._ready = threading.Event()
         self._differs = session.deformation if session.deformation.volume is not None else None
-        self.autosave = Autosave(session, on_ready=_weakly(self._look), on_written=_weakly(self._note),
+        self._folder = Path(options.pop("folder", None) or state_folder())
+        self.autosave = Autosave(session, self._folder, on_ready=_weakly(self._look), on_written=_weakly(self._note),
                                  on_trouble=say, **options)
 
     @property
@@ -104,7 +106,7 @@ class Recovery:
 
     def _look(self, reference: VolumeReference) -> None:
         try:
-            self.lost = saved_sessions(reference, self.autosave.folder)
+            self.lost = saved_sessions(reference, self._folder)
             if self._differs is not None:
                 difference, self._differs = self.session.difference(self._differs), None
                 if difference:

@@ -81,6 +81,7 @@ class Bridge:
         """Called by trame with the protocol of its server, in the thread of its event loop."""
         self._root = root
         self._loop = asyncio.get_running_loop()
+        self.desk.thread.call(self._tell)  # what has changed before there was a loop
 
     def close(self) -> None:
         """Say no more to the pages."""

@@ -143,5 +143,5 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
     }
 
 
-ACTIONS = ("undo", "redo", "reset", "save", "front", "beside")
+ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete")
 """What a page may ask for by name."""

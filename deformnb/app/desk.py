@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from deformnb.app.controls import ACTIONS, control_table
@@ -17,6 +18,7 @@ from deformnb.deformation import lone_support
 from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
+from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.point_labels import edit_label
@@ -68,6 +70,7 @@ class Desk:
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.on_history(self.act)
+        self.recovery = Recovery(session, self._told, self._tell)
         self.thread.latest("warm up", session.warm_up)
         self._show()
 
@@ -121,12 +124,15 @@ class Desk:
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "front": lambda: self._look(*_camera(self.session.plane)),
             "beside": lambda: self._look(*_beside(self.session.plane)),
+            **{name: partial(self.recovery.act, name) for name in COMMANDS},
         }
         self._try(actions[name])
 
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
-        return to_json(self.session.document())
+        document = self.session.document()
+        self.session.saved = document  # the page hands it to the browser's downloads
+        return to_json(document)
 
     def receive(self, name: str, message: dict[str, Any]) -> None:
         """A message of the page for one of the widgets, as its comm would bring it."""
@@ -152,6 +158,7 @@ class Desk:
             "show_radius": self.editor.show_radius,
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
+            "lost": self.recovery.offer,
             "facts": f"{count} points, {moved} moved" + _step_text(session),
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
         }
@@ -247,8 +254,23 @@ class Desk:
 
         self.thread.call(tell)
 
+    def _tell(self) -> None:
+        def tell() -> None:
+            self.changed()  # looked up when it is called: the bridge may come later
+
+        self.thread.call(tell)
+
+    def _told(self, text: str) -> None:
+        """What is said from another thread."""
+        def tell() -> None:
+            self.session.notice = text
+            self.changed()
+
+        self.thread.call(tell)
+
     def close(self) -> None:
-        """End the thread."""
+        """End the threads; what was not saved is offered to who opens the volume again."""
+        self.recovery.close(orderly=False)
         if self.remote is not None:
             self.remote.close()
         self.thread.close()

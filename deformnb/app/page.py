@@ -17,6 +17,8 @@ _GROUPS = (
 _SHOWN_IF = {"depth": "method === 'slice'", "curve": "extrusion === 'modulate'", "key": "extrusion === 'interpolate'"}
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
+_LOST = (("restore", "Restore", "Go on with it; can be undone"),
+         ("skip", "Skip", "Offer it no more; its file is kept for 30 days"))
 _THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"
 _SAVE = "utils.download(dnb_document, trigger('save'), 'application/json')"
 
@@ -38,9 +40,10 @@ def build_page(server: Any, desk: Desk) -> None:
                           "vue_use": ["deformnb_app"]})
     state = server.state
     state.trame__title = f"{name} - deformnb"
-    state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer,
+    state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer, "dnb_sure": False,
                   "dnb_document": f"{_plain(name)}-session.json"})
-    state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "trame_error_report_msg"]
+    state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "dnb_sure",
+                                "trame_error_report_msg"]
     shapes = " × ".join(str(n) for n in desk.session.volume.shape[::-1])
     with VAppLayout(server) as layout:
         layout.root.theme = ("dnb_theme",)
@@ -61,8 +64,21 @@ def build_page(server: Any, desk: Desk) -> None:
             html.Span("{{ facts }}")
             html.Span("{{ latency }}", classes="dnb-app-soft")
             html.Span("{{ notice }}", classes="dnb-app-notice")
+        _lost(v, html)
         with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
             html.Span("{{ error }}")
+
+
+def _lost(v: Any, html: Any) -> None:
+    """What is offered to who opens a volume on which something was lost."""
+    with html.Div(classes="dnb-app-lost", v_if=("lost",), role="status", __properties=["role"]):
+        html.Span("{{ lost }}")
+        for name, title, hint in _LOST:
+            v.VBtn(title, size="small", variant="flat" if name == "restore" else "text", color="primary",
+                   click=f"trigger('{name}')", title=hint, __properties=["title"])
+        v.VBtn("{{ dnb_sure ? 'Delete for good?' : 'Delete' }}", size="small", variant="text", color="primary",
+               click="dnb_sure ? trigger('delete') : 0; dnb_sure = !dnb_sure", title="Remove its file",
+               __properties=["title"])
 
 
 def _widget(name: str, source: str) -> None:

@@ -29,7 +29,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
         for reference in shown:
             earlier = reference()
             if earlier is not None:
-                earlier.close()
+                getattr(earlier, "leave", earlier.close)()  # nobody has said that what it holds can go
         shown = []
     _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import html
 import re
 import threading
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import ipywidgets as ipw
 
+from deformnb.deformation import Deformation
 from deformnb.document import LONGEST, from_json
-from deformnb.errors import Cancelled, DeformError
+from deformnb.errors import Cancelled, DeformError, FileChangedError, OtherVolumeError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session import Session
 from deformnb.widgets.controls import Guard, Panel, button, row
@@ -62,9 +66,10 @@ class FilesPanel(Panel):
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
         self.said = ipw.Label("")
         self.hand_over = HandOver()
+        self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel, self.bar]
-        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.said), self.hand_over])
+        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.said), self.question.box, self.hand_over])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
@@ -79,7 +84,10 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        frozen = Frozen.of(self.session, dict(self._view.camera))
+        self._begin(path, Frozen.of(self.session, dict(self._view.camera)), downloads)
+
+    def _begin(self, path: Path, frozen: Frozen, downloads: bool) -> None:
+        self.question.forget()
         self._stop.clear()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
@@ -99,6 +107,11 @@ class FilesPanel(Panel):
                 self.hand_over.download(path.name, path.read_bytes())
         except Cancelled:
             said = f"Stopped; {path.name} was not written."
+        except FileChangedError:
+            over = replace(frozen, save=partial(frozen.save, overwrite=True))
+            self.question.ask(f"{path.name} has been changed by someone else since it was opened or saved here. Write "
+                              "it under another name, or over theirs?", "Write over it",
+                              lambda: self._begin(path, over, downloads))
         except Exception as error:
             reason = error
             self.guard(lambda: _raise(reason))
@@ -129,7 +142,17 @@ class FilesPanel(Panel):
         content = bytes(file["content"])
         if len(content) > LONGEST:
             raise DeformError(f"this file has {len(content) / 1e6:.0f} MB; a session is a short JSON file.")
-        self.session.take(from_json(content))
+        document = from_json(content)
+        self.question.forget()
+        try:
+            self._opened(document)
+        except OtherVolumeError:
+            self.said.value = ""
+            self.question.ask(self.session.difference(document), "Open it all the same",
+                              lambda: self._opened(document, allow_other_volume=True))
+
+    def _opened(self, document: Deformation, allow_other_volume: bool = False) -> None:
+        self.session.take(document, allow_other_volume=allow_other_volume)
         self.said.value = "Opened."
 
     def _copy(self) -> None:
@@ -140,6 +163,45 @@ class FilesPanel(Panel):
         """Stop what is being written."""
         self._stop.set()
         self._thread.close()
+
+
+class Question:
+    """A line that asks before something is done, with two buttons; unseen while nothing is asked.
+
+    Parameters
+    ----------
+    guard : runs what is agreed to and shows what went wrong with it.
+
+    Attributes
+    ----------
+    box : the line; text : what is asked; agree, refuse : the buttons.
+    """
+
+    def __init__(self, guard: Guard) -> None:
+        self._action: Callable[[], None] | None = None
+        self.text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
+        self.agree = button("", "", lambda: guard(self._agreed))
+        self.refuse = button("Cancel", "Leave everything as it is", self.forget)
+        self.box = row(self.text, self.agree, self.refuse)
+        self.forget()
+
+    def ask(self, text: str, agreement: str, action: Callable[[], None]) -> None:
+        """Ask, and do this if the answer is yes; what was asked before is forgotten."""
+        self._action = action
+        self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
+        self.agree.description = self.agree.tooltip = agreement
+        self.box.layout.display = ""
+
+    def forget(self) -> None:
+        """Ask nothing."""
+        self._action = None
+        self.box.layout.display = "none"
+
+    def _agreed(self) -> None:
+        action = self._action
+        self.forget()
+        if action is not None:
+            action()
 
 
 def plain_name(text: str) -> str:

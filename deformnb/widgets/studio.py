@@ -32,6 +32,7 @@ from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.restore_bar import RestoreBar
 from deformnb.widgets.shape_messages import checked_shapes, shapes_of
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
@@ -105,8 +106,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
         self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names)
-        super().__init__(parts.arranged(self._editors, self.view, self._panels, [self._status, self._notice]),
-                         layout=ipw.Layout(width="100%", max_width="1600px"))
+        self._bar = RestoreBar(self.session, self._edited, self._weakly(Studio._say))
+        arranged = parts.arranged(self._editors, self.view, self._panels, [self._status, self._notice])
+        super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
         self._link.turn()
@@ -347,8 +349,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
+    def leave(self) -> None:
+        """End as :meth:`close` does, and offer what was not saved to the next studio of the volume."""
+        self._bar.leave()
+        self.close()
+
     def close(self) -> None:
-        """End the studio with all its widgets and its threads."""
+        """End the studio with all its widgets and its threads; what was not saved is given up."""
         worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
         if worker is None or worker.is_closed:
             return

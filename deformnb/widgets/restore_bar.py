@@ -1,0 +1,114 @@
+"""A bar at the top of the studio: what was lost when a kernel died, and that it has died just now.
+
+Python tells what it offers and when the session was last written by itself. The page asks for one of three things:
+``{"type": "act", "what": "restore", "version": 3}``; what was meant for an offer of before is dropped.
+"""
+
+from __future__ import annotations
+
+import logging
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import anywidget
+import traitlets
+
+from deformnb.recovery import COMMANDS, Recovery
+from deformnb.session import Session
+from deformnb.widgets.assets import joined, style
+
+_LOG = logging.getLogger(__name__)
+
+
+class RestoreBar(anywidget.AnyWidget):
+    """Writes a session after each edit and offers the lost ones on its volume; nothing is seen while there is none.
+
+    Parameters
+    ----------
+    session : what is edited.
+    guard : runs an edit and shows what went wrong with it.
+    say : shows a text.
+    options : of :class:`~deformnb.autosave.Autosave`.
+
+    Attributes
+    ----------
+    offer : what is asked; written : when the session was last written, for a page whose kernel has gone.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> bar = RestoreBar(Session(PHANTOMS["bar"].make((8, 8, 8))), lambda action: action() is None, str)
+    >>> bar.offer
+    ''
+    >>> bar.close()
+    """
+
+    _esm = joined("elements.js", "restore_bar.js")
+    _css = style("restore_bar.css")
+
+    offer = traitlets.Unicode("").tag(sync=True)
+    written = traitlets.Unicode("").tag(sync=True)
+    version = traitlets.Int(0).tag(sync=True)
+
+    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], say: Callable[[str], None],
+                 **options: Any) -> None:
+        self._recovery: Recovery | None = None
+        super().__init__()
+        self._guard = guard
+        self.on_msg(self._received)
+        self._recovery = Recovery(session, say, _weakly_shown(self), **options)
+        self.show()  # what was found before this line
+
+    @property
+    def recovery(self) -> Recovery:
+        """What writes and restores."""
+        assert self._recovery is not None
+        return self._recovery
+
+    def show(self) -> None:
+        """Show what is offered now."""
+        if self._recovery is None or self.comm is None:
+            return
+        with self.hold_sync():
+            if self.offer != self._recovery.offer:
+                self.version += 1
+                self.offer = self._recovery.offer
+            self.written = self._recovery.written
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        try:
+            what = content.get("what") if isinstance(content, dict) and content.get("type") == "act" else None
+            if not isinstance(what, str) or what not in COMMANDS:
+                _LOG.warning("a message to the bar of lost sessions was dropped: %.200r", content)
+            elif content.get("version") == self.version:
+                self._guard(lambda: self.recovery.act(what))
+        except Exception:  # it must not end the conversation with the page
+            _LOG.exception("the bar of lost sessions failed")
+        finally:
+            self.send({"type": "done"})
+
+    def set_state(self, sync_data: Any) -> None:
+        """The page owns nothing here."""
+
+    def leave(self) -> None:
+        """End, and offer what was not saved to who opens the volume again."""
+        if self._recovery is not None:
+            self._recovery.close(orderly=False)
+
+    def close(self) -> None:
+        """End; what was not saved is offered no more."""
+        if self._recovery is not None:
+            self._recovery.close()
+        super().close()
+
+
+def _weakly_shown(bar: RestoreBar) -> Callable[[], None]:
+    reference = weakref.ref(bar)
+
+    def show() -> None:
+        found = reference()
+        if found is not None:
+            found.show()
+
+    return show

@@ -1,0 +1,207 @@
+"""Sessions that write themselves: when, what, and that nothing about it stops an edit."""
+
+from __future__ import annotations
+
+import gc
+import json
+import shutil
+import time
+import weakref
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driven_studio import wait_for
+
+from deformnb import autosave as module
+from deformnb.autosave import Autosave, restore, saved_sessions
+from deformnb.deformation import LazyReference
+from deformnb.session import Session
+from deformnb.volume import Grid, Volume
+
+
+def a_volume(seed: int = 0) -> Volume:
+    values = np.random.default_rng(seed).integers(0, 255, (6, 7, 8)).astype(np.uint8)
+    return Volume(values, Grid((6, 7, 8)), "noise")
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(a_volume())
+
+
+def entries(volume: Volume, every: bool = True) -> list[Any]:
+    return saved_sessions(volume, every=every)
+
+
+def test_an_edit_is_written_after_a_pause_and_a_row_of_edits_once(session: Session, state_folder: Path) -> None:
+    told: list[Any] = []
+    saving = Autosave(session, delay=0.3, on_written=told.append)
+    for k in range(10):
+        session.change(strength=0.1 * k)
+    assert told == []
+    wait_for(lambda: told)
+    assert len(told) == 1
+    assert restore(told[0]).steps == session.deformation.steps
+    assert told[0].path.parent == state_folder / "sessions"
+    assert told[0].is_live
+    assert entries(session.volume, every=False) == []  # it runs
+    saving.close()
+
+
+def test_edits_without_a_pause_are_written_all_the_same(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LONGEST_WAIT", 2.0)
+    told: list[Any] = []
+    saving = Autosave(session, delay=0.4, on_written=told.append)
+    end = time.monotonic() + 20
+    while not told and time.monotonic() < end:
+        session.change(strength=0.5 + 0.4 * np.sin(time.monotonic()))
+        time.sleep(0.02)
+    assert told
+    saving.close()
+
+
+def test_what_was_left_is_lost_and_comes_back_exactly(session: Session) -> None:
+    saving = Autosave(session, delay=60)
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, middle + np.array([0.1, 1 / 3])))
+    session.set_view("+z")
+    session.edit_step(0)
+    saving.close(orderly=False)
+    (entry,) = entries(session.volume, every=False)
+    assert restore(entry).steps == session.deformation.steps
+    assert (entry.points, entry.steps, entry.index) == (9, 2, 0)
+    assert [p.suffix for p in entry.path.parent.iterdir()] == [".json"]
+
+
+def test_what_was_closed_or_saved_or_never_edited_is_not_lost(session: Session, tmp_path: Path) -> None:
+    saving = Autosave(session)
+    saving.flush()
+    assert entries(session.volume) == []
+    session.change(strength=0.5)
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["open"]
+    session.save(tmp_path / "a.json")
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["saved"]
+    session.change(strength=0.6)
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["open"]
+    while session.undo():
+        pass
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["unchanged"]
+    session.redo()
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["saved"]  # as it is in the file
+    session.change(strength=0.65)
+    saving.close()
+    assert [e.state for e in entries(session.volume)] == ["closed"]
+    assert entries(session.volume, every=False) == []
+    session.change(strength=0.7)  # nobody listens any more
+    saving.close()
+
+
+def test_an_edit_before_the_checksum_is_known_is_kept(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    of, slow = LazyReference.__call__, []
+
+    def slowly(self: LazyReference) -> Any:
+        while not slow:
+            time.sleep(0.01)
+        return of(self)
+
+    monkeypatch.setattr(LazyReference, "__call__", slowly)
+    saving = Autosave(session, delay=0.01)
+    start = time.perf_counter()
+    session.change(strength=0.5)
+    assert time.perf_counter() - start < 5
+    time.sleep(0.1)
+    assert not slow
+    slow.append(True)
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["open"]
+    saving.close()
+
+
+def test_trouble_is_told_once_and_editing_goes_on(session: Session, tmp_path: Path) -> None:
+    told: list[str] = []
+    place = tmp_path / "no" / "folder"
+    place.parent.write_text("a file is in the way")
+    saving = Autosave(session, place, delay=0.01, on_trouble=told.append)
+    for strength in (0.5, 0.6):
+        session.change(strength=strength)
+        saving.flush()
+    assert len(told) == 1
+    assert "save the session yourself" in told[0]
+    assert "\n" not in told[0]
+    place.parent.unlink()
+    session.change(strength=0.7)
+    saving.flush()
+    assert [e.state for e in saved_sessions(session.volume, place, every=True)] == ["open"]
+    shutil.rmtree(place.parent)  # while it runs: it is made again, and held again
+    session.change(strength=0.8)
+    saving.flush()
+    (entry,) = saved_sessions(session.volume, place, every=True)
+    assert entry.is_live
+    assert restore(entry).steps[0].strength == 0.8
+    shutil.rmtree(place.parent)
+    place.parent.write_text("again")
+    session.change(strength=0.9)
+    saving.flush()
+    assert len(told) == 2
+    saving.close()
+
+
+def test_a_failing_listener_stops_nothing(session: Session) -> None:
+    def fail(_given: Any) -> None:
+        raise RuntimeError("of another")
+
+    saving = Autosave(session, delay=0.01, on_ready=fail, on_written=fail, on_trouble=fail)
+    session.change(strength=0.5)
+    saving.flush()
+    assert len(entries(session.volume)) == 1
+    saving.close()
+
+
+def test_what_is_continued_is_offered_until_the_new_one_is_written(session: Session) -> None:
+    first = Autosave(session)
+    session.change(strength=0.5)
+    first.close(orderly=False)
+    (lost,) = entries(session.volume, every=False)
+    later = Session(session.volume)
+    saving = Autosave(later, delay=60)
+    later.edit_document(restore(lost), "restore")
+    saving.replaces(lost)
+    assert entries(session.volume, every=False) == [lost]
+    saving.flush()
+    assert [e.state for e in entries(session.volume)] == ["open", "restored"]
+    saving.close()
+
+
+def test_neither_session_nor_volume_is_kept_alive() -> None:
+    session = Session(a_volume())
+    saving = Autosave(session)
+    session.change(strength=0.5)
+    saving.flush()
+    alive, thread, volume = weakref.ref(session), saving._thread, weakref.ref(session.volume)
+    del session
+    gc.collect()
+    assert alive() is None
+    assert volume() is None
+    del saving
+    gc.collect()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_the_file_is_text_that_can_be_read_without_the_program(session: Session) -> None:
+    saving = Autosave(session)
+    session.change(strength=0.5)
+    saving.close(orderly=False)
+    (entry,) = entries(session.volume)
+    facts, document = entry.path.read_text(encoding="utf-8").split("\n", 1)
+    assert json.loads(facts)["points"] == 4
+    assert json.loads(document)["steps"][0]["strength"] == 0.5
+    assert entry.path.stat().st_mode & 0o077 in (0o000, 0o044, 0o066)
+    assert entry.path.parent.stat().st_mode & 0o077 == 0
