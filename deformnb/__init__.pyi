@@ -57,6 +57,8 @@ from .movie import write_movie as write_movie
 from .picture import PROJECTIONS as PROJECTIONS
 from .picture import Picture as Picture
 from .picture import project as project
+from .placing import PLACES as PLACES
+from .placing import placed as placed
 from .plane import VIEWS as VIEWS
 from .plane import Plane as Plane
 from .plane import Raster as Raster
@@ -69,6 +71,7 @@ from .render import RENDERERS as RENDERERS
 from .render import image_places as image_places
 from .render import render_pair as render_pair
 from .render import render_volume as render_volume
+from .replay import replay as replay
 from .rigid_motion import RigidMotion as RigidMotion
 from .rigid_parts import RigidPart as RigidPart
 from .rigid_parts import fit_rigid as fit_rigid

@@ -1,4 +1,4 @@
-"""The command ``deformnb``: demo, app, lab, warp, info, datasets, doctor.
+"""The command ``deformnb``: demo, app, lab, warp, replay, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
+from deformnb.cli_replay import add_replay
 from deformnb.cli_stages import stages
 from deformnb.cli_warp import add_spacing, add_warp, read_input
 from deformnb.errors import Cancelled, DeformError
@@ -91,7 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, _add_info, _add_datasets, _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, add_replay, _add_info, _add_datasets,
+                _add_doctor):
         add(commands)
     return parser
 

@@ -29,7 +29,7 @@ from deformnb.regions import AbstractRegion
 from deformnb.rigid_parts import RigidPart
 from deformnb.staged import Fit, check_stages, fit_points
 from deformnb.trend import trend_named
-from deformnb.volume import Grid, Volume
+from deformnb.volume import Grid, Matrix3, Volume
 from deformnb.warp import warp
 
 
@@ -213,12 +213,15 @@ class VolumeReference:
     name : of the volume; never a path.
     shape, spacing : of its grid.
     sha256 : of type, shape and voxels.
+    origin, direction : of its grid; None in documents of before 1.2.
     """
 
     name: str
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
     sha256: str
+    origin: tuple[float, float, float] | None = None
+    direction: Matrix3 | None = None
 
     @classmethod
     def of(cls, volume: Volume) -> VolumeReference:
@@ -226,7 +229,15 @@ class VolumeReference:
         digest = hashlib.sha256(f"{volume.dtype.name} {volume.shape} ".encode())
         for plane in volume.values:  # slice by slice: a strided or mapped array is never copied whole
             digest.update(np.ascontiguousarray(plane).data)
-        return cls(volume.name, volume.shape, volume.grid.spacing, digest.hexdigest())
+        grid = volume.grid
+        return cls(volume.name, volume.shape, grid.spacing, digest.hexdigest(), grid.origin, grid.direction)
+
+    @property
+    def grid(self) -> Grid | None:
+        """Where the volume lay; None if that is not known."""
+        if self.origin is None or self.direction is None:
+            return None
+        return Grid(self.shape, self.spacing, self.origin, self.direction)
 
     def matches(self, volume: Volume) -> bool:
         """True if the voxels are the same; the name does not count."""
@@ -292,7 +303,7 @@ class Deformation:
 
     Examples
     --------
-    >>> from deformnb.volume import Grid, Volume
+    >>> from deformnb.volume import Grid, Matrix3, Volume
     >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
     >>> deformation = Deformation.on_picture(volume.grid, "+z", points)

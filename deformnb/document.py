@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -22,6 +23,7 @@ from deformnb.document_reader import Reader
 from deformnb.document_regions import cut_to_data, part_to_data, read_cut, read_part
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
+from deformnb.volume import Grid
 
 FORMAT = "deformnb-deformation"
 VERSION = (1, 2)
@@ -151,7 +153,10 @@ def _migrate(data: dict[str, Any]) -> dict[str, Any]:
 def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
     if volume is None:
         return None
-    return {"name": volume.name, "shape": list(volume.shape), "spacing": list(volume.spacing), "sha256": volume.sha256}
+    data = {"name": volume.name, "shape": list(volume.shape), "spacing": list(volume.spacing), "sha256": volume.sha256}
+    if volume.grid is not None:
+        data |= {"origin": list(volume.grid.origin), "direction": [list(row) for row in volume.grid.direction]}
+    return data
 
 
 def _step_data(step: Step) -> dict[str, Any]:
@@ -200,7 +205,23 @@ def _volume(r: Reader) -> VolumeReference:
     digest = r.text("sha256")
     if not re.fullmatch(r"[0-9a-f]{64}", digest):
         raise DeformError(f"{r.where}.sha256 must be 64 hexadecimal digits.")
-    return VolumeReference(r.text("name", ""), (int(z), int(y), int(x)), (a, b, c), digest)
+    reference = VolumeReference(r.text("name", ""), (int(z), int(y), int(x)), (a, b, c), digest)
+    if r.data.get("origin") is None or r.data.get("direction") is None:
+        return reference
+    return _with_place(reference, r)
+
+
+def _with_place(reference: VolumeReference, r: Reader) -> VolumeReference:
+    rows = r.data["direction"]
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise DeformError(f"{r.where}.direction must be three rows of three numbers.")
+    direction = tuple(Reader({"row": row}, f"{r.where}.direction[{k}]").numbers("row", 3) for k, row in enumerate(rows))
+    x, y, z = r.numbers("origin", 3)
+    try:
+        grid = Grid(reference.shape, reference.spacing, (x, y, z), direction)  # type: ignore[arg-type]
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+    return replace(reference, origin=grid.origin, direction=grid.direction)
 
 
 def _step(r: Reader) -> Step:
