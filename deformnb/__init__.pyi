@@ -48,9 +48,14 @@ from .io.meshes import MESH_FORMATS as MESH_FORMATS
 from .io.meshes import read_mesh as read_mesh
 from .io.meshes import write_mesh as write_mesh
 from .kernels import KERNELS as KERNELS
+from .kriging import Uncertainty as Uncertainty
+from .kriging import uncertainty as uncertainty
 from .landmarks import Landmarks as Landmarks
 from .landmarks import warp_landmarks as warp_landmarks
+from .likeness import MEASURES as MEASURES
 from .masks import Mask as Mask
+from .matching import fit_targets as fit_targets
+from .matching import snap_to_match as snap_to_match
 from .movie import animation_frames as animation_frames
 from .movie import deformation_frames as deformation_frames
 from .movie import write_movie as write_movie
@@ -62,6 +67,9 @@ from .placing import placed as placed
 from .plane import VIEWS as VIEWS
 from .plane import Plane as Plane
 from .plane import Raster as Raster
+from .quality import FitQuality as FitQuality
+from .quality import bending_energy as bending_energy
+from .quality import fit_quality as fit_quality
 from .rbf import RBFInterpolant as RBFInterpolant
 from .rbf import fit_rbf as fit_rbf
 from .regions import HalfSpace as HalfSpace

@@ -22,7 +22,7 @@ _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-l
 _GROUP = 4  # centres per turn of the inner loop
 
 
-def _few_sizes(tiles: int) -> int:
+def few_sizes(tiles: int) -> int:
     """A number of tiles rounded up by at most an eighth, so that few shapes compile and little work is wasted."""
     step = max(1, 2 ** (tiles.bit_length() - 4))
     return -(-tiles // step) * step
@@ -119,7 +119,7 @@ def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64],
 def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
                 dtype: Any, what: Sum) -> NDArray[Any]:
     dim, n = rows.shape
-    padded = np.zeros((dim, _few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
+    padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
         out = _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
@@ -142,7 +142,7 @@ def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstrac
                what: Sum) -> NDArray[Any]:
     dim, n = points.shape
     block = 64 if n <= 64 else 4096
-    count = _few_sizes(-(-n // block)) if n else 1
+    count = few_sizes(-(-n // block)) if n else 1
     padded = np.zeros((count * block, dim), dtype=dtype)
     padded[:n] = points.T
     with float64():
