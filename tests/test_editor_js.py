@@ -76,8 +76,8 @@ def test_points_from_anywhere_are_cleaned() -> None:
     assert run_script(("edits.js",), main, None) == [[], [good]]
 
 
-MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "maps.js",
-        "fold_map.js")
+MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js",
+        "cut_fits.js", "maps.js", "fold_map.js")
 
 
 def test_the_inverse_is_that_of_the_package() -> None:

@@ -22,7 +22,7 @@ from deformnb.regions import LARGEST_SHAPE, AbstractRegion, HalfSpace, Line, Pol
 from deformnb.rigid_motion import RigidMotion
 from deformnb.rigid_parts import RigidPart, fit_rigid
 
-FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js")
+FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js")
 SQUARE = [(120, 90), (260, 80), (280, 230), (140, 240)]
 HOOK = [(60, 300), (60, 60), (400, 40), (420, 200), (300, 220), (310, 120), (140, 140), (150, 310)]
 BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]

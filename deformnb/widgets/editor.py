@@ -31,8 +31,8 @@ from deformnb.widgets.point_messages import OVERLAYS, Message, RefusedMessage, h
 from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
 from deformnb.widgets.static_picture import with_png
 
-_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "cut_fits.js", "link.js",
-          "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
+_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js",
+          "cut_fits.js", "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
           "fold_map.js", "overlay.js", "shape_handles.js", "handles.js", "toolbar.js", "pen.js", "gestures.js",
           "editor_drawing.js", "editor_shapes.js", "editor.js")
 

@@ -46,10 +46,10 @@ from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.view_messages import measured, picture, take_traits, text, whole
 
-_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "cut_fits.js", "link.js",
-          "elements.js", "volume_blocks.js", "raycast_glsl.js", "programs.js", "raycast.js", "camera.js",
-          "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
-          "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
+_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
+          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "programs.js", "raycast.js",
+          "camera.js", "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js",
+          "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -110,7 +110,8 @@ class Refit:
     def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         strength = settings["strength"]
         dragged = points if strength == 1 else points.blended(strength)
-        options = {name: settings[name] for name in ("kernel", "trend", "smoothing", "stages")}
+        options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
+        options["stages"] = settings.get("stages", 1)
         options["support"] = settings["support"] or default_support(points) or settings["lone_support"]
         parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
         self._previous = fit_points(dragged, parts, previous=self._previous, **options)

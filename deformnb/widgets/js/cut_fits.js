@@ -1,8 +1,9 @@
-// Fits that cuts keep apart, equal to deformnb.cuts in the plane (Eqs. 7-8). Needs rbf.js, regions.js, rigid_fits.js. No
-// DOM.
+// Fits that cuts keep apart, equal to deformnb.cuts in the plane (Eqs. 7-8). Needs rbf.js, regions.js,
+// rigid_fits.js, staged_fits.js. No DOM.
 //
 //   layeredFit(points, settings)  -> {fits: [{key, sides, fit}], regions, rule, ...}; settings as of rbfFit, and
-//                                    cuts: [{region, name, enabled}], cut_rule: "source" | "paper", parts (rigid_fits.js)
+//                                    cuts: [{region, name, enabled}], cut_rule: "source" | "paper", parts (rigid_fits.js),
+//                                    stages (staged_fits.js)
 //   layersOnRaster(layered, raster, outs)         -> the displacements of each fit, Float32Array (nv * nu * 2)
 //   placeOf(layered, a, b, softness, out)         -> [da, db, opacity, k]: what is seen at a place, from which fit;
 //                                                    k is -1 in a region without points, which does not move
@@ -32,7 +33,7 @@ function layeredFit(points, settings = {}) {
     return bit ? (p & bit) - (q & bit) : 0;
   });
   const fits = inOrder.map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
-    fit: rigidFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
+    fit: stagedFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
   const layered = { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit };
   layered.byKey = new Map(fits.map(({ key }, k) => [key, k]));
   for (const name of ["notes", "doubts"]) layered[name] = [...new Set(fits.flatMap(({ fit }) => fit[name] ?? []))];

@@ -6,6 +6,7 @@ const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at
 
 // y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]. What rigid parts do is differenced.
 function fieldWithSlope(fit, a, b, out) {
+  if (fit.stages) return stagedWithSlope(fit, a, b, out);
   if (!fit.rigid) return mapWithSlope(fit, a, b, out);
   const { rigid, base } = fit, h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
   partsAt(rigid, a, b, at);
@@ -21,6 +22,22 @@ function fieldWithSlope(fit, a, b, out) {
   out[3] = d * (south[0] - north[0]) + w * out[3] + wb * u;
   out[4] = d * (east[1] - west[1]) + w * out[4] + wa * v;
   out[5] = 1 + d * (south[1] - north[1]) + w * (out[5] - 1) + wb * v;
+  return out;
+}
+
+const STAGE_WORK = new Float64Array(6);
+
+// The same of stages, by the chain rule: the last comes first.
+function stagedWithSlope({ stages }, a, b, out) {
+  const t = STAGE_WORK;
+  let m00 = 1, m01 = 0, m10 = 0, m11 = 1, x = a, y = b;
+  for (let k = stages.length - 1; k >= 0; k--) {
+    fieldWithSlope(stages[k], x, y, t);
+    [x, y] = t;
+    [m00, m10] = [t[2] * m00 + t[3] * m10, t[4] * m00 + t[5] * m10];
+    [m01, m11] = [t[2] * m01 + t[3] * m11, t[4] * m01 + t[5] * m11];
+  }
+  out.set([x, y, m00, m01, m10, m11]);
   return out;
 }
 
@@ -50,9 +67,19 @@ function mapWithSlope(fit, a, b, out) {
   return out;
 }
 
-// Where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton from a start.
-// Writes y to `at` (which holds the start) and returns true where it was found; a fold may have no such place.
+// Where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton from a start; in stages,
+// where that goes astray, one after the other. Writes y to `at` (which holds the start) and returns true where it was
+// found; a fold may have no such place.
 function mapInverse(fit, a, b, at, tolerance, work) {
+  if (newtonInverse(fit, a, b, at, tolerance, work)) return true;
+  if (!fit.stages) return false;
+  at[0] = a;
+  at[1] = b;
+  for (const stage of fit.stages) if (!newtonInverse(stage, at[0], at[1], at, 0.1 * tolerance)) return false;
+  return newtonInverse(fit, a, b, at, tolerance, work);
+}
+
+function newtonInverse(fit, a, b, at, tolerance, work) {
   const t = work ?? new Float64Array(6);
   fieldWithSlope(fit, at[0], at[1], t);
   let error = Math.hypot(t[0] - a, t[1] - b);

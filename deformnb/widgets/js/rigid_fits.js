@@ -1,7 +1,8 @@
 // Fits beside rigid parts, equal to deformnb.rigid_parts in the plane (Eq. 6). Needs rbf.js and regions.js. No DOM.
 //
 //   rigidFit(points, parts, settings) -> as rbfFit; with parts switched on also {base, rigid}
-//   fieldAt(fit, a, b), fieldOnRaster(fit, raster, out), isStill(fit)    as rbfAt and rbfOnRaster, of any fit
+//   fieldAt(fit, a, b), fieldOnRaster(fit, raster, out), isStill(fit)    as rbfAt and rbfOnRaster, of any fit, in stages
+//                                                                        (staged_fits.js) as well
 //   heldPoints(points, parts, strength) -> [{point, part}], points in a part that ask for something else than it does
 //
 // parts: [{region, motion: {matrix: [[..], [..]], shift: [..]} | null, weight: "saturated" | "distance", reach, name,
@@ -140,6 +141,7 @@ const PARTS_WORK = new Float64Array(3);
 
 // Whether it displaces nothing at all.
 function isStill(fit) {
+  if (fit.stages) return fit.stages.every(isStill);
   const { base, rigid, count, coefficients, linear, constant } = fit;
   if (rigid && !rigid.every(({ back }) => back.isStill)) return false;
   const plain = base ?? { count, coefficients, linear, constant };
@@ -148,6 +150,7 @@ function isStill(fit) {
 }
 
 function fieldAt(fit, a, b) {
+  if (fit.stages) return stagedAt(fit, a, b);
   if (!fit.rigid) return rbfAt(fit, a, b);
   const [da, db, w] = partsAt(fit.rigid, a, b, PARTS_WORK);
   if (w === 0) return [da, db];
@@ -157,6 +160,7 @@ function fieldAt(fit, a, b) {
 
 function fieldOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2);
+  if (fit.stages) return stagedOnRaster(fit, raster, map);
   if (fit.rigid && fit.base.count === 0) map.fill(0, 0, nv * nu * 2);
   else rbfOnRaster(fit.base ?? fit, raster, map);
   if (!fit.rigid) return map;
