@@ -1,0 +1,304 @@
+"""Targets found by the pictures themselves: one by one by correlation, or all together by climbing a likeness.
+
+Both take two pictures, a moving one that the points deform and a fixed one that it shall look like, in the same
+coordinates; or two volumes, for points in space. What comes out are ordinary control points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from deformnb.climb import Climb
+from deformnb.control_points import ControlPoints
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.grey_images import GreyImage, Pictured, grey_pair
+from deformnb.likeness import Fitting, Measure, Scene, measure_named
+from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.warp_plan import Progress
+
+# Places that are compared at most: a picture of 512^2. Larger ones are compared at every second or third pixel.
+_MOST_PLACES = 2**18
+# Neighbourhood and search of a single point: a share of the picture's diagonal (15 pixels of 256 x 256), or pixels.
+_SHARE, _PIXELS = 1 / 24, 10
+# Below this correlation two neighbourhoods are not the same thing; noise alone was seen to reach 0.35.
+_LEAST_ALIKE = 0.6
+# A place half a neighbourhood away that is as much alike as this leaves open which of the two is meant.
+_AMBIGUOUS = 0.02
+# A standard deviation of the grey values in [0, 1] below this is an even area with noise.
+_EVEN = 0.01
+# Lattice points from the middle of a search to its rim, at most.
+_MOST_STEPS = {2: 200, 3: 24}
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What :func:`fit_targets` found.
+
+    Parameters
+    ----------
+    points : with the targets that were found; the ones given, if nothing better was found.
+    score_before, score_after : likeness of the pictures at the finest level, larger is better.
+    history : (level, likeness) of every iteration.
+    least : the smallest det J of the map on a lattice over the picture; above 0 nothing is folded.
+    """
+
+    points: ControlPoints
+    score_before: float
+    score_after: float
+    history: tuple[tuple[int, float], ...] = field(default=())
+    least: float = 1.0
+
+
+def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, kernel: str = "wendland_c2",
+                support: float | None = None, trend: str = "affine", smoothing: float = 0.0, stages: int = 1,
+                measure: str = "ncc", energy: float = 0.005, levels: Sequence[int] = (4, 2, 1), iterations: int = 40,
+                least: float = 0.05, progress: Progress | None = None) -> Fitted:
+    """Move all targets so that the deformed moving picture looks like the fixed one.
+
+    The likeness is differentiated through the fit and climbed by L-BFGS-B, coarse to fine. The energy of the fit
+    holds it back where the pictures say nothing, and a barrier where det J nears zero, so that the map does not fold.
+
+    Parameters
+    ----------
+    points : control points; those that are locked or switched off stay where they are.
+    moving, fixed : two pictures in one plane, or two volumes for points in space.
+    kernel, support, trend, smoothing, stages : of the fit, as in :class:`~deformnb.deformation.Step`.
+    measure : a name of :data:`~deformnb.likeness.MEASURES`.
+    energy : how much the energy of the fit counts against the likeness; 0 not at all.
+    levels : each level compares every n-th pixel of pictures smoothed accordingly, coarse to fine.
+    iterations : of each level, at most.
+    least : det J that the map keeps everywhere (or what it has now, if that is less).
+    progress : called in every iteration with the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
+
+    Raises
+    ------
+    DeformError
+        If no point may move, the pictures share nothing, or the points cannot be fitted as they are.
+
+    Examples
+    --------
+    >>> from deformnb.picture import Picture
+    >>> from deformnb.plane import Plane, Raster
+    >>> raster = Raster((48, 48), (1.0, 1.0), (0.0, 0.0))
+    >>> def spot(a, b):
+    ...     values = np.exp(-((raster.points() - [a, b]) ** 2).sum(axis=-1) / 60)
+    ...     return Picture(values, Plane((0, 0, 0), (1, 0, 0), (0, 0, -1)), raster, "slice", (0.0, 1.0))
+    >>> points = ControlPoints.from_arrays([[22.0, 22.0]])
+    >>> fitted = fit_targets(points, spot(22, 22), spot(26, 20), trend="translation")
+    >>> fitted.points.target.round(1).tolist(), round(fitted.score_after, 2)
+    ([[26.0, 20.0]], 1.0)
+    """
+    alike = measure_named(measure)
+    pair = grey_pair(points, moving, fixed)
+    start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+    scene = first_scene(points, start, smoothing, energy, alike, stages)
+    climb = Climb(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
+                  progress or (lambda share: None))
+    x, before, after, smallest = climb.run(_checked_levels(levels, pair[0].values.size, points.dim))
+    if x is not scene.x:
+        at = _positions(points, start)
+        free = ~points.locked[at]
+        target = points.target.copy()
+        target[at[free]] = (start.origin + start.support * x[: len(at)])[free]
+        points = replace(points, target=target)
+    return Fitted(points, before, after, tuple(climb.history), smallest)
+
+
+def _checked_levels(levels: Sequence[int], size: int, dim: int) -> list[int]:
+    """Falling factors, none finer than the pictures can be compared at."""
+    if not levels or any(int(n) != n or n < 1 for n in levels):
+        raise DeformError(f"levels must be whole numbers such as (4, 2, 1), got {levels!r:.60}.")
+    finest = int(np.ceil((size / _MOST_PLACES) ** (1 / dim)))
+    return sorted({max(int(n), finest) for n in levels}, reverse=True)
+
+
+def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64]:
+    """Positions of the points behind the centres of a fit; refused where a fit of others would be another one."""
+    at = np.array([points.index(i) for i in start.ids], dtype=np.int64)
+    if len(at) < int(points.active.sum()):
+        merged = [points.label(int(k)) for k in np.flatnonzero(points.active) if k not in at]
+        raise DeformError(f"{merged[0]} lies where another one does; move or delete it before the targets are fitted.")
+    if points.locked[at].all():
+        raise DeformError("no control point may move: all are locked or switched off, or there are none. Add some.")
+    return at
+
+
+def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
+                stages: int) -> Scene:
+    """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
+    at = _positions(points, start)
+    n, size = len(at), len(start.centers)
+    x, source = np.zeros((2, size, points.dim))
+    free, nugget = np.zeros((size, 1)), np.ones(size)
+    x[:n], source[:n] = ((a[at] - start.origin) / start.support for a in (points.target, points.source))
+    free[:n, 0] = ~points.locked[at]
+    nugget[:n] = smoothing / points.weight[at]
+    basis, trend = _basis(x[:n], start)
+    fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, basis, np.eye(points.dim), start.kernel, trend,
+                      stages)
+    return Scene(x, free, fitting, (), float(energy), alike)
+
+
+def _basis(x: NDArray[np.float64], start: RBFInterpolant) -> tuple[NDArray[np.float64], str]:
+    """The span of the points and their trend. One that turns along with the points would not be differentiable."""
+    dim = x.shape[1]
+    sigma = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    flat = len(x) <= dim or sigma[-1] < 1e-6 * sigma[0]
+    if not flat or start.trend != "affine":
+        return np.eye(dim), start.trend
+    if len(x) == 1:
+        return np.zeros((dim, 0)), start.trend
+    if len(x) == 2 and start.kernel.order < 2:
+        return np.eye(dim), "similarity"  # the same map through two points
+    raise DeformError("the control points lie on one line or in one plane, where an affine trend is open; add one "
+                      "beside it, or take the trend similarity and a kernel that goes with it.")
+
+
+@dataclass(frozen=True, eq=False)
+class Snapped:
+    """What :func:`snap_to_match` found.
+
+    Parameters
+    ----------
+    points : with the targets that were found.
+    ids : of the points that were asked for.
+    score : the best correlation of each, NaN where none was looked for.
+    shift : (n, dim) how each target was moved; 0 where it was left.
+    left : why a point was left, by its id.
+    """
+
+    points: ControlPoints
+    ids: tuple[int, ...]
+    score: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    left: dict[int, str]
+
+
+def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pictured, fixed: Pictured, *,
+                  radius: float | None = None, search: float | None = None, map_now: AbstractField | None = None,
+                  progress: Progress | None = None, **fit: Any) -> Snapped:
+    """Move the target of each point to where the fixed picture looks most like what is at the target now.
+
+    What is at the target is the neighbourhood of the source in the moving picture, deformed as it is now. The
+    likeness is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
+    once by FFT, with a quadratic through the best and its neighbours. Every point is found on its own, from the map
+    as it is now. A point is left where its neighbourhood is even, where nothing looks like it (correlation below
+    0.6), where the best place lies at the rim of the search, and where another place looks nearly the same.
+
+    Parameters
+    ----------
+    points : control points.
+    ids : which of them; None for all. Those that are locked or switched off are left.
+    moving, fixed : two pictures in one plane, or two volumes for points in space.
+    radius : of the neighbourhood, a physical length; default 1/24 of the picture's diagonal, or 10 pixels.
+    search : how far a target may go; default is the radius.
+    map_now : the backward displacement now; default is the fit of the points.
+    progress : called for every point with the finished share.
+    fit : kernel, support, trend and smoothing of :func:`~deformnb.rbf.fit_rbf`.
+    """
+    pair = grey_pair(points, moving, fixed)
+    chosen = tuple(points.ids if ids is None else dict.fromkeys(int(i) for i in ids))
+    near = _length(radius, max(_SHARE * pair[0].diagonal, _PIXELS * pair[0].pixel), "radius")
+    window = _Window(*pair, map_now or fit_rbf(points, **fit), near, _length(search, near, "search"))
+    score, shift = np.full(len(chosen), np.nan), np.zeros((len(chosen), points.dim))
+    target, left = points.target.copy(), {}
+    for n, point in enumerate(chosen):
+        if progress is not None:
+            progress(n / len(chosen))
+        k = points.index(point)
+        if points.locked[k] or not points.active[k]:
+            left[point] = "it is locked" if points.locked[k] else "it is switched off"
+            continue
+        score[n], found, why = window.best(points.target[k])
+        if why:
+            left[point] = why
+        else:
+            shift[n] = found
+            target[k] += found
+    if progress is not None:
+        progress(1.0)
+    return Snapped(replace(points, target=target) if shift.any() else points, chosen, score, shift, left)
+
+
+def _length(given: float | None, default: float, what: str) -> float:
+    value = default if given is None else float(given)
+    if not (np.isfinite(value) and value > 0):
+        raise DeformError(f"the {what} must be a positive length, got {given}.")
+    return value
+
+
+class _Window:
+    """Lattices of shifts around a point, and how alike the pictures are at each."""
+
+    def __init__(self, moving: GreyImage, fixed: GreyImage, map_now: AbstractField, radius: float,
+                 search: float) -> None:
+        self._moving, self._fixed, self._map, self._search = moving, fixed, map_now, search
+        self._radius = max(radius, 2 * moving.pixel)
+        self._step = max(min(moving.pixel, fixed.pixel), (self._radius + search) / _MOST_STEPS[moving.dim])
+        near, far = (int(np.ceil(length / self._step)) for length in (self._radius, search))
+        self._disc = self._offsets(near)
+        self._mask = (np.linalg.norm(self._disc, axis=-1) <= self._radius).astype(np.float64)
+        self._shifts, self._all = self._offsets(far), self._offsets(near + far)
+        self._inside = np.linalg.norm(self._shifts, axis=-1) <= search
+
+    def _offsets(self, count: int) -> NDArray[np.float64]:
+        line = self._step * np.arange(-count, count + 1)
+        return np.stack(np.meshgrid(*[line] * self._moving.dim, indexing="ij"), axis=-1)
+
+    def best(self, target: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], str]:
+        """The best correlation, the shift there, and why it is not to be trusted ("" if it is)."""
+        places = target + self._disc
+        pattern = self._moving.at(places + self._map.displacement(places))
+        nothing = np.zeros(len(target))
+        pattern = self._mask * (pattern - (self._mask * pattern).sum() / self._mask.sum())
+        if np.sqrt((pattern**2).sum() / self._mask.sum()) < _EVEN:
+            return np.nan, nothing, "its surroundings are even"
+        alike = self._correlation(pattern, self._fixed.at(target + self._all))
+        here = np.unravel_index(int(np.where(self._inside, alike, -2.0).argmax()), alike.shape)
+        score, found = float(alike[here]), self._shifts[here]
+        if score < _LEAST_ALIKE:
+            return score, nothing, f"nothing within {self._search:.3g} looks like it"
+        around = tuple(slice(max(i - 1, 0), i + 2) for i in here)
+        if self._inside[around].size < 3 ** len(here) or not self._inside[around].all():
+            return score, nothing, "the best place lies at the rim of the search"
+        away = self._inside & (np.linalg.norm(self._shifts - found, axis=-1) >= self._radius / 2)
+        if (alike[away] > score - _AMBIGUOUS).any():
+            return score, nothing, "several places look like it"
+        return score, found + self._step * _summit(alike[around]), ""
+
+    def _correlation(self, pattern: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
+        def sums(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
+            return signal.correlate(values, weights, mode="valid", method="fft")
+
+        count = self._mask.sum()
+        spread = sums(image**2, self._mask) - sums(image, self._mask) ** 2 / count
+        some = spread > _EVEN**2 * count
+        size = np.sqrt(np.where(some, spread, 1.0) * (pattern**2).sum())
+        return np.where(some, sums(image, pattern) / size, 0.0)
+
+
+def _summit(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the quadratic through 3 x 3 (x 3) values by least squares is largest, from the middle; at most 1 away.
+
+    >>> a, b = np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")
+    >>> _summit(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()
+    [0.2, -0.3]
+    """
+    dim = values.ndim
+    at = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    upper = np.triu_indices(dim)
+    terms = np.concatenate([np.ones((len(at), 1)), at, at[:, upper[0]] * at[:, upper[1]]], axis=1)
+    found = np.linalg.lstsq(terms, values.ravel(), rcond=None)[0]
+    curve = np.zeros((dim, dim))
+    curve[upper] = found[1 + dim :]
+    curve = curve + curve.T
+    if np.linalg.eigvalsh(curve).max() >= 0:
+        return np.zeros(dim)
+    return np.clip(np.linalg.solve(curve, -found[1 : 1 + dim]), -1, 1)
