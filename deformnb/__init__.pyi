@@ -94,6 +94,7 @@ from .surfaces import filled as filled
 from .surfaces import isosurface as isosurface
 from .surfaces import signed_distance as signed_distance
 from .surfaces import warp_mesh as warp_mesh
+from .thompson import draw_grids as draw_grids
 from .time_maps import TimeMaps as TimeMaps
 from .transfer import PRESETS as PRESETS
 from .transfer import TransferFunction as TransferFunction

@@ -249,7 +249,7 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
 
 
 def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
-    """Where lines that are drawn on the material go; a line that crosses a cut comes back in pieces.
+    """Where lines that are drawn on the material go; a line that crosses a cut or a fold comes back in pieces.
 
     Parameters
     ----------
@@ -266,8 +266,11 @@ def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 1
     fine = [_refined(np.asarray(line, dtype=np.float64), parts) for line in lines]
     if isinstance(field, Decoupled):
         return [moved for line in fine for piece in _split(line, field) for moved in _moved_piece(piece, field)]
-    moved, _ = warp_points(np.concatenate(fine), field)
-    return np.split(moved, np.cumsum([len(line) for line in fine])[:-1])
+    places = np.concatenate(fine)
+    moved, joined = _followed(places, field)
+    ends = np.cumsum([len(line) for line in fine])[:-1]
+    joined[ends - 1] = False
+    return _runs(moved, joined)
 
 
 def _split(line: NDArray[np.float64], field: Decoupled) -> Lines:
@@ -293,13 +296,25 @@ def _moved_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
     """Where a piece goes with the field of its region, and which parts of it the rule of the cuts shows there."""
     middle = piece[[len(piece) // 2]] if len(piece) > 2 else piece.mean(axis=0, keepdims=True)
     fit = next(f for mask, f in field.of_source(middle) if mask[0])
-    moved = piece if fit is None else warp_points(piece, fit)[0]
-    if field.rule != "paper":
-        return [moved]
-    own = _sides(field, middle)
-    seen = (_sides(field, moved) == own).all(axis=-1)
-    runs = np.split(np.arange(len(moved)), np.flatnonzero(np.diff(seen)) + 1)
-    return [moved[run] for run in runs if len(run) > 1 and seen[run[0]]]
+    moved, joined = (piece, np.ones(len(piece) - 1, dtype=bool)) if fit is None else _followed(piece, fit)
+    if field.rule == "paper":
+        seen = (_sides(field, moved) == _sides(field, middle)).all(axis=-1)
+        joined &= seen[1:] & seen[:-1]
+    return _runs(moved, joined)
+
+
+def _followed(line: NDArray[np.float64], field: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Where the places of a line go, and which of its segments go along with both ends: none that leaps over a fold."""
+    moved, found = warp_points(line, field)
+    middle, expected = (moved[1:] + moved[:-1]) / 2, (line[1:] + line[:-1]) / 2
+    off = np.linalg.norm(middle + field.displacement(middle) - expected, axis=1)
+    return moved, found[1:] & found[:-1] & (off <= np.linalg.norm(np.diff(line, axis=0), axis=1))
+
+
+def _runs(line: NDArray[np.float64], joined: NDArray[np.bool_]) -> Lines:
+    """The stretches of a line whose segments, one less than its places, are joined."""
+    runs = np.split(np.arange(len(line)), np.flatnonzero(~joined) + 1)
+    return [line[run] for run in runs if len(run) > 1]
 
 
 def _sides(field: Decoupled, points: NDArray[np.float64]) -> NDArray[np.bool_]:
