@@ -383,6 +383,17 @@ def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened
     assert text["kernel"] == "wendland_c2"
 
 
+def test_stages_locks_and_radii_come_back_with_the_points(opened: Callable[..., Opened]) -> None:
+    editor, _ = pair()
+    editor.points = editor.points.edit(1, locked=True).edit(2, radius=31.5)
+    editor.stages = 4
+    page = opened(editor)
+    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frame")
+    (step,) = from_json(page.js(f"JSON.stringify({MODELS}.document())")).steps
+    assert step.points == editor.points
+    assert (step.stages, page.js(f"{EDITOR}.fit.stages.length")) == (4, 4)
+
+
 def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
     editor, view = pair()
     low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))

@@ -189,15 +189,23 @@ class StandalonePage {
     this.view?.update({ camera: { ...this.data.view.camera }, shows: this.data.view.shows });
   }
 
+  // Locks and radii stand beside the points, as deformnb/document.py writes them.
+  #own(points) {
+    const locked = points.filter((p) => p.locked).map((p) => p.id);
+    const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);
+    return { ...(locked.length && { locked: [locked] }), ...(radii.length && { radii: [radii] }) };
+  }
+
   // ---- the points as a file -----------------------------------------------------------------------------------------
 
   document() {
     const points = this.editor.get("points"), next = this.editor.get("next_id");
-    const settings = Object.fromEntries(["kernel", "support", "trend", "smoothing", "strength"].map((name) => (
+    const settings = Object.fromEntries(["kernel", "support", "trend", "smoothing", "strength", "stages"].map((name) => (
       [name, this.editor.get(name)])));
     if (!this.data.document) return { points, ...settings };
-    const [step] = this.data.document.steps;
-    return { ...this.data.document, steps: [{ ...step, ...settings, maps: [{ dim: 2, next_id: next, points }] }] };
+    const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
+    const plain = points.map(({ locked, radius, ...point }) => point);
+    return { ...this.data.document, steps: [{ ...step, ...settings, ...own, maps: [{ dim: 2, next_id: next, points: plain }] }] };
   }
 
   download() {
