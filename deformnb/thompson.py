@@ -79,7 +79,7 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     steps = steps_of(what, picture, magnify)
     grids = make_grids(field_of(what, steps, picture, magnify, grid, key), picture, lines)
     sheet = Sheet(picture, grids, overlay, STYLES[style], width)
-    sheet.draw(landmarks_of(steps, key) if landmarks else None, unit, magnify)
+    sheet.draw(landmarks_of(steps, key) if landmarks else None, unit, steps[0].strength if len(steps) == 1 else magnify)
     sheet.write_title(_title(title, steps, key))
     if path is not None:
         save_figure(sheet.figure, path)

@@ -7,5 +7,6 @@ from .space_editor import SpaceEditor as SpaceEditor
 from .standalone import standalone_html as standalone_html
 from .standalone import write_standalone as write_standalone
 from .studio import Studio as Studio
+from .thompson_panel import ThompsonPanel as ThompsonPanel
 from .transfer_editor import TransferEditor as TransferEditor
 from .volume_view import VolumeView as VolumeView

@@ -155,6 +155,9 @@ class Panel:
     def arrange(self) -> None:
         """Show or hide what depends on the session, and fill the menus."""
 
+    def opened(self, is_open: bool) -> None:
+        """Told when the tab of the panel is chosen, and when it is left."""
+
     def close(self) -> None:
         """Stop what the panel does on its own."""
 

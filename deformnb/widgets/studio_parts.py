@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+import weakref
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import ipywidgets as ipw
@@ -88,9 +89,22 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: l
     head, *others = panels
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
                    layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
+    tabs.observe(_tell_opened(others), "selected_index")
     words = ipw.HBox(line, layout=ipw.Layout(width="100%", flex_flow="row wrap", align_items="center",
                                              grid_gap="0 24px"))
     return [pictures, head.box, tabs, words]
+
+
+def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
+    """Tells panels which of them is seen; keeps none of them alive."""
+    known = [weakref.ref(panel) for panel in panels]
+
+    def chosen(change: Any) -> None:
+        for k, reference in enumerate(known):
+            panel = reference()
+            if panel is not None:
+                panel.opened(k == change["new"])
+    return chosen
 
 
 def status_text(session: Session, edit_ms: float | None) -> str:
