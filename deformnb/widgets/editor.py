@@ -27,14 +27,16 @@ from deformnb.staged import Fit, fit_points
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
+from deformnb.widgets.hand_traits import PAGE_TRAITS
 from deformnb.widgets.point_messages import OVERLAYS, Message, RefusedMessage, header
 from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
 from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js",
           "cut_fits.js", "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
-          "fold_map.js", "overlay.js", "shape_handles.js", "handles.js", "toolbar.js", "pen.js", "gestures.js",
-          "editor_drawing.js", "editor_shapes.js", "editor.js")
+          "fold_map.js", "overlay.js", "shape_handles.js", "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js",
+          "brushes.js", "brush_tool.js", "hand_marks.js", "gestures.js",
+          "editor_drawing.js", "editor_shapes.js", "editor_edits.js", "editor_hand.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -72,6 +74,10 @@ class Editor(EditedPoints):
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
     others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
     The same holds for ``cuts`` and ``parts``, which are drawn in the page too.
+    ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what a hand does on one side of the
+    line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap`` is the step of a
+    grid to which a hand's targets keep, 0 for none; ``stop_at_folds`` holds them back before the map folds;
+    ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
     "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
@@ -96,7 +102,7 @@ class Editor(EditedPoints):
     """
 
     _esm = joined(*_FILES)
-    _css = style("editor.css")
+    _css = style("editor.css", "editor_hand.css")
 
     points = PointsTrait(2)
     cuts = ShapesTrait("cuts")
@@ -105,6 +111,10 @@ class Editor(EditedPoints):
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_net = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
+    mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
+    snap = traitlets.Float(0.0).tag(sync=True)
+    stop_at_folds = traitlets.Bool(False).tag(sync=True)
+    brush_radius = traitlets.Float(0.0).tag(sync=True)
     overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
     haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
     haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
@@ -246,6 +256,11 @@ class Editor(EditedPoints):
             raise DeformError('the facts of a haze must be {} or {"width": columns, "height": rows, "legend": [[byte, '
                               f"text], ...]}}, got {value}.")
         return value
+
+    @traitlets.validate("mirror", "snap", "brush_radius")
+    def _of_the_hand(self, proposal: Any) -> Any:
+        PAGE_TRAITS[proposal["trait"].name](proposal["value"])
+        return proposal["value"]
 
     # ---- display ----------------------------------------------------------------------------------------------------
 

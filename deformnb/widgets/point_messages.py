@@ -18,6 +18,7 @@ import numpy as np
 from deformnb.control_points import ControlPoints
 from deformnb.degenerate import LARGEST_SET
 from deformnb.errors import DeformError
+from deformnb.widgets.hand_traits import PAGE_TRAITS
 
 LONGEST_MESSAGE = 65536
 """Bytes of a trait that the page sets at most."""
@@ -208,6 +209,8 @@ def _check_trait(name: Any, value: Any) -> None:
     elif name == "overlay":
         if value not in OVERLAYS:
             raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
+    elif name in PAGE_TRAITS:
+        PAGE_TRAITS[name](value)
     elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
         raise DeformError("the page does not own it.")
 

@@ -37,7 +37,7 @@ from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view_messages import dropping, text, whole
 from deformnb.widgets.worker import Worker
 
-_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "sender.js", "handles.js", "toolbar.js",
+_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "sender.js", "handles.js", "key_help.js", "toolbar.js",
           "editor_drawing.js", "space_edits.js", "space_pane.js", "space_gestures.js", "space_editing.js",
           "space_editor.js")
 
@@ -84,7 +84,7 @@ class SpaceEditor(EditedPoints):
     """
 
     _esm = joined(*_FILES)
-    _css = style("editor.css", "space_editor.css")
+    _css = style("editor.css", "editor_hand.css", "space_editor.css")
 
     points = PointsTrait(3)
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)

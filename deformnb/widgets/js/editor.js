@@ -6,7 +6,7 @@ const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_s
 const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
   switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };
 
-class EditorPage extends EditorShapes {
+class EditorPage extends EditorHand {
   constructor(model, el) {
     super();
     this.model = model;
@@ -17,7 +17,7 @@ class EditorPage extends EditorShapes {
     this.sender.receive();
     Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
       selected: new Set(model.get("selected")), layered: null,
-      error: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
+      error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
     this.painter = new Painter(this.canvas);
@@ -25,6 +25,8 @@ class EditorPage extends EditorShapes {
     this.shapeHandles = new ShapeHandles(this.svg); // under the points
     this.handles = new Handles(this.svg);
     this.pen = new Pen(this);
+    this.brush = new Brush(this);
+    this.marks = new HandMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.#listen();
     this.guard(() => this.showWaiting());
@@ -72,7 +74,7 @@ class EditorPage extends EditorShapes {
     on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
-    const shown = ["density", "show_net", "show_radius", "read_only", "history", ...OVERLAY_TRAITS];
+    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", ...OVERLAY_TRAITS];
     for (const name of shown) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
@@ -181,6 +183,7 @@ class EditorPage extends EditorShapes {
       this.endRename(false);
       this.setAdding(false);
       this.pen.stop();
+      this.brush.stop();
     }
     this.stage.classList.toggle("dnb-ed-waiting", isWaiting);
     this.stage.setAttribute("aria-busy", String(isWaiting));
@@ -191,111 +194,6 @@ class EditorPage extends EditorShapes {
   get box() {
     const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
-  }
-
-  // ---- edits --------------------------------------------------------------------------------------------------------
-
-  // The next list of points, unless it cannot be fitted while the present one can: then it is said why. `kind` is
-  // what Python hears; edits with the same `join` in quick succession are undone as one.
-  edit(points, kind = "move", join = null) {
-    if (this.isLocked || samePoints(points, this.points)) return false;
-    if (!this.error && !this.accepts(points)) return false;
-    if (JSON.stringify(points).length > LONGEST_EDIT) {
-      this.say("These are too many points to send at once. Remove some, or edit in Python.");
-      return false;
-    }
-    this.sender.edit(points, kind, join); // which tells all views, this one too
-    return true;
-  }
-
-  accepts(points, shapes = this.shapes) {
-    try { layeredFit(points, { ...this.settings, ...shapes, previous: this.layered }); } catch (error) {
-      if (!(error instanceof RbfError)) throw error;
-      this.say(error.message, true);
-      this.handles.blink(points.filter((p) => error.message.includes(rbfLabel(p))).map((p) => p.id));
-      return false;
-    }
-    return true;
-  }
-
-  stepHistory(way) {
-    if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
-    this.speak(way === "undo" ? "undone" : "redone");
-  }
-
-  beginDrag() {
-    if (this.isLocked) return;
-    this.drag0 = this.points;
-    this.wasTold = false;
-  }
-
-  drag(ids, dx, dy, what) {
-    if (!this.drag0) return;
-    const points = movedPoints(this.drag0, ids, dx / this.view.k, dy / this.view.k, what);
-    const allowed = this.shapes.parts.length ? this.allowedShare(this.drag0, points) : { share: 1, held: [] };
-    this.points = allowed.share < 1 ? allowed.points : points;
-    this.handles.lock(allowed.held.map(({ point }) => point.id));
-    if (allowed.held.length) {
-      const [{ point, part }] = allowed.held;
-      const why = part.motion ? "has a motion of its own" : "is fixed";
-      this.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
-    }
-    this.changed(true);
-    this.isLive = true;
-  }
-
-  endDrag(isCancelled) {
-    const before = this.drag0, points = this.points;
-    this.drag0 = null;
-    this.handles.lock([]);
-    if (!before) return;
-    this.points = before;
-    if (!isCancelled && this.edit(points)) return;
-    this.points = this.sender.points; // Python may have moved them meanwhile
-    this.changed();
-    if (this.wasTold) this.sender.move(this.points); // Python has seen the drag, and now that it is no more
-  }
-
-  nudge(focused, [dx, dy], pixels, what) {
-    const ids = focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
-    if (ids.length === 0) { this.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
-    if (focused !== null && !this.selected.has(focused)) this.select([focused]);
-    const [du, dv] = this.model.get("raster").spacing;
-    this.edit(movedPoints(this.points, ids, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
-    if (ids.length === 1) this.speak(pointLabel(this.points.find((p) => p.id === ids[0])));
-  }
-
-  // A new point takes hold of what is seen there: its source is where the map looks, so nothing moves.
-  addAt([x, y]) {
-    const { k } = this.view, near = this.points.map((p) => [Math.hypot(k * p.target[0] + this.view.x - x,
-      k * p.target[1] + this.view.y - y), p.id]).sort((p, q) => p[0] - q[0])[0];
-    if (near && near[0] < NEAR) { this.select([near[1]]); this.handles.focus(near[1]); return near[1]; }
-    const target = [(x - this.view.x) / k, (y - this.view.y) / k];
-    const [da, db, opacity] = this.layered && !this.isComparing ? placeOf(this.layered, ...target, 1e-9) : [0, 0, 1];
-    if (opacity < 0.5) { this.hint("This is a gap: there is nothing here to take hold of"); return null; }
-    const strength = this.model.get("strength") || 1, id = nextId(this.points, this.sender.nextId);
-    // Dragged `strength` times, a feature must come from target + D to be seen at the target.
-    const points = addedPoint(this.points, id, target, target);
-    points[points.length - 1].source = [target[0] + da / strength, target[1] + db / strength];
-    if (!this.edit(points, "add")) return id;
-    this.select([id]);
-    this.drawNow();
-    this.handles.focus(id);
-    this.speak(`${pointLabel(points[points.length - 1])}, added`);
-    return id;
-  }
-
-  addInMiddle() { this.addAt([this.view.width / 2, this.view.height / 2]); }
-
-  remove(ids) {
-    const at = this.points.findIndex((p) => p.id === ids[0]);
-    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
-    if (!ids.length || !this.edit(removedPoints(this.points, ids), "remove")) return;
-    this.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
-    const next = this.points[Math.min(at, this.points.length - 1)];
-    this.drawNow();
-    if (hadFocus && next) this.handles.focus(next.id);
-    else if (hadFocus) this.focusStage();
   }
 
   // ---- selection and commands ---------------------------------------------------------------------------------------
@@ -329,12 +227,13 @@ class EditorPage extends EditorShapes {
     if (focused === null && this.toolbar.isOff(command)) return;
     const isShape = this.chosen !== null && focused === null && ids.length === 0;
     if (isShape && SHAPE_COMMANDS[command]) { if (!this.isLocked) SHAPE_COMMANDS[command](this); return; }
+    if (this.runTool(command, ids)) return;
     const commands = {
       cut: () => this.setTool("cut"), part: () => this.setTool("part"), ground: () => this.setTool("ground"),
       add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0]),
-      switch: () => this.edit(switchedPoints(this.points, ids), "switch"),
-      reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all), "reset"),
+      switch: () => this.change(switchedPoints(this.points, ids), "switch"),
+      reset: () => this.change(resetPoints(this.points, this.freed(ids.length ? ids : all)), "reset"),
       net: () => this.set("show_net", !this.model.get("show_net")),
       radius: () => this.set("show_radius", !this.model.get("show_radius")),
       overlay: () => this.overlay.next(),
@@ -346,7 +245,7 @@ class EditorPage extends EditorShapes {
   }
 
   setAdding(isAdding) {
-    if (isAdding) this.pen.stop();
+    if (isAdding) { this.pen.stop(); this.brush.stop(); }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
@@ -359,10 +258,15 @@ class EditorPage extends EditorShapes {
     return was;
   }
 
+  // The focus goes to the list, and back to where it was.
   toggleHelp() {
+    const { activeElement } = this.root.getRootNode();
     this.help.hidden = !this.help.hidden;
-    if (this.help.hidden) this.focusStage();
-    else this.help.focus();
+    if (!this.help.hidden) {
+      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
+      this.help.focus();
+    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
+    else this.focusStage();
     this.invalidate();
   }
 

@@ -113,6 +113,8 @@ class EditorDrawing {
     const isLost = this.drawShapes(), marks = (p) => this.markOf(p);
     this.handles.suspects = new Set(this.model.get("marked") ?? []);
     if (this.handles.update(this.points, this.selected, this.view, radius, reach, marks) || isLost) this.focusStage();
+    this.marks.update(this);
+    this.brush.show();
     this.describe();
     const end = performance.now();
     Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
@@ -220,15 +222,16 @@ class EditorDrawing {
     this.#describeFolds(folds);
     // The fit only suspects a fold; the page has looked.
     const remarks = (fit?.notes ?? []).filter((note) => folds.least <= 0 || !fit.doubts.includes(note));
-    const notes = this.error || remarks.join("; ");
+    const notes = this.error || this.stopNote || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
     this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
     const tool = this.pen.draft?.tool, isShape = this.chosenShape !== null && selected.size === 0;
     const pressed = Object.entries({ add: this.isAdding, cut: tool === "cut", part: tool === "part",
-      ground: tool === "ground", compare: this.isComparing,
+      ground: tool === "ground", compare: this.isComparing, ...this.pressedTools,
       net: this.model.get("show_net"), radius: this.model.get("show_radius"), help: !this.help.hidden });
-    this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, turns: isShape &&
+    this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size,
+      pointsSelected: selected.size, turns: isShape &&
       turnedRegion(this.chosenShape.region) !== null, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
       pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
@@ -248,6 +251,7 @@ class EditorDrawing {
     if (this.model.get("read_only")) return "These points are shown only";
     const isUntouched = this.points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
+    if (this.brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
     if (this.pen.isOn) return "Backspace takes the last place back, Escape gives up";
     if (this.chosenShape) {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +

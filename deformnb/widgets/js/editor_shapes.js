@@ -232,6 +232,7 @@ class EditorShapes extends EditorDrawing {
   setTool(tool) {
     const was = this.pen.draft?.tool;
     this.pen.stop();
+    this.brush.stop();
     if (!tool || was === tool || this.isLocked) { this.invalidate(); return; }
     this.setAdding(false);
     this.chooseShape(null);

@@ -30,9 +30,12 @@ function movedPoints(points, ids, da, db, what = "target") {
     source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
 }
 
-function addedPoint(points, id, source, target) {
-  return [...points, { id, name: "", source: [...source], target: [...target], active: true, weight: 1 }];
+// Fields in the order in which Python tells them: lists are compared as text.
+function newPoint(id, source, target, name = "") {
+  return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
 }
+
+function addedPoint(points, id, source, target) { return [...points, newPoint(id, source, target)]; }
 
 function removedPoints(points, ids) {
   const gone = new Set(ids);
@@ -47,6 +50,18 @@ function renamedPoint(points, id, name) {
 function switchedPoints(points, ids) {
   const chosen = new Set(ids), some = points.some((p) => chosen.has(p.id) && p.active);
   return changed(points, ids, () => ({ active: !some }));
+}
+
+// Locked if some of the chosen are not yet, else free.
+function lockedPoints(points, ids) {
+  const chosen = new Set(ids), isFree = points.some((p) => chosen.has(p.id) && !p.locked);
+  return changed(points, ids, () => ({ locked: isFree }));
+}
+
+// Those of the ids that may be moved and removed.
+function freeIds(points, ids) {
+  const locked = new Set(points.filter((p) => p.locked).map((p) => p.id));
+  return ids.filter((id) => !locked.has(id));
 }
 
 function resetPoints(points, ids) {

@@ -1,6 +1,7 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
 // Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
 
+const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown where the mouse is, as numbers are
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
 function shownLength(value) {
@@ -14,7 +15,7 @@ function pointLabel(p) {
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
   const name = p.name ? ` ${p.name}` : "";
-  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}`;
+  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
 }
 
 // What is shown where the mouse rests on a point.
@@ -125,6 +126,8 @@ class Handles {
     source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
     target.classList.toggle("dnb-ed-selected", isSelected);
     for (const part of [target, source, arrow]) part.classList.toggle("dnb-ed-off", !p.active);
+    for (const part of [target, source]) part.classList.toggle("dnb-ed-kept", p.locked === true);
+    target.classList.toggle("dnb-ed-quiet", QUIET_NAME.test(p.name) && !isSelected);
     target.classList.toggle("dnb-ed-outside", isOutside);
     target.setAttribute("aria-pressed", String(isSelected));
     if (isOutside) {
@@ -150,7 +153,7 @@ class Handles {
     text.setAttribute("text-anchor", isLeft ? "end" : "start");
     const shown = p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id);
     if (text.textContent !== shown) text.textContent = shown;
-    text.classList.toggle("dnb-ed-number", !p.name);
+    text.classList.toggle("dnb-ed-number", !p.name || QUIET_NAME.test(p.name));
   }
 
   #arrow(arrow, from, at) {

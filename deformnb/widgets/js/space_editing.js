@@ -5,28 +5,17 @@ const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coa
   "volume folds over itself";
 
 const SPACE_GROUPS = [
-  [["add", "Add", "Add points: click where (A, or double-click)", true],
-    ["remove", "Delete", "Delete the selected points (Del)", false, "selection"],
-    ["rename", "Rename", "Name the selected point (F2)", false, "one"],
-    ["switch", "On/off", "Switch the selected points on or off (O)", false, "selection"],
-    ["reset", "Put back", "Put the selected points, or all, back where they were taken (Home)", false, "points"]],
-  [["undo", "Undo", "Undo (Ctrl+Z)", false, "past"], ["redo", "Redo", "Redo (Ctrl+Y)", false, "future"]],
-  [["go", "Go to", "Bring the slices to the selected point (J, or double-click it)", false, "one"],
-    ["compare", "Before", "Show the volume as it was (C)", true]],
-  [["zoom-out", "", "Zoom out (-)"], ["zoom-in", "", "Zoom in (+)"], ["fit", "Fit", "Show the whole pictures (0)"]],
-  [["help", "Keys", "Keys and gestures (?)", true]],
-];
-
-const SPACE_HELP = [
-  ["Double-click, A", "add a point on the slice, or on what is seen"], ["Drag a disc", "move a feature"],
-  ["Drag a ring", "where it was taken"], ["Alt + drag", "move both"], ["Del, right click", "delete"], ["Home", "put back"],
-  ["O", "switch on or off"], ["F2", "rename a point"], ["J, double-click a point", "bring the slices to it"],
-  ["Shift + click", "select several"], ["Ctrl + A, Esc", "select all, none"], ["Tab", "next point or picture"],
-  ["Arrows", "move by one voxel: points, else the cross-hair"], ["Shift + arrows", "move by ten"],
-  ["Wheel, Page up, down", "go through the slices"], ["Alt + Page up, down", "move points across the slices"],
-  ["Click, drag a line", "move the cross-hair"], ["Enter on a picture", "add a point at the cross-hair"],
-  ["Ctrl + Z, Ctrl + Y", "undo, redo"], ["Ctrl + wheel, +, -", "zoom"], ["Space, middle drag", "move the view"],
-  ["0", "whole pictures"], ["C", "before"],
+  [["add", "Add", "Add points: click where", true],
+    ["remove", "Delete", "Delete the selected points", false, "selection"],
+    ["rename", "Rename", "Name the selected point", false, "one"],
+    ["switch", "On/off", "Switch the selected points on or off", false, "selection"],
+    ["lock", "Lock", "Lock the selected points, or free them", true, "selection"],
+    ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"]],
+  [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
+  [["go", "Go to", "Bring the slices to the selected point", false, "one"],
+    ["compare", "Before", "Show the volume as it was", true]],
+  [["zoom-out", "", "Zoom out"], ["zoom-in", "", "Zoom in"], ["fit", "Fit", "Show the whole pictures"]],
+  [["help", "Keys", "Keys and gestures", true]],
 ];
 
 class SpaceEditing extends EditorDrawing {
@@ -60,7 +49,8 @@ class SpaceEditing extends EditorDrawing {
     this.notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
     this.notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
     this.chooser.value = this.model.get("projection");
-    const pressed = Object.entries({ add: this.isAdding, compare: this.model.get("shows_original"), help: !this.help.hidden });
+    const pressed = Object.entries({ add: this.isAdding, compare: this.model.get("shows_original"), help: !this.help.hidden,
+      lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)) });
     this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
       pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
@@ -142,7 +132,9 @@ class SpaceEditing extends EditorDrawing {
     const ids = this.#chosen(id);
     if (ids.length === 0) { this.setCursor(this.cursor.map((x, k) => x + way[k]), true); return; }
     if (id !== null && !this.selected.has(id)) this.select([id]);
-    this.edit(movedInSpace(this.points, ids, way, what), "nudge", `nudge ${ids}`);
+    const free = freeIds(this.points, ids);
+    if (!free.length) this.tellLocked(ids[0]);
+    this.edit(movedInSpace(this.points, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 && this.points.find((q) => q.id === ids[0]);
     if (p) this.speak(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
   }
@@ -168,7 +160,21 @@ class SpaceEditing extends EditorDrawing {
     return id;
   }
 
-  remove(ids) {
+  tellLocked(id) {
+    const p = this.points.find((q) => q.id === id);
+    if (p) this.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+  }
+
+  toggleLock(ids) {
+    if (!ids.length) this.hint("Select points to lock them");
+    else if (this.edit(lockedPoints(this.points, ids), "lock")) {
+      this.speak(this.points.find((p) => p.id === ids[0]).locked ? "locked" : "free");
+    }
+  }
+
+  remove(wanted) {
+    const ids = freeIds(this.points, wanted);
+    if (wanted.length && !ids.length) this.tellLocked(wanted[0]);
     const at = this.points.findIndex((p) => p.id === ids[0]), pane = this.paneOf(document.activeElement);
     const hadFocus = this.root.contains(this.root.getRootNode().activeElement);
     if (!ids.length || !this.edit(removedPoints(this.points, ids), "remove")) return;
@@ -225,7 +231,8 @@ class SpaceEditing extends EditorDrawing {
       add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0], active),
       switch: () => this.edit(switchedPoints(this.points, ids), "switch"),
-      reset: () => this.edit(resetPoints(this.points, ids.length ? ids : all), "reset"),
+      reset: () => this.edit(resetPoints(this.points, freeIds(this.points, ids.length ? ids : all)), "reset"),
+      lock: () => this.toggleLock(ids),
       go: () => ids.length === 1 && this.goTo(ids[0]),
       compare: () => this.look({ original: !this.model.get("shows_original") }),
       "zoom-in": () => every((pane) => pane.zoomAt(1.25)), "zoom-out": () => every((pane) => pane.zoomAt(0.8)),
@@ -241,10 +248,15 @@ class SpaceEditing extends EditorDrawing {
     this.invalidate();
   }
 
+  // The focus goes to the list, and back to where it was.
   toggleHelp() {
+    const { activeElement } = this.root.getRootNode();
     this.help.hidden = !this.help.hidden;
-    if (this.help.hidden) this.pictures[0].stage.focus({ preventScroll: true });
-    else this.help.focus();
+    if (!this.help.hidden) {
+      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
+      this.help.focus();
+    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
+    else this.pictures[0].stage.focus({ preventScroll: true });
     this.invalidate();
   }
 

@@ -26,7 +26,7 @@ class SpaceEditorPage extends SpaceEditing {
     this.host = el;
     el.classList.add("dnb-ed-host");
     this.root = pageElement("div", "dnb-editor dnb-space", el, { tabindex: "-1", role: "group", ...OWN_KEYS });
-    this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS);
+    this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS);
     const group = pageElement("div", "dnb-ed-group", null);
     this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]);
     this.chooser = pageElement("select", "dnb-sp-select", group, { "aria-label": "What the pictures show", ...OWN_KEYS });
@@ -42,7 +42,7 @@ class SpaceEditorPage extends SpaceEditing {
       "aria-label": "name of the point", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", this.row, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", this.row, { role: "alert", hidden: "" });
-    this.help = helpPanel(this.row, SPACE_HELP);
+    this.help = helpPanel(this.row, SPACE_EDITOR_KEYS);
     const status = pageElement("div", "dnb-ed-status", this.root);
     this.factsLine = pageElement("span", "dnb-ed-facts", status);
     this.foldFact = pageElement("span", "dnb-ed-folds", status);

@@ -45,7 +45,8 @@ class PaneGestures {
     else if (page.isAdding) this.#grab(event, { id: page.addAt(pane, at), what: "target" }, begun);
     else {
       pane.stage.focus({ preventScroll: true });
-      this.gesture = { ...begun, kind: "cross", line: hit?.line ?? null };
+      this.gesture = event.shiftKey ? { ...begun, kind: "band", before: [...page.selected] }
+        : { ...begun, kind: "cross", line: hit?.line ?? null };
     }
   }
 
@@ -54,7 +55,7 @@ class PaneGestures {
     if (!was) page.select(adds ? [...page.selected, id] : [id]);
     pane.handles.focus(id);
     this.gesture = { ...begun, kind: "points", id, adds, was, what: event.altKey ? "both" : what,
-      ids: page.selected.has(id) ? [...page.selected] : [id] };
+      ids: freeIds(page.points, page.selected.has(id) ? [...page.selected] : [id]) };
   }
 
   move(event) {
@@ -63,19 +64,30 @@ class PaneGestures {
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
     const { k } = this.pane.view;
     if (g.kind === "pan") this.pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
+    else if (g.kind === "band") this.#band(g, at);
     else if (g.kind === "cross") this.page.moveCross(this.pane, at, g.line, true);
     else {
       if (g.isPress) this.page.beginDrag();
+      if (!g.ids.length) this.page.tellLocked(g.id);
       this.page.drag(g.ids, wayInPane(this.pane.info, (at[0] - g.from[0]) / k, (at[1] - g.from[1]) / k), g.what);
     }
     g.isPress = false;
     g.at = at;
   }
 
+  // Selects what is drawn clearly in a rectangle, besides what was selected.
+  #band(g, at) {
+    const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]), width: Math.abs(at[0] - g.from[0]),
+      height: Math.abs(at[1] - g.from[1]) };
+    this.pane.handles.showBand(box);
+    this.page.select([...g.before, ...this.pane.pointsInside(box)]);
+  }
+
   up(event, isCancelled = false) {
     const g = this.gesture, { page } = this;
     if (!g || g.pointer !== event.pointerId) return;
     this.gesture = null;
+    this.pane.handles.showBand(null);
     if (g.kind === "points") {
       if (!g.isPress) page.endDrag(isCancelled);
       else if (g.was) page.select(g.adds ? [...page.selected].filter((id) => id !== g.id) : [g.id]);
@@ -90,6 +102,7 @@ class PaneGestures {
   cancel() {
     const g = this.gesture;
     this.gesture = null;
+    this.pane.handles.showBand(null);
     if (g?.kind === "points" && !g.isPress) this.page.endDrag(true);
     return g !== null;
   }
@@ -126,9 +139,6 @@ class PaneGestures {
   }
 }
 
-const SPACE_KEYS = { Delete: "remove", Backspace: "remove", F2: "rename", a: "add", o: "switch", c: "compare", j: "go",
-  "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", 0: "fit", "?": "help", Home: "reset" };
-
 const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 // Keys pressed anywhere in the editor; true if they meant something.
@@ -158,8 +168,9 @@ function spaceKey(page, event) {
     return true;
   }
   if (key === "Escape") return page.escape();
-  if (!(key in SPACE_KEYS)) return false;
-  page.run(SPACE_KEYS[key], id);
+  const command = commandOf(SPACE_EDITOR_KEYS, key);
+  if (!command) return false;
+  page.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);
   return true;
 }
 

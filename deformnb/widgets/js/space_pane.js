@@ -107,6 +107,15 @@ class SpacePane {
     return fromPane(this.info, [a, b, this.page.isSlice ? this.depth : this.#seenDepth(a, b)]);
   }
 
+  // Points in a rectangle of the view; on slices those near the slice only.
+  pointsInside({ x, y, width, height }) {
+    const { view: v, page } = this, depth = page.isSlice ? this.depth : null;
+    return page.points.map((p) => flatPoint(p, this.info, depth)).filter(({ target: [a, b], isFar }) => {
+      const px = v.k * a + v.x - x, py = v.k * b + v.y - y;
+      return !isFar && px >= 0 && py >= 0 && px <= width && py <= height;
+    }).map((p) => p.id);
+  }
+
   isInside(at) {
     const [a, b] = this.toPlane(at), [a0, a1, b0, b1] = this.info.box;
     return a >= a0 && a <= a1 && b >= b0 && b <= b1;
