@@ -99,6 +99,11 @@ from .time_maps import TimeMaps as TimeMaps
 from .transfer import PRESETS as PRESETS
 from .transfer import TransferFunction as TransferFunction
 from .trend import TRENDS as TRENDS
+from .trust import safe_points as safe_points
+from .trust import safe_strength as safe_strength
+from .trust import stages_needed as stages_needed
+from .trust import step_quality as step_quality
+from .trust import step_uncertainty as step_uncertainty
 from .volume import Grid as Grid
 from .volume import Volume as Volume
 from .warp import Warper as Warper

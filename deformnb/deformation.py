@@ -151,9 +151,9 @@ class Step:
 
     def fits(self, grid: Grid) -> tuple[Fit, ...]:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
-        return tuple(fit for fits in self._fits_of_regions(grid) for fit in fits.values())
+        return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
-    def _fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
+    def fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region."""
         regions = self.cut_regions
         if not regions:
@@ -174,7 +174,7 @@ class Step:
 
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid."""
-        regions, found = self.cut_regions, self._fits_of_regions(grid)
+        regions, found = self.cut_regions, self.fits_of_regions(grid)
         sides = sorted({side for fits in found for side in fits})
         nothing = Identity(2 if self.plane else 3)
         maps = [[fits.get(side, nothing) for fits in found] for side in sides]

@@ -147,6 +147,11 @@ def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | R
                 raise
             return False
 
+    return largest_share(is_safe)
+
+
+def largest_share(is_safe: Callable[[float], bool]) -> float:
+    """How much of a way from 0 to 1 is safe: in eighths as far as all is well, then by halves; 0 if nothing is."""
     if not is_safe(0.0):
         return 0.0
     low, high = 0.0, 0.0
