@@ -14,14 +14,19 @@ from test_cuts import MIDDLE, fitted, pushed, scattered
 from test_rigid_parts import BOX, SUPPORT, TURN, points, within
 from test_warp import OBLIQUE, STRAIGHT, Wave, centres, extruded
 
+from deformnb import rbf_evaluation
+from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, Decoupled, sides_of
 from deformnb.errors import DeformError
-from deformnb.extrusion import extrude, replicate
+from deformnb.extrusion import extrude, interpolate, modulate, replicate
 from deformnb.fields import AbstractField, DisplacementField, Identity, compose
 from deformnb.forward import warp_points
 from deformnb.plane import Plane
+from deformnb.rbf import fit_rbf
 from deformnb.regions import HalfSpace
+from deformnb.rigid_motion import RigidMotion
 from deformnb.rigid_parts import RigidPart, fit_rigid
+from deformnb.staged import Staged
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 
@@ -77,6 +82,83 @@ def test_folds_do_not_stop_the_search() -> None:
     assert np.isfinite(moved).all()
     assert np.abs(moved + field.displacement(moved) - points)[converged].max() < 1e-4
     assert converged.mean() > 0.9  # a continuous map this close to the identity is onto: nearly all are found
+
+
+def test_many_points_of_every_shape_of_array() -> None:
+    field = Wave(1.5, 0.3, dim=2)
+    at = np.random.default_rng(8).uniform(-20, 20, (2, 10_000, 2))  # more than one block
+    moved, converged = warp_points(at, field, tolerance=1e-9)
+    assert converged.all()
+    assert np.abs(moved + field.displacement(moved) - at).max() <= 1e-9
+    one, found = warp_points(at[1, 77], field, tolerance=1e-9)
+    assert one.shape == (2,)
+    assert found.shape == ()
+    oracle.assert_close(one, moved[1, 77], atol=1e-8)
+
+
+def test_no_function_is_compiled_for_each_number_of_points() -> None:
+    """A hundred numbers of points make few shapes: blocks are filled up."""
+    fit, shapes = fit_rbf(points(), support=SUPPORT), set()
+    at = np.random.default_rng(8).uniform(0, 100, (100_000, 2))
+
+    whole = rbf_evaluation._evaluate_blocks
+
+    def counted(p: Any, *rest: Any, **options: Any) -> Any:
+        shapes.add(p.shape)
+        return whole(p, *rest, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rbf_evaluation, "_evaluate_blocks", counted)
+        for n in np.geomspace(1, len(at), 40).astype(int):
+            warp_points(at[:n], fit)
+    assert len(shapes) <= 5
+
+
+def test_a_point_far_away_is_not_asked_for_more_digits_than_there_are() -> None:
+    pull = fit_rbf(ControlPoints.from_arrays([[0.0, 0.0]], [[1e-9, 0.0]]), support=1e6, trend="none")
+    moved, converged = warp_points([[123456.789, 98765.4321]], pull)
+    assert converged.all()
+    oracle.assert_close(moved, [[123456.789, 98765.4321]], atol=2e-9)
+
+
+def test_places_that_the_usual_starts_do_not_lead_to_are_found() -> None:
+    """A map that swings to and fro: y + 8 sin(y / 2) = x has many solutions, and Newton is caught between them."""
+    field = Wave(8.0, 0.5, dim=2)
+    at = np.random.default_rng(8).uniform(-20, 20, (400, 2))
+    moved, converged = warp_points(at, field)
+    assert np.abs(moved + field.displacement(moved) - at)[converged].max() < 1e-4
+    assert converged.mean() > 0.97
+
+
+def test_stages_and_compositions_are_followed_one_by_one() -> None:
+    """Each stage is near the identity; the whole turns by 170 degrees, where x - D(x) is on the wrong side."""
+    ring = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=-1) * 30 + 50
+    turn = RigidMotion.turn(17, (50, 50))
+    fits = []
+    for k in range(10):
+        given = RigidMotion.turn(17 * k, (50, 50))(ring)
+        fits.append(fit_rbf(ControlPoints.from_arrays(given, turn(given)), support=40.0, trend="none"))
+    at = np.random.default_rng(8).uniform(20, 80, (500, 2))
+    for field in (Staged(tuple(fits)), compose(*fits)):
+        moved, converged = warp_points(at, field, tolerance=1e-9)
+        assert converged.all()
+        assert np.abs(moved + field.displacement(moved) - at).max() < 1e-8
+        oracle.assert_close(warp_points(ring, field)[0], RigidMotion.turn(170, (50, 50))(ring), atol=1e-3)
+
+
+@pytest.mark.parametrize("rule", [replicate(), modulate("sin(pi * z)"), interpolate([0.2, 0.7])])
+@pytest.mark.parametrize("view", ["oblique", "rounded"])
+def test_extrusions_are_solved_in_their_plane(rule: Any, view: str) -> None:
+    grid = Grid((40, 50, 60))
+    plane = Plane.through(grid.center, (1, 2, -0.5))
+    if view == "rounded":  # a plane from a file of few digits is not orthonormal to the last one
+        plane = Plane(plane.origin, *(tuple(np.round(w, 7).tolist()) for w in (plane.u, plane.v)))
+    field = extrude(plane, grid, [fit_rbf(points(), support=SUPPORT)] * len(rule[1]), rule)
+    at = np.random.default_rng(8).uniform(0, 50, (300, 3))
+    moved, converged = warp_points(at, field, tolerance=1e-9)
+    assert converged.all()
+    assert np.linalg.norm(moved + field.displacement(moved) - at, axis=1).max() <= 1.01e-9
+    oracle.assert_close((moved - at) @ np.array(plane.normal), 0, atol=1e-9)  # nothing leaves its depth
 
 
 def test_no_points() -> None:
