@@ -54,7 +54,7 @@ class Handles {
       const parts = this.byId.get(p.id) ?? this.#make(p.id);
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
       this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
-        ? radius : 0);
+        ? p.radius ?? radius : 0);
       this.#mark(parts, markOf(p));
       const isSuspect = this.suspects.has(p.id);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);

@@ -5,6 +5,7 @@ const OVERLAYS = { // name: label of the menu, title
   none: ["Plain", "nothing over the picture"],
   folds: ["Folds", "red where the map folds over itself"],
   area: ["Area", "green where matter grows, purple where it shrinks"],
+  strain: ["Strain", "crosses along the principal strains: solid where matter is stretched, dashed where pressed"],
   uncertainty: ["Haze", "a grey haze where the map is only guessed from afar"],
 };
 const OVERLAY_TRAITS = ["overlay", "haze", "haze_facts", "marked"];
@@ -23,7 +24,7 @@ class Overlay {
     this.context = this.canvas.getContext("2d");
     this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, page.svg);
     for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
-    this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", hidden: "" });
+    this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", "aria-label": "legend", hidden: "" });
     this.drawn = null; // what is on the canvas
     this.pieces = null; // what folds there, in places of the picture
     this.ms = 0;
@@ -61,7 +62,7 @@ class Overlay {
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
     const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
-      String(box), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+      String(box), model.get("density"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
@@ -69,7 +70,9 @@ class Overlay {
     const part = this.#visible();
     if (!layered || kind === "none" || !part) return;
     if (kind === "uncertainty") this.#drawHaze();
-    if (layered.fits.some(({ fit }) => !isStill(fit))) this.#drawMap(layered, part, folds, isMoving);
+    const isBent = layered.fits.some(({ fit }) => !isStill(fit));
+    if (kind === "strain") this.key.hidden = !isBent;
+    if (isBent) this.#drawMap(layered, part, folds, isMoving);
     this.ms = performance.now() - start;
   }
 
@@ -97,6 +100,7 @@ class Overlay {
     const raster = { shape: [rows, columns], spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)], origin: [a0, b0] };
     const dets = detsOnRaster(layered, raster);
     if (kind === "area") this.#drawArea(dets, raster);
+    if (kind === "strain") this.#drawStrain(layered);
     const probes = folds.probes ?? [];
     if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
     this.pieces = foldPieces(layered, raster, dets, probes, work);
@@ -135,6 +139,17 @@ class Overlay {
     this.#spread(image, raster, AREA_ALPHA);
   }
 
+  #drawStrain(layered) {
+    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered), cell = (a1 - a0) / (places.columns - 1);
+    const { gain, arms } = strainArms(layered, places, cell), told = `${gain} ${(cell * view.k).toFixed(0)}`;
+    drawStrain(this.context, view, arms);
+    this.isUsed = true;
+    if (told === this.gain) return;
+    this.gain = told;
+    this.key.replaceChildren();
+    strainKey(this.key, gain, cell * view.k);
+  }
+
   // One pixel of an image for each node of a raster, smooth between them.
   #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha) {
     const { context: c } = this, { k, x, y, ratio } = this.page.view, { width, height } = image;
@@ -171,7 +186,7 @@ class Overlay {
       }
     }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    for (const [style, wide] of [["rgba(0, 0, 0, 0.55)", 2.6], ["rgba(255, 255, 255, 0.9)", 1]]) {
+    for (const [style, wide] of [["rgba(0, 0, 0, 0.55)", 3], ["rgba(255, 255, 255, 0.9)", 1.4]]) {
       Object.assign(c, { strokeStyle: style, lineWidth: wide });
       c.stroke(lines);
     }
@@ -198,6 +213,7 @@ class Overlay {
     this.key.hidden = kind !== "area" && kind !== "uncertainty";
     this.key.classList.remove("dnb-ed-key-wide");
     this.key.replaceChildren();
+    this.gain = null;
     if (kind === "area") this.#areaKey();
     if (kind === "uncertainty") this.#hazeKey(facts.legend ?? []);
   }
@@ -211,9 +227,15 @@ class Overlay {
   }
 
   #hazeKey(legend) {
-    const colour = HAZE_COLOUR.join(" "), words = legend.map(([level, text]) => [level / 255, text]);
+    const colour = HAZE_COLOUR.join(" ");
     this.key.classList.add("dnb-ed-key-wide");
-    this.#bar("uncertainty", `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`, words);
+    this.#bar("uncertainty", `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`, []);
+    const [, bar, row] = this.key.children;
+    row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks tell the places
+    for (const [level, text] of legend) {
+      pageElement("i", "", bar).style.left = `${(level / 2.55).toFixed(1)}%`;
+      pageElement("span", "", row).textContent = text;
+    }
     if (!legend.length) pageElement("div", "", this.key).textContent = "not known yet";
     setAttributes(this.key, { "aria-label": `Uncertainty: ${legend.map(([, text]) => text).join(", ") || "not known yet"}` });
   }
