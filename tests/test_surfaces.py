@@ -11,13 +11,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracle import assert_close
+from test_cuts import pushed
 
 from deformnb.control_points import ControlPoints
+from deformnb.cuts import Decoupled
 from deformnb.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
+from deformnb.extrusion import extrude, replicate
 from deformnb.fields import DisplacementField, Identity
 from deformnb.io.meshes import read_mesh
 from deformnb.landmarks import Landmarks, warp_landmarks
+from deformnb.plane import Plane
 from deformnb.surfaces import Mesh, filled, isosurface, signed_distance, warp_mesh
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
@@ -345,6 +349,20 @@ def test_corners_without_a_place_follow_their_neighbours() -> None:
     assert np.isfinite(moved.points).all()
     if moved.notes:
         assert "follow their neighbours" in moved.notes[0]
+
+
+def test_corners_hidden_at_a_cut_are_counted_and_the_others_come_back() -> None:
+    grid = Grid((4, 100, 100))
+    flat = pushed(4.0, -3.0, rule="paper")
+    plane = Plane.along(grid, "+z")
+    cut = Decoupled(tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane,
+                    "paper")
+    mesh = Mesh([[20, 30, 1], [48, 30, 1], [51, 60, 2], [70, 30, 1], [44, 20, 1]], [[0, 1, 2], [2, 3, 4]])
+    moved = warp_mesh(mesh, cut)
+    assert moved.notes[0].startswith("2 of 5 corners have no place in the result")
+    back = moved.points + cut.displacement(moved.points)
+    assert_close(back[[0, 3, 4]], mesh.points[[0, 3, 4]], atol=1e-4)
+    assert_close(moved.points[[0, 3, 4], 0], [24, 67, 48], atol=1e-4)
 
 
 def test_a_field_that_shows_one_place_everywhere_moves_nothing_to_infinity() -> None:
