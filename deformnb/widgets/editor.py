@@ -204,6 +204,11 @@ class Editor(EditedPoints):
         """Mark a shape in the page: one of the "cuts" or "parts" by its place in the list; None marks none."""
         self.send({"type": "choose", "what": what, "index": index})
 
+    def look_at(self, point: int) -> None:
+        """Bring the point with this id to the middle of the view in the page, and nearer if all of the picture is seen."""
+        self.points.index(point)
+        self.send({"type": "look", "id": point})
+
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the page.
 

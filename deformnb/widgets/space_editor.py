@@ -182,6 +182,11 @@ class SpaceEditor(EditedPoints):
         settings = {name: getattr(self, name) for name in _SETTINGS}
         return Step((points,), None, **{**settings, **self._options, **options})
 
+    def look_at(self, point: int) -> None:
+        """Bring the slices to the target of the point with this id."""
+        self.cursor = self.points.target[self.points.index(point)].tolist()
+        self.send({"type": "look", "id": point})
+
     def field(self, points: ControlPoints | None = None) -> AbstractField:
         """All that is done to the volume: what was done before, and then these points or the editor's own.
 

@@ -147,6 +147,7 @@ class EditorPage extends EditorHand {
   message(message) {
     if (message?.type === "error") this.say(String(message.message), true);
     if (message?.type === "draw" && message.tool in PEN_WORDS && this.pen.draft?.tool !== message.tool) this.setTool(message.tool);
+    if (message?.type === "look") this.lookAt(message.id);
     if (message?.type === "choose") this.chooseShape(message.what ? { what: message.what, index: message.index } : null);
   }
 

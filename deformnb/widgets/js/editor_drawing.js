@@ -3,6 +3,7 @@
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
 const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
+const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page has laid the editor out
 
 const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on the way back from this picture to the " +
@@ -62,6 +63,16 @@ class EditorDrawing {
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
     this.#keepInSight();
     this.moving();
+  }
+
+  // A point in the middle of the view, and so near that one sees what it holds.
+  lookAt(id) {
+    const p = this.points.find((q) => q.id === id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.fittedScale);
+    if (!p) return;
+    Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
+    this.#keepInSight();
+    this.moving();
+    this.handles.blink([id]);
   }
 
   // Some of the picture stays in the view, so that nobody is lost in the grey.

@@ -123,6 +123,7 @@ class SpaceEditorPage extends SpaceEditing {
 
   message(message, buffers) {
     if (message?.type === "error") this.say(String(message.message), true);
+    if (message?.type === "look") this.lookAt(message.id);
     if (message?.type === "pictures" && (!message.view || message.view === this.id)) this.receivePictures(message, buffers);
   }
 
@@ -249,6 +250,11 @@ class SpaceEditorPage extends SpaceEditing {
     this.select([id]);
     this.setCursor([...p.target], false);
     this.speak(`slices at ${p.name || `point ${id}`}`);
+  }
+
+  lookAt(id) {
+    const p = this.points.find((q) => q.id === id);
+    for (const pane of p ? this.pictures : []) pane.lookAt(p.target);
   }
 
   paneOf(node) { return this.pictures.find((pane) => pane.root.contains(node)) ?? this.pictures[0]; }

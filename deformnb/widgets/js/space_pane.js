@@ -97,6 +97,12 @@ class SpacePane {
     this.panBy(0, 0);
   }
 
+  // A place in the middle of the view, if it is not all in sight anyway.
+  lookAt(place) {
+    const [a, b] = inPane(this.info, place), v = this.view;
+    if (!this.isFitted) this.panBy(v.width / 2 - v.k * a - v.x, v.height / 2 - v.k * b - v.y);
+  }
+
   // ---- places -------------------------------------------------------------------------------------------------------
 
   toPlane([x, y]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
