@@ -15,6 +15,8 @@ def edit_label(before: ControlPoints, after: ControlPoints) -> str:
     >>> points = ControlPoints.from_arrays([[0, 0], [4, 0]], names=["tail", ""])
     >>> edit_label(points, points.move(0, [1, 0])), edit_label(points, points.remove(1))
     ('move "tail"', 'remove point 1')
+    >>> edit_label(points, points.edit(1, locked=True))
+    'lock point 1'
     """
     old, new = (dict(zip(p.ids, range(len(p)), strict=True)) for p in (before, after))
     added = [k for i, k in new.items() if i not in old]
@@ -26,8 +28,12 @@ def edit_label(before: ControlPoints, after: ControlPoints) -> str:
     if removed:
         return f"remove {_who(before, removed)}"
     both = [(k, old[i]) for i, k in new.items()]
-    for what, name in (("move", "target"), ("move the source of", "source"), ("switch", "active"), ("weigh", "weight")):
-        changed = [k for k, j in both if not np.array_equal(getattr(after, name)[k], getattr(before, name)[j])]
+    for what, name in (("move", "target"), ("move the source of", "source"), ("switch", "active"), ("weigh", "weight"),
+                       ("lock", "locked"), ("change the radius of", "radius")):
+        new_values, old_values = getattr(after, name), getattr(before, name)
+        changed = [k for k, j in both if not np.array_equal(new_values[k], old_values[j], equal_nan=True)]
+        if changed and name == "locked" and not after.locked[changed].any():
+            return f"unlock {_who(after, changed)}"
         if changed:
             return f"{what} {_who(after, changed)}"
     renamed = [k for k, j in both if after.names[k] != before.names[j]]

@@ -13,6 +13,8 @@ from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.depth_panel import DepthPanel
 from deformnb.widgets.files_panel import FilesPanel
+from deformnb.widgets.history_panel import HistoryPanel
+from deformnb.widgets.points_panel import PointsPanel
 from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.studio_editors import StudioEditors
@@ -53,11 +55,13 @@ def make_panels(s: PanelParts) -> list[Panel]:
     return [
         head,
         PicturePanel(s.session, s.guard, s.editors.plane),
+        PointsPanel(s.session, s.guard, s.editors, s.worker),
         StepsPanel(s.session, s.guard),
         ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
         MapPanel(s.session, s.guard),
         DepthPanel(s.session, s.guard),
         AnimationPanel(s.session, s.guard, s.view, s.folder),
         LookPanel(s.session, s.guard, s.view, s.opacity),
+        HistoryPanel(s.session, s.guard),
         FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html),
     ]

@@ -1,0 +1,265 @@
+"""The table of the points being edited: names, switches, locks, coordinates, and who disagrees with the others.
+
+Everything that is done in it is an edit of the session. Python sends rows only while somebody sees the table, and asks
+for leave-one-out errors in the studio's thread, so that an edit waits for neither.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.degenerate import default_support
+from deformnb.errors import DeformError
+from deformnb.point_csv import parsed_number, points_from_csv
+from deformnb.quality import fit_quality
+from deformnb.session import Session
+from deformnb.widgets.cell_widgets import weakly
+from deformnb.widgets.controls import Guard, Panel
+from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.points_table import PointsTable, TableAct
+from deformnb.widgets.worker import Worker
+
+_AXES = {2: ("a", "b"), 3: ("x", "y", "z")}
+_MOST_JUDGED = 3000  # the errors of more points take longer than anybody looks at them
+
+
+class PointsPanel(Panel):
+    """The points being edited as a table.
+
+    Parameters
+    ----------
+    editors : ``current`` is the editor of the step being edited, whose selection the table shares; it ``look_at``s.
+    worker : the thread in which errors are computed.
+    """
+
+    title = "Points"
+
+    def __init__(self, session: Session, guard: Guard, editors: Any, worker: Worker) -> None:
+        super().__init__(session, guard)
+        self._editors, self._worker = editors, worker
+        self._followed: Any = None
+        self._shown: tuple[Any, ...] | None = None
+        self._judged: tuple[Any, NDArray[np.float64] | None, tuple[int, ...]] = (None, None, ())
+        self._said = ""
+        self._showing = threading.RLock()  # edits come from any thread, errors from the worker
+        self._unfollow: Callable[[], None] = lambda: None
+        self.table = PointsTable()
+        self.table.on_act(self._act)
+        self.table.on_sight(self.refresh)
+        self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
+        self._heard = weakly(self, PointsPanel._points_selected, lambda panel: True)
+        self.box = ipw.VBox([self.table])
+        self.refresh()
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def arrange(self) -> None:
+        self._follow(self._editors.current)
+        self.table.smoothing_on = self.session.step.smoothing > 0
+        if self.table.is_seen:
+            self._show()
+
+    def _show(self) -> None:
+        with self._showing:
+            points, key = self.session.points, self._question()
+            is_judged = self._judged[0] is not None and _same(self._judged[0], key)
+            errors, suspects = self._judged[1:] if is_judged else (None, ())
+            if self._shown is None or not _same(self._shown[0], key) or self._shown[1] != is_judged:
+                self._shown = (key, is_judged)
+                self.table.show(points, errors, suspects)
+            if not is_judged:
+                self._worker.latest("judge points", weakly(self, PointsPanel._judge, lambda panel: True))
+
+    def _question(self) -> tuple[Any, ...]:
+        """What the errors depend on."""
+        step = self.session.step
+        has_regions = bool(step.cuts or step.parts)
+        return self.session.points, step.kernel, step.support, step.trend, step.smoothing, has_regions
+
+    def _judge(self) -> None:
+        with self._showing:
+            key = self._question()
+        points, kernel, support, trend, smoothing, has_regions = key
+        errors, suspects = np.full(len(points), np.nan), tuple[int, ...]()
+        if not has_regions and len(points) <= _MOST_JUDGED:  # across a cut nobody is a neighbour
+            try:
+                found = fit_quality(points, kernel=kernel, support=support or default_support(points), trend=trend,
+                                    smoothing=smoothing)
+                place = {point: k for k, point in enumerate(points.ids)}
+                errors[[place[i] for i in found.ids]] = np.linalg.norm(found.leave_one_out, axis=1)
+                suspects = tuple(found.suspects)
+            except DeformError:  # too few points to say anything; the fit has said what is wrong
+                pass
+        with self._showing:
+            self._judged = (key, errors, suspects)
+            if _same(key, self._question()) and self.table.is_seen:
+                self._show()
+
+    # -- the selection -------------------------------------------------------------------------------------------------
+
+    def _follow(self, editor: Any) -> None:
+        if editor is self._followed:
+            return
+        self._unfollow()
+        self._followed = editor
+        editor.observe(self._heard, "selected")
+        self._unfollow = lambda: editor.unobserve(self._heard, "selected")
+        self.table.uid = editor.uid
+        self.table.selected = list(editor.selected)
+
+    def _points_selected(self, change: Any) -> None:
+        self.table.selected = list(change["new"])
+
+    def _rows_selected(self, change: Any) -> None:
+        if self._followed is not None and set(self._followed.selected) != set(change["new"]):
+            self._followed.selected = list(change["new"])
+
+    # -- what is done --------------------------------------------------------------------------------------------------
+
+    def _act(self, act: TableAct) -> str | None:
+        self._said = ""
+        if act.what in ("undo", "redo"):
+            what = getattr(self.session, act.what)()
+            return f"{'Undone' if act.what == 'undo' else 'Done again'}: {what}" if what else ""
+        return self._said if self.guard(lambda: self._do(act)) else None
+
+    def _do(self, act: TableAct) -> None:
+        points = self.session.points
+        known = [i for i in act.ids if i in set(points.ids)]
+        if act.what == "look":
+            self._look(known)
+        elif act.what == "cell" and not known:
+            raise DeformError(f"there is no control point {act.ids[0]} any more.")
+        elif act.what == "cell":
+            self._edit(_with_cell(points, known[0], act))
+        elif act.what == "add":
+            self._add(act.value)
+        elif act.what == "paste":
+            self._paste(act.value)
+        elif known:
+            commands = {"remove": _removed, "reset": _reset, "lock": _locked, "switch": _switched}
+            self._edit(commands[act.what](points, known))
+
+    def _edit(self, points: ControlPoints) -> None:
+        before = self.session.points
+        if points != before:
+            self.session.edit_points(points, edit_label(before, points))
+
+    def _look(self, ids: list[int]) -> None:
+        if ids:
+            self._editors.current.selected = ids[:1]
+            self._editors.current.look_at(ids[0])
+
+    def _add(self, text: str) -> None:
+        points, axes = self.session.points, _AXES[self.session.points.dim]
+        words = text.replace(";", " ").replace(",", " ").split()
+        if len(words) != len(axes):
+            raise DeformError(f"a new point needs {len(axes)} numbers, {', '.join(axes)}; got {len(words)}.")
+        place = np.array([parsed_number(w, f"{axis} of the new point") for w, axis in zip(words, axes, strict=True)])
+        new = points.next_id
+        self._edit(points.add(self._source_of(place), place))
+        self._editors.current.selected = [new]
+        self._said = f"Point {new} added."
+
+    def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where what is seen at a place comes from: a new point there moves nothing."""
+        try:
+            way = np.asarray(self._editors.current.fit().displacement(place)) / (self.session.step.strength or 1.0)
+        except DeformError:  # nothing is fitted yet
+            return place
+        if not np.isfinite(way).all():
+            raise DeformError("this is a gap: there is nothing to take hold of. Choose another place.")
+        return place + way
+
+    def _paste(self, text: str) -> None:
+        before = self.session.points
+        read = points_from_csv(text, before)
+        held = [i for i in read.changed if before.locked[before.index(i)] and _is_moved(before, read.points, i)]
+        if held:
+            raise DeformError(f"{before.label(before.index(held[0]))} is locked; unlock it to move it.")
+        if read.points != before:
+            label = "add points" if read.added and not read.changed else "take points from a text"
+            self.session.edit_points(read.points, label)
+        self._said = f"{len(read.added)} points added, {len(read.changed)} changed."
+
+    def close(self) -> None:
+        self._unfollow()
+
+
+def _same(p: tuple[Any, ...], q: tuple[Any, ...]) -> bool:
+    """Whether two questions are the same one; the points are compared as objects, which no edit leaves as they are."""
+    return p[0] is q[0] and p[1:] == q[1:]
+
+
+def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:
+    k, j = before.index(point), after.index(point)
+    return bool((before.source[k] != after.source[j]).any() or (before.target[k] != after.target[j]).any())
+
+
+def _with_cell(points: ControlPoints, point: int, act: TableAct) -> ControlPoints:
+    """The points with what was written into one cell."""
+    k, field = points.index(point), act.field
+    if field in ("active", "locked"):
+        return points.edit(point, **{field: act.value})
+    if field == "name":
+        return points.edit(point, name=act.value.strip())
+    text = act.value.strip()
+    if field == "radius" and not text:
+        return points.edit(point, radius=float("nan"))
+    if field in ("weight", "radius"):
+        number: dict[str, Any] = {field: _written(text, f"the {field} of {points.label(k)}")}
+        return points.edit(point, **number)
+    if points.locked[k]:
+        raise DeformError(f"{points.label(k)} is locked; unlock it to move it.")
+    if act.axis >= points.dim:
+        raise DeformError(f"{points.label(k)} has {points.dim} coordinates.")
+    place = np.array(getattr(points, field)[k])
+    place[act.axis] = _written(text, f"{field} {_AXES[points.dim][act.axis]} of {points.label(k)}")
+    placed: dict[str, Any] = {field: place}
+    return points.edit(point, **placed)
+
+
+def _written(text: str, what: str) -> float:
+    """A number as people write it, with a point or a comma."""
+    return parsed_number(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text, what)
+
+
+def _free(points: ControlPoints, ids: list[int], what: str) -> list[int]:
+    free = [i for i in ids if not points.locked[points.index(i)]]
+    if not free:
+        raise DeformError(f"what is selected is locked; unlock it to {what} it.")
+    return free
+
+
+def _removed(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return points.remove(*_free(points, ids, "delete"))
+
+
+def _reset(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    chosen, target = np.isin(points.ids, _free(points, ids, "move")), np.array(points.target)
+    target[chosen] = points.source[chosen]
+    return replace(points, target=target)
+
+
+def _locked(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggled(points, ids, "locked")
+
+
+def _switched(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggled(points, ids, "active")
+
+
+def _toggled(points: ControlPoints, ids: list[int], what: str) -> ControlPoints:
+    """Set for all, or if it is for all, for none: one press always does something visible."""
+    chosen, flags = np.isin(points.ids, ids), np.array(getattr(points, what))
+    flags[chosen] = not flags[chosen].all() if what == "locked" else not flags[chosen].any()
+    toggled: dict[str, Any] = {what: flags}
+    return replace(points, **toggled)
