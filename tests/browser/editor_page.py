@@ -35,7 +35,7 @@ class EditorOnPage(LivePage):
         self.settled()
 
     def _told(self, change: Any) -> None:
-        if self.editor.trait_metadata(change["name"], "sync") and not self._echo:
+        if self.editor.trait_metadata(change["name"], "sync") and self._echo != "editor":
             value = packed(self.editor.get_state(change["name"])[change["name"]])
             self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
 

@@ -73,7 +73,7 @@ class LivePage:
         self.page.on("console", self._heard)
         self.widgets: dict[str, Any] = {}
         self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
-        self._echo = False
+        self._echo = ""  # the widget that hears its own page
         self.page.expose_function("toPython", self._from_page)
         self.page.set_content(_PAGE)
         if init:
@@ -95,7 +95,7 @@ class LivePage:
             self.draw(name)
 
     def _changed(self, name: str, change: Any) -> None:
-        if self.widgets[name].trait_metadata(change["name"], "sync") and not self._echo:
+        if self.widgets[name].trait_metadata(change["name"], "sync") and self._echo != name:
             key = change["name"]
             self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
                                [name, key, _plain(self.widgets[name].get_state(key)[key])])
@@ -108,9 +108,9 @@ class LivePage:
     def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
         widget, content = self.widgets[name], json.loads(text)
         if kind == "state":
-            self._echo = True
+            self._echo = name
             widget.set_state(content)
-            self._echo = False
+            self._echo = ""
         else:
             widget._handle_custom_msg(content, [memoryview(base64.b64decode(b)) for b in buffers])
 

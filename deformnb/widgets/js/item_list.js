@@ -25,14 +25,14 @@ class ItemListPage {
     this.chosen = -1; // the row that was in sight last
     this.current = 0; // the row that Tab reaches
     this.isWaiting = false;
-    this.isNaming = false;
+    this.isNaming = this.isChoosing = false;
     this.root = pageElement("div", "dnb-item-list", el);
     this.table = pageElement("table", "dnb-il-table", this.root);
     this.head = pageElement("thead", "", this.table);
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
     this.draw = () => this.#draw();
-    this.answered = (content) => { if (content.type === "done") this.#wait(false); };
+    this.answered = (content) => { if (content.type === "done") { this.isChoosing = false; this.#wait(false); } };
     for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
     this.root.addEventListener("keydown", (event) => this.#key(event));
@@ -63,6 +63,7 @@ class ItemListPage {
     if ((this.isWaiting && what !== "rename") || !this.rows[index] || (what !== "choose" && what !== "switch" && !this.can.includes(what))) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
     this.current = index + (what === "down" || what === "double") - (what === "up");
+    this.isChoosing = what === "choose"; // wherever its row will be then
     this.#wait(true);
     this.model.send({ type: "act", what, index, value, version: this.model.get("version") });
   }
@@ -84,7 +85,7 @@ class ItemListPage {
     this.#drawHead(rows.length > 0);
     this.body.replaceChildren(...rows.map((row, k) => this.#row(row, k, k === chosen)));
     this.#paper();
-    if (chosen !== this.chosen && !held) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
+    if (this.isChoosing || (chosen !== this.chosen && !held)) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
     this.#reach();
     if (held) this.#focus(this.current, held);
     const isOther = chosen !== this.chosen;
