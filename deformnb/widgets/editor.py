@@ -32,11 +32,12 @@ from deformnb.widgets.point_messages import OVERLAYS, Message, RefusedMessage, h
 from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
 from deformnb.widgets.static_picture import with_png
 
-_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
-          "fold_map.js", "overlay.js", "shape_handles.js", "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js",
-          "brushes.js", "brush_tool.js", "hand_marks.js", "gestures.js",
-          "editor_drawing.js", "editor_shapes.js", "editor_edits.js", "editor_hand.js", "editor.js")
+_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js",
+          "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
+          "fold_map.js", "net_places.js", "strain_crosses.js", "overlay.js", "shape_handles.js", "handles.js",
+          "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
+          "hand_marks.js", "gestures.js", "net_nodes.js", "editor_drawing.js", "editor_shapes.js", "editor_edits.js",
+          "editor_hand.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -59,7 +60,9 @@ class Editor(EditedPoints):
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_net, show_radius : whether the grid and the reach of the points are drawn.
     overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how matter grows and
-        shrinks, "uncertainty" the haze of ``haze``. Where the map folds all of them show it, "none" does not.
+        shrinks, "strain" crosses along the principal strains, "uncertainty" the haze of ``haze``. Where the map folds
+        all of them show it, "none" does not.
+    drag_net : True lets the nodes of the grid be dragged: each that is becomes a control point.
     height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
     theme : "auto" follows the page, "light" and "dark" do not.
     label : what a screen reader calls the picture.
@@ -102,7 +105,7 @@ class Editor(EditedPoints):
     """
 
     _esm = joined(*_FILES)
-    _css = style("editor.css", "editor_hand.css")
+    _css = style("editor.css", "editor_hand.css", "thompson.css")
 
     points = PointsTrait(2)
     cuts = ShapesTrait("cuts")
@@ -115,6 +118,7 @@ class Editor(EditedPoints):
     snap = traitlets.Float(0.0).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
+    drag_net = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
     overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
     haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
     haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
@@ -205,7 +209,7 @@ class Editor(EditedPoints):
         self.send({"type": "choose", "what": what, "index": index})
 
     def look_at(self, point: int) -> None:
-        """Bring the point with this id to the middle of the view in the page, and nearer if all of the picture is seen."""
+        """Bring the point with this id to the middle of the view in the page, nearer if all of the picture is seen."""
         self.points.index(point)
         self.send({"type": "look", "id": point})
 

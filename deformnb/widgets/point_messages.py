@@ -30,7 +30,7 @@ KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", 
          "scale", "brush")
 """What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
 
-OVERLAYS = ("none", "folds", "area", "uncertainty")
+OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
 """What an editor can lay over its picture."""
 
 _LOG = logging.getLogger(__name__)

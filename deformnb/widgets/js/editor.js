@@ -28,6 +28,7 @@ class EditorPage extends EditorHand {
     this.brush = new Brush(this);
     this.marks = new HandMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
+    this.netNodes = new NetNodes(this);
     this.#listen();
     this.guard(() => this.showWaiting());
     this.guard(() => this.layout());
@@ -74,14 +75,14 @@ class EditorPage extends EditorHand {
     on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
-    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", ...OVERLAY_TRAITS];
+    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", "drag_net", ...OVERLAY_TRAITS];
     for (const name of shown) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
       const { origin, points, phase, settings } = event.detail;
       if (origin === this.id || this.drag0 || this.shapes0) return;
       if (phase !== "move") { this.receive(); return; }
-      this.points = points;
+      Object.assign(this, { isFollowing: true, points }); // the view under the hand alone tells the others
       this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
       this.changed(true);
     });
@@ -107,6 +108,7 @@ class EditorPage extends EditorHand {
 
   close() {
     this.gestures.close();
+    this.netNodes.close();
     this.sender.flush();
     this.unlisten();
     this.closed.abort();
@@ -174,7 +176,7 @@ class EditorPage extends EditorHand {
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
-  get isLocked() { return this.isWaiting || this.model.get("read_only"); }
+  get isLocked() { return this.isWaiting || this.model.get("read_only") || this.isBefore; }
 
   // While Python makes another picture, nothing here can be edited; a hand that is at it is as if it had not begun.
   showWaiting() {

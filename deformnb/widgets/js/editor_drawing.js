@@ -110,8 +110,9 @@ class EditorDrawing {
 
   draw() {
     const start = performance.now();
+    this.isBefore = this.netNodes.side === "before";
     if (this.isDirty) this.refit();
-    const fitted = performance.now(), { isMoving } = this, fit = this.isComparing ? null : this.layered;
+    const fitted = performance.now(), { isMoving } = this, fit = this.isComparing || this.isBefore ? null : this.layered;
     this.stats.paint = this.painter.paint(this.view, fit, { isMoving, paper: this.colours.stage });
     this.painter.drawFrame(this.view, this.box);
     const painted = performance.now();
@@ -123,7 +124,9 @@ class EditorDrawing {
     const reach = this.reach(), radius = this.model.get("show_radius") ? reach : 0;
     const isLost = this.drawShapes(), marks = (p) => this.markOf(p);
     this.handles.suspects = new Set(this.model.get("marked") ?? []);
-    if (this.handles.update(this.points, this.selected, this.view, radius, reach, marks) || isLost) this.focusStage();
+    this.netNodes.update(fit);
+    const points = this.netNodes.shown(this.points);
+    if (this.handles.update(points, this.selected, this.view, radius, reach, marks) || isLost) this.focusStage();
     this.marks.update(this);
     this.brush.show();
     this.describe();
@@ -134,6 +137,7 @@ class EditorDrawing {
 
   refit() {
     this.isDirty = false;
+    if (this.isBefore) return; // shows no fit
     const settings = this.settings;
     try {
       this.layered = layeredFit(this.points, { ...settings, previous: this.layered });
@@ -144,7 +148,8 @@ class EditorDrawing {
     }
     this.net = this.folds = null; // of these points, looked at once more when they rest
     const phase = this.drag0 || this.shapes0 ? "move" : "end", layered = this.error ? null : this.layered;
-    publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered, phase });
+    if (!this.isFollowing) publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered, phase });
+    this.isFollowing = false;
     if (this.drag0 && this.isLive && this.model.get("live")) {
       this.sender.move(this.points);
       this.wasTold = true;
@@ -268,6 +273,7 @@ class EditorDrawing {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
         `${turnedRegion(this.chosenShape.region) ? ", F turns it over" : ""}`;
     }
+    if (this.netNodes.isOn && this.selected.size === 0) return this.netNodes.advice(this.folds);
     if (this.selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }

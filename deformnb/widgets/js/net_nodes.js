@@ -174,7 +174,7 @@ class NetNodes {
       page.drag0 = page.points = points;
       page.select([id], false);
     }
-    page.drag([drag.id], ...by, "target");
+    page.drag([drag.id], ...by, "target", drag.id, event.shiftKey);
   }
 
   up(event, isCancelled) {
