@@ -62,7 +62,7 @@ class Autosave:
 
     Parameters
     ----------
-    session : what is watched; it is not kept alive.
+    session : what is watched, as long as it lives; it is not kept alive.
     folder : where to; default is :func:`~deformnb.session_store.state_folder`.
     delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
     on_ready : called once the volume's checksum is known, with what tells the volume from others.
@@ -96,7 +96,7 @@ class Autosave:
         self._thread = threading.Thread(target=_run, args=(job,), name="deformnb-autosave", daemon=True)
         _RUNNING[self._thread] = job
         self._thread.start()
-        weakref.finalize(self, job.end, "open").atexit = False
+        weakref.finalize(session, job.end, "open").atexit = False
 
     @property
     def folder(self) -> Path:

@@ -15,8 +15,10 @@ from deformnb.animation import Animation
 from deformnb.deformation import Deformation
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
-from deformnb.io.atomic import atomic_write
+from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import write_volume
+from deformnb.io.headers import human_bytes
+from deformnb.io.memory import available_memory
 from deformnb.movie import Frames, animation_frames, deformation_frames, write_movie
 from deformnb.picture import Picture, project
 from deformnb.plane import Plane
@@ -82,6 +84,10 @@ class Export:
 
 
 def _volume(it: Frozen, path: Path, progress: Progress) -> None:
+    needed, free = it.volume.values.nbytes, available_memory()
+    if needed > free:  # else the system would end the process, and with it the session
+        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} of memory are free; close "
+                          "something else, or read the volume with a stride.")
     field = it.deformation.field(it.volume.grid)
     deformed = warp(it.volume, field, progress=lambda share: progress(0.5 * share))
     write_volume(deformed, path, progress=lambda share: progress(0.5 + 0.5 * share))
@@ -185,7 +191,9 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: dict
     """
     frozen = session if isinstance(session, Frozen) else Frozen.of(session, camera)
     place = Path(path)
-    export_for(place).write(frozen, place, progress or _silent)
+    writer = export_for(place)
+    check_target(place)  # before the long work
+    writer.write(frozen, place, progress or _silent)
     return place
 
 

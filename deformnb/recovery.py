@@ -35,7 +35,7 @@ class Recovery:
     ----------
     autosave : what writes.
     lost : what is offered, the newest first.
-    written : when the session was last written, for people; empty before.
+    written : when what is not saved was last written, for people; empty if there is nothing such.
 
     Examples
     --------
@@ -64,7 +64,8 @@ class Recovery:
         lost = self.lost
         if not lost:
             return ""
-        more = f" Then: {counted(len(lost) - 1, 'older one')}." if len(lost) > 1 else ""
+        older = len(lost) - 1
+        more = f" {counted(older, 'older edit')} follow{'s' if older == 1 else ''}." if older else ""
         size = f"{counted(lost[0].points, 'point')}, {counted(lost[0].steps, 'step')}"
         return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
 
@@ -117,8 +118,9 @@ class Recovery:
             self._changed()
 
     def _note(self, entry: SavedSession) -> None:
-        if entry.state in ("open", "saved"):
-            self.written = moment(entry.edited)
+        written = moment(entry.edited) if entry.state == "open" else ""
+        if written != self.written:
+            self.written = written
             self._changed()
 
 

@@ -25,7 +25,7 @@ from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
 from deformnb.io.locks import is_abandoned, sweep
-from deformnb.volume import Volume
+from deformnb.volume import Grid, Volume
 
 FORMAT = "deformnb-autosave"
 STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
@@ -34,7 +34,8 @@ STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
 MOST_PER_VOLUME, MOST, MOST_BYTES, MOST_DAYS = 20, 200, 200 * 2**20, 30.0
 """How many are kept, how large they may be together, and for how long."""
 
-_LONGEST_FACTS = 8192
+_LONGEST_FACTS, _LONGEST_NAME = 8192, 200
+_OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction")
 _SUFFIX, _HELD = ".json", ".live"
 _skipped: set[Path] = set()  # where the folder has become read-only, for this process at least
 
@@ -131,8 +132,7 @@ def write_session(entry: SavedSession, document: Deformation | str) -> None:
     entry.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     facts: dict[str, Any] = {"format": FORMAT, "state": entry.state, "edited": entry.edited.isoformat(),
                              **{name: getattr(entry, name) for name in ("points", "steps", "index", "key")}}
-    facts |= {"name": entry.volume.name[:200], "shape": entry.volume.shape, "spacing": entry.volume.spacing,
-              "sha256": entry.volume.sha256}
+    facts |= {name: getattr(entry.volume, name) for name in _OF_VOLUME} | {"name": entry.volume.name[:_LONGEST_NAME]}
     text = document if isinstance(document, str) else to_json(document)
     with atomic_write(entry.path) as stream:
         stream.write(json.dumps(facts).encode() + b"\n" + text.encode())
@@ -146,8 +146,9 @@ def read_session(path: Path) -> SavedSession | None:
         if data["format"] != FORMAT or data["state"] not in STATES:
             return None
         edited = datetime.fromisoformat(data["edited"])
-        shape, spacing = tuple(map(int, data["shape"])), tuple(map(float, data["spacing"]))
-        volume = VolumeReference(str(data["name"]), shape, spacing, str(data["sha256"]))  # type: ignore[arg-type]
+        grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"])
+        volume = VolumeReference(str(data["name"])[:_LONGEST_NAME], grid.shape, grid.spacing, str(data["sha256"]),
+                                 grid.origin, grid.direction)
         numbers = {name: int(data[name]) for name in ("points", "steps", "index", "key")}
         return SavedSession(path, volume, edited.astimezone(UTC), data["state"], **numbers)
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError):
@@ -184,7 +185,10 @@ def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None,
 
 
 def _same(one: VolumeReference, other: VolumeReference) -> bool:
-    return (one.sha256, one.shape) == (other.sha256, other.shape) and np.allclose(one.spacing, other.spacing, rtol=1e-5)
+    """The same voxels at the same places: points are places."""
+    a, b = one.grid, other.grid
+    return one.sha256 == other.sha256 and a is not None and b is not None and a.shape == b.shape and np.allclose(
+        a.matrix, b.matrix, rtol=1e-5) and np.allclose(a.origin, b.origin, atol=1e-3 * min(a.spacing))
 
 
 def restore(entry: SavedSession) -> Deformation:

@@ -189,8 +189,6 @@ def test_neither_session_nor_volume_is_kept_alive() -> None:
     gc.collect()
     assert alive() is None
     assert volume() is None
-    del saving
-    gc.collect()
     thread.join(10)
     assert not thread.is_alive()
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from deformnb import exports
 from deformnb.deformation import Keyframe
-from deformnb.errors import Cancelled, DeformError
+from deformnb.errors import Cancelled, DeformError, VolumeFileError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
@@ -87,6 +88,24 @@ def test_a_cancelled_export_leaves_nothing(session: Session, tmp_path: Path, nam
 
     with pytest.raises(Cancelled):
         export(session, tmp_path / name, progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [e.suffixes[0] for e in EXPORTS.values()])
+def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"folder{suffix}").mkdir()
+    worked: list[float] = []
+    for name, words in ((f"none/a{suffix}", "there is no folder"), (f"folder{suffix}", "this is a folder")):
+        with pytest.raises(VolumeFileError, match=words):
+            export(session, tmp_path / name, progress=worked.append)
+    assert worked == []
+
+
+def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tmp_path: Path,
+                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exports, "available_memory", lambda: 3000)
+    with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB of memory are free"):
+        export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -77,9 +77,9 @@ def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> No
         lose(points=5 + k)
     changes: list[int] = []
     recovery = opened(changed=lambda: changes.append(1))
-    assert "(11 points, 2 steps). Then: 2 older ones." in recovery.offer
+    assert "(11 points, 2 steps). 2 older edits follow." in recovery.offer
     recovery.act("skip")
-    assert "(10 points, 2 steps). Then: 1 older one." in recovery.offer
+    assert "(10 points, 2 steps). 1 older edit follows." in recovery.offer
     recovery.act("delete")
     assert recovery.offer.endswith("(9 points, 2 steps).")
     assert len(changes) == 3

@@ -1,0 +1,77 @@
+"""JupyterLab, a real mouse and a kernel that is killed: the page says so, and the next studio gives the edit back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from browser.hosts import Lab
+
+pytestmark = pytest.mark.needs_browser
+
+SETUP = """
+import numpy as np
+from deformnb import Grid, Volume
+from deformnb.widgets import Studio
+z, y, x = np.indices((40, 24, 40))
+ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
+studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
+studio
+"""
+EDITOR = "document.querySelector('.dnb-editor').deformnb"
+
+
+def at(page: Any, a: float, b: float) -> tuple[float, float]:
+    """Where a place of the picture, in millimetres, is on the screen."""
+    page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
+    box = page.locator(".dnb-ed-stage").bounding_box()
+    x, y, k = page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+    return box["x"] + x + k * a, box["y"] + y + k * b
+
+
+def ready(page: Any) -> None:
+    page.wait_for_function(f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source", timeout=120_000)
+
+
+def points(page: Any) -> Any:
+    return page.evaluate(f"() => {EDITOR}.points.map(({{ source, target }}) => [source, target])")
+
+
+def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 1280, "height": 1000})
+    lab.open_notebook(page, [SETUP])
+    ready(page)
+    bar = page.locator(".dnb-restore")
+    assert not bar.is_visible()
+    page.mouse.dblclick(*at(page, 20, 20))
+    page.wait_for_function(f"{EDITOR}.points.length === 5")
+    page.mouse.move(*at(page, 20, 20))
+    page.mouse.down()
+    page.mouse.move(*at(page, 26, 23), steps=5)
+    page.mouse.up()
+    assert lab.run(page, "import time\nwhile studio.editor.points.target[4, 0] < 25: time.sleep(0.05)") == ""
+    assert lab.run(page, "studio._bar.recovery.autosave.flush()") == ""
+    edited = points(page)
+    assert edited[4][1][0] > edited[4][0][0] + 4
+    page.evaluate("""() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.requestExecute(
+        { code: "import os, signal; os.kill(os.getpid(), signal.SIGKILL)", store_history: false }); }""")
+    page.wait_for_function("document.querySelector('.dnb-restore-gone')", timeout=60_000)
+    assert "The kernel was restarted: run the cell again. What was written by itself at" in bar.inner_text()
+    assert page.locator(".dnb-restore-button").filter(visible=True).count() == 0
+
+    if page.locator(".jp-Dialog").count():  # JupyterLab tells of the kernel's end too
+        page.keyboard.press("Escape")
+    page.wait_for_function("jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === 'idle'",
+                           timeout=60_000)
+    lab.run_all(page)
+    page.wait_for_selector(".dnb-restore:not(.dnb-restore-gone)", state="visible", timeout=120_000)
+    ready(page)
+    assert "was not saved (5 points, 1 step)." in bar.inner_text()
+    assert len(points(page)) == 4
+    page.get_by_role("button", name="Restore").click()
+    page.wait_for_function(f"{EDITOR}.points.length === 5", timeout=60_000)
+    assert points(page) == edited
+    bar.wait_for(state="hidden")
+    page.evaluate("() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart(); }")
+    page.wait_for_function("document.querySelector('.dnb-restore-gone')", timeout=60_000)  # its user's own restart
+    page.close()
