@@ -248,6 +248,16 @@ def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
     assert shown()[:2] == ["4", "1"]  # those without a name come last
 
 
+@pytest.mark.parametrize("width", [1000, 760, 480])
+def test_headings_stand_above_their_columns(table: TableOnPage, width: int) -> None:
+    table.page.set_viewport_size({"width": width, "height": 900})
+    table.answered()
+    places = table.page.evaluate("""() => [...document.querySelectorAll(".dnb-points-table .dnb-pt-row")].map((row) =>
+        [...row.children].map((cell) => Math.round(cell.getBoundingClientRect().right)))""")
+    assert len(places) == 6
+    assert all(row == places[0] for row in places)
+
+
 def test_a_point_is_added_at_numbers_and_put_back(table: TableOnPage) -> None:
     table.page.locator(".dnb-pt-place").fill("50, 20.5")
     table.page.keyboard.press("Enter")

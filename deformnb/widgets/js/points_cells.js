@@ -45,7 +45,9 @@ class PointsCells {
       button.addEventListener("click", () => this.sortBy(column.key));
     });
     const widths = this.columns.map(({ width }) => width).join(" ");
+    const least = this.columns.reduce((sum, { width }) => sum + Number(width.match(/(\d+)px/)[1]), 0);
     this.grid.style.setProperty("--dnb-pt-columns", widths);
+    this.grid.style.setProperty("--dnb-pt-least", `${least}px`); // one width for headings and rows
     this.grid.setAttribute("aria-colcount", this.columns.length);
   }
 
