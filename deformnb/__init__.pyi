@@ -59,6 +59,9 @@ from .matching import snap_to_match as snap_to_match
 from .movie import animation_frames as animation_frames
 from .movie import deformation_frames as deformation_frames
 from .movie import write_movie as write_movie
+from .outlines import fit_outline as fit_outline
+from .outlines import outline as outline
+from .outlines import slide as slide
 from .picture import PROJECTIONS as PROJECTIONS
 from .picture import Picture as Picture
 from .picture import project as project

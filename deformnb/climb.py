@@ -23,6 +23,8 @@ _LATTICE, _CHECKED = {2: 64, 3: 16}, {2: 128, 3: 32}
 _REACH, _LEAST_SHARED = 0.25, 0.01
 # Stands for a loss that is no number: two targets on one place.
 _IMPOSSIBLE = 1e10
+# An iteration that gains less likeness than this is the last of its level.
+_ENOUGH = 1e-7
 
 
 @dataclass
@@ -127,7 +129,7 @@ class Climb:
         size = int(movable.sum()) * shape[1]
         optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
                           callback=lambda _: self.history.append((factor, self._alike)),
-                          options={"maxiter": self.iterations, "maxfun": most})
+                          options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
         return scene.x + at * scene.unit
 
     def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],

@@ -30,8 +30,9 @@ _SPECK = 1e-3
 _COMPARED = 512
 # A target within this share of an outline's extent lies on it: far above rounding, far below a pixel.
 _ON_IT = 1e-6
-# A point slides at most this share of the way to its neighbour at once, so that none overtakes another.
-_STRIDE = 0.45
+# A point slides at most this share of the way to its neighbour at once, so that none overtakes another, and comes no
+# nearer to it than this share of an even spacing: two outlines that are not alike would pile points on one place.
+_STRIDE, _NEAREST = 0.45, 0.15
 # Less than this share of the energy is no progress; at its smallest the share is of rounding only.
 _ENOUGH, _NO_ENERGY = 1e-9, 1e-20
 
@@ -304,7 +305,8 @@ class _Sliding:
         pull = (tangent * (self._bending @ (y - y.mean(axis=0)))[self._at]).sum(axis=1)
         stiff = (tangent @ tangent.T) * self._bending[np.ix_(self._at, self._at)]
         way = -np.linalg.lstsq(stiff, pull, rcond=1e-10)[0]
-        way *= min(1.0, float(np.min(_STRIDE * self._gaps() / np.maximum(np.abs(way), 1e-300))))
+        room = _STRIDE * self._room()
+        way = np.clip(way, -room, room)
         for _ in range(12):
             after = self.energy(self.s + way)
             if after < energy * (1 - _ENOUGH) - _NO_ENERGY:
@@ -313,17 +315,18 @@ class _Sliding:
             way = way / 2
         return None
 
-    def _gaps(self) -> Floats:
-        """The way of each point to its nearer neighbour on the same outline."""
-        gaps = np.array([curve.length for curve in self._curves])
+    def _room(self) -> Floats:
+        """How far each point may come towards its nearer neighbour on the same outline."""
+        room = np.array([curve.length for curve in self._curves])
         for curve in {id(c): c for c in self._curves}.values():
             on = np.array([k for k, c in enumerate(self._curves) if c is curve])
             s = curve.within(self.s[on])
             order = np.argsort(s)
             if len(on) > 1:
                 step = np.diff(s[order], append=s[order[0]] + (curve.length if curve.closed else np.inf))
-                gaps[on[order]] = np.minimum(step, np.roll(step, 1))
-        return gaps
+                least = _NEAREST * curve.length / len(on)
+                room[on[order]] = np.maximum(np.minimum(step, np.roll(step, 1)) - least, 0.0)
+        return room
 
 
 def bending_matrix(source: ArrayLike) -> Floats:

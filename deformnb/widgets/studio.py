@@ -62,6 +62,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     folder : where files are saved and opened by the controls.
     labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
         regions can be made rigid or cut out; label_names : what the numbers are called.
+    target : what the volume shall look like: a volume, an array as large, or a file, chosen in the panel "Fit".
 
     Attributes
     ----------
@@ -88,7 +89,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
                  method: str = "mip", transfer: Any = "specimen", view: str | AbstractView = "live", height: int = 430,
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
-                 label_names: Mapping[int, str] | None = None) -> None:
+                 label_names: Mapping[int, str] | None = None,
+                 target: Volume | NDArray[Any] | str | PathLike[str] | None = None) -> None:
         given = as_volume(volume)
         close_earlier_of_this_cell(self)
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
@@ -105,7 +107,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._link = StudioLink(self.session, self.view, self._worker)
         self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
-        self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names)
+        self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names,
+                                         parts.as_target(target, given))
         self._bar = RestoreBar(self.session, self._edited, self._weakly(Studio._say))
         arranged = parts.arranged(self._editors, self.view, self._panels, [self._status, self._notice])
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
@@ -121,10 +124,10 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
-                     names: Mapping[int, str] | None) -> list[Panel]:
+                     names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer)
         return make_panels(PanelParts(self.session, self._edited, self.view, self._editors, self._worker, self._opacity,
-                                      folder, self.export_html, labels, names))
+                                      folder, self.export_html, labels, names, target))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.depth_panel import DepthPanel
 from deformnb.widgets.files_panel import FilesPanel
+from deformnb.widgets.fit_panel import FitPanel
 from deformnb.widgets.history_panel import HistoryPanel
 from deformnb.widgets.points_panel import PointsPanel
 from deformnb.widgets.shapes_panel import ShapesPanel
@@ -35,6 +36,7 @@ class PanelParts:
     folder : where files are saved and opened.
     export_html : writes the page that deforms without a kernel.
     labels, label_names : numbered parts of the volume and what they are called.
+    target : what the volume shall look like, to be chosen in the panel of fitting.
     """
 
     session: Session
@@ -47,6 +49,7 @@ class PanelParts:
     export_html: Callable[..., None]
     labels: Volume | None
     label_names: Mapping[int, str] | None
+    target: Volume | None = None
 
 
 def make_panels(s: PanelParts) -> list[Panel]:
@@ -60,6 +63,7 @@ def make_panels(s: PanelParts) -> list[Panel]:
         ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
         MapPanel(s.session, s.guard),
         DepthPanel(s.session, s.guard),
+        FitPanel(s.session, s.guard, s.editors, s.folder, s.target),
         AnimationPanel(s.session, s.guard, s.view, s.folder),
         LookPanel(s.session, s.guard, s.view, s.opacity),
         HistoryPanel(s.session, s.guard),

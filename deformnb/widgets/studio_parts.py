@@ -57,6 +57,13 @@ def as_labels(given: Any, volume: Volume) -> Volume | None:
     return as_volume(given)
 
 
+def as_target(given: Any, volume: Volume) -> Volume | None:
+    """A volume to become alike, from a volume, a file, or an array that lies as the volume does; None for none."""
+    if isinstance(given, np.ndarray) and given.shape == volume.shape:
+        return Volume(given, volume.grid, "target")
+    return None if given is None else as_volume(given)
+
+
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
     """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows.
 

@@ -1,0 +1,313 @@
+"""Fitting in the studio: a target is chosen, and points go by themselves to where the two pictures look alike.
+
+What takes time runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
+something was edited meanwhile, that edit stays and the result is dropped.
+"""
+
+from __future__ import annotations
+
+import html
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from os import PathLike
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, lone_support
+from deformnb.degenerate import default_support
+from deformnb.errors import Cancelled, DeformError
+from deformnb.fields import AbstractField
+from deformnb.likeness import MEASURES
+from deformnb.matching import Fitted, fit_targets, snap_to_match
+from deformnb.outlines import fit_outline, outline, slide
+from deformnb.picture import Picture
+from deformnb.session import Session
+from deformnb.volume import Volume
+from deformnb.widgets.controls import Guard, Panel, button, row, slider
+from deformnb.widgets.fit_target import GIVEN, NO_TARGET, FitTarget, blended, compared
+from deformnb.widgets.stills import as_png
+from deformnb.widgets.worker import Worker
+
+_MEASURES = {"ncc": "Correlation (brightness does not count)", "ssd": "Squared difference (one grey scale)",
+             "mi": "Mutual information (any grey scale)"}
+_STYLE = {"description_width": "initial"}
+_HINT = "Choose what the volume shall look like. Points in even places hold still best if they are locked."
+_SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
+_ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
+_SLIDE_TIP = ("The selected points, or all that were put on the outline, slide along the target's outline to where the "
+              "map bends least")
+# Points that "Points along the outline" made are known by their names.
+_OUTLINE = "outline "
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What a fit began with, of this moment."""
+
+    deformation: Deformation
+    index: int
+    key: int
+    points: ControlPoints
+    selected: tuple[int, ...]
+    map_now: AbstractField
+    options: dict[str, Any]
+    settings: dict[str, Any]
+
+    def is_overtaken(self, session: Session) -> bool:
+        """Whether something was edited, or another step chosen, since."""
+        return (session.deformation, session.index, session.key) != (self.deformation, self.index, self.key)
+
+
+Work = Callable[[Begun], tuple[ControlPoints, str]]
+
+
+class FitPanel(Panel):
+    """Targets found by the pictures.
+
+    Parameters
+    ----------
+    editors : ``editors.current`` is the editor of the step being edited; its selection is what "Snap" moves.
+    folder : where targets lie.
+    target : a volume that can be chosen first.
+
+    Attributes
+    ----------
+    target : what is chosen; buttons : by their words; said : the line of words.
+    """
+
+    title = "Fit"
+
+    def __init__(self, session: Session, guard: Guard, editors: Any, folder: str | PathLike[str],
+                 target: Volume | None = None) -> None:
+        super().__init__(session, guard)
+        self._editors = editors
+        self.target = FitTarget(session, folder, target)
+        self._thread = Worker("deformnb-fit")
+        self._stop = threading.Event()
+        self._is_busy = False
+        self.choice = ipw.Dropdown(options=self.target.choices(), description="Target", style=_STYLE,
+                                   layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+                                   tooltip="What the volume shall look like: another volume, or a saved session")
+        if target is not None:
+            self.target.choose(GIVEN)
+            self.choice.value = GIVEN
+        self.choice.observe(self._chosen, "value")
+        self.measure = ipw.Dropdown(options=[(_MEASURES.get(name, name), name) for name in MEASURES], style=_STYLE,
+                                    description="Measure", layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+                                    tooltip="What counts as alike")
+        self.stiffness = ipw.FloatLogSlider(
+            min=-4, max=1, step=0.1, value=0.005, description="Stiffness", style=_STYLE, readout_format=".1g",
+            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+            tooltip="How much bending counts against likeness, when all points are fitted")
+        self.count = ipw.BoundedIntText(min=3, max=200, value=16, style=_STYLE, description="Points",
+                                        layout=ipw.Layout(width="120px"), tooltip="How many are put on the outline")
+        self.buttons = {text: button(text, tip, partial(guard, partial(self._start, text, work)))
+                        for text, (tip, work) in self._works().items()}
+        self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="140px", visibility="hidden"))
+        self.said = ipw.HTML(_words(_HINT if target is None else self.target.note))
+        self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
+                            layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.blend.observe(self._ask_for_preview, "value")
+        self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", object_fit="contain"))
+        self.shown = ipw.VBox([self.blend, self.preview, ipw.HTML(_words(
+            "Left: blended. Right: now in green, target in magenta; grey where they agree."))],
+            layout=ipw.Layout(display="none"))
+        snap, fit, along, along_it = self.buttons.values()
+        self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
+                             row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.said, self.shown],
+                            layout=ipw.Layout(grid_gap="4px"))
+        self.refresh()
+
+    def _works(self) -> dict[str, tuple[str, Work]]:
+        return {
+            "Snap selected points": (_SNAP_TIP, self._snap),
+            "Fit all points": ("All points that are not locked are moved so that the pictures look alike", self._fit),
+            "Points along the outline": (_ALONG_TIP, self._along),
+            "Slide along the outline": (_SLIDE_TIP, self._slide),
+        }
+
+    def arrange(self) -> None:
+        choices = self.target.choices()
+        if list(self.choice.options) != choices:
+            kept = self.choice.value
+            self.choice.options = choices
+            self.choice.value = kept if kept in [key for _, key in choices] else NO_TARGET
+        self._allow()
+        self._ask_for_preview()
+
+    def _allow(self) -> None:
+        self.shown.layout.display = "none" if self.target.volume is None or self.session.step.plane is None else None
+        idle = not self._is_busy and self.target.volume is not None
+        for text, made in self.buttons.items():
+            made.disabled = not idle or ("outline" in text and self.session.step.plane is None)
+        self.choice.disabled = self._is_busy
+        self.stop.disabled = not self._is_busy
+        self.bar.layout.visibility = "visible" if self._is_busy else "hidden"
+
+    # -- the target ----------------------------------------------------------------------------------------------------
+
+    def _chosen(self, change: Any) -> None:
+        key = change["new"]
+        if key != self.target.key and self._refreshing != threading.get_ident():
+            self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
+            self._thread.call(lambda: self._finish(lambda: self._choose(key)))
+
+    def _choose(self, key: str) -> str:
+        try:
+            self.target.choose(key, self._progress)
+        finally:
+            self.choice.value = self.target.key  # what could not be read is not chosen
+        return self.target.note if key != NO_TARGET else _HINT
+
+    # -- work ----------------------------------------------------------------------------------------------------------
+
+    def _busy(self, words: str) -> None:
+        self._stop.clear()
+        self._is_busy = True
+        self.bar.value = 0.0
+        self.said.value = _words(words)
+        self._allow()
+
+    def _start(self, what: str, work: Work) -> None:
+        if self._is_busy:
+            raise DeformError("a fit is under way; stop it first.")
+        begun = self._begin()
+        self._busy(f"{what} ...")
+        self._thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
+
+    def _begin(self) -> Begun:
+        session, step = self.session, self.session.step
+        if self.target.volume is None:
+            raise DeformError("choose a target first: a volume, or the session file of another result.")
+        if step.strength != 1:
+            raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
+        editor = self._editors.current
+        support = step.support or default_support(session.points) or lone_support(session.volume.grid)
+        options = {"kernel": step.kernel, "support": support, "trend": step.trend, "smoothing": step.smoothing}
+        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
+        return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
+                     editor.fit(), options, settings)
+
+    def _worked(self, begun: Begun, what: str, work: Work) -> str:
+        points, words = work(begun)
+        if begun.is_overtaken(self.session):
+            return f"{what} was overtaken: something was edited meanwhile, and that stays. Press the button again."
+        if points != begun.points and not self.guard(lambda: self.session.edit_points(points, what.lower())):
+            return "The result could not be taken; nothing was changed."
+        return words
+
+    def _finish(self, action: Callable[[], str]) -> None:
+        """Do it in the thread and say how it ended."""
+        said = ""
+        try:
+            said = action()
+        except Cancelled:
+            said = "Stopped; nothing was changed."
+        except Exception as error:
+            reason = error
+            self.guard(lambda: _raise(reason))
+        finally:
+            self._is_busy = False
+            self.said.value = _words(said)
+            self._allow()
+            self._ask_for_preview()
+
+    def _progress(self, share: float) -> None:
+        if self._stop.is_set():
+            raise Cancelled("stopped in the studio.")
+        if abs(share - self.bar.value) > 0.01 or share == 1:
+            self.bar.value = share
+
+    # -- the four buttons ----------------------------------------------------------------------------------------------
+
+    def _snap(self, begun: Begun) -> tuple[ControlPoints, str]:
+        if not begun.selected:
+            raise DeformError("no point is selected; click on those that shall snap, with Shift for several.")
+        moving, fixed = self.target.pair()
+        found = snap_to_match(begun.points, begun.selected, moving, fixed, map_now=begun.map_now,
+                              progress=self._progress)
+        words = [f"{len(found.ids) - len(found.left)} of {len(found.ids)} points snapped."]
+        for point, why in list(found.left.items())[:4]:
+            words.append(f"{begun.points.label(begun.points.index(point)).capitalize()} was left: {why}.")
+        return found.points, " ".join(words)
+
+    def _fit(self, begun: Begun) -> tuple[ControlPoints, str]:
+        step = begun.deformation.steps[begun.index]
+        if any(part.enabled for part in step.parts) or any(cut.enabled for cut in step.cuts):
+            raise DeformError("cuts and rigid parts are not known to the fit of all points; switch them off, or snap "
+                              "single points, which works beside them.")
+        moving, fixed = self.target.pair()
+        start = time.perf_counter()
+        found = fit_targets(begun.points, moving, fixed, progress=self._progress, **begun.options, **begun.settings)
+        return found.points, _report(found, begun.points, time.perf_counter() - start)
+
+    def _along(self, begun: Begun) -> tuple[ControlPoints, str]:
+        source, goal = (self._outline(picture) for picture in self.target.pair())
+        found = fit_outline(begun.points, source, goal, count=self.count.value, progress=self._progress)
+        return found.points, f"{len(found.ids)} points put on the outline. {_bent(found.energy)}"
+
+    def _slide(self, begun: Begun) -> tuple[ControlPoints, str]:
+        points = begun.points
+        ids = begun.selected or tuple(i for i, name in zip(points.ids, points.names, strict=True)
+                                      if name.startswith(_OUTLINE))
+        if not ids:
+            raise DeformError("no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
+                              "points that lie on it.")
+        found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._progress)
+        return found.points, f"{len(found.ids)} points slid. {_bent(found.energy)}"
+
+    def _outline(self, picture: Any) -> Any:
+        found = outline(picture) if isinstance(picture, Picture) else []
+        if not found:
+            raise DeformError("there is no outline here; it needs a picture with something bright on dark ground.")
+        return found[0]
+
+    # -- the preview ---------------------------------------------------------------------------------------------------
+
+    def _ask_for_preview(self, _change: Any = None) -> None:
+        if self.target.volume is not None and not self._is_busy and not self._thread.is_closed:
+            self._thread.latest("preview", self._show_preview)
+
+    def _show_preview(self) -> None:
+        """Both pictures; what keeps them from being made is said where it matters, at the buttons."""
+        if self.session.step.plane is None:
+            return
+        try:
+            moving, fixed = self.target.pair()
+            now, goal = compared(moving, fixed, self._editors.current.fit())  # type: ignore[arg-type]
+            self.preview.value = as_png(blended(now, goal, self.blend.value))
+        except DeformError as error:
+            self.said.value = _words(str(error))
+
+    def close(self) -> None:
+        """Stop what is being fitted."""
+        self._stop.set()
+        self._thread.close()
+
+
+def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
+    way = np.linalg.norm(found.points.target - before.target, axis=1)
+    if not way.any():
+        return f"Nothing better was found; likeness {found.score_before:.3f}. {seconds:.1f} s."
+    return (f"Likeness {found.score_before:.3f} before, {found.score_after:.3f} after. "
+            f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
+            f"{seconds:.1f} s.")
+
+
+def _bent(energy: tuple[float, ...]) -> str:
+    return f"Bending energy {energy[0]:.3g} by arc length, {energy[-1]:.3g} after {len(energy) - 1} steps."
+
+
+def _words(text: str) -> str:
+    return f'<div role="status" style="line-height: 1.35">{html.escape(text)}</div>' if text else ""
+
+
+def _raise(error: Exception) -> None:
+    raise error
