@@ -86,8 +86,8 @@ class Export:
 def _volume(it: Frozen, path: Path, progress: Progress) -> None:
     needed, free = it.volume.values.nbytes, available_memory()
     if needed > free:  # else the system would end the process, and with it the session
-        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} of memory are free; close "
-                          "something else, or read the volume with a stride.")
+        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} are free; "
+                          "close something else, or read the volume with a stride.")
     field = it.deformation.field(it.volume.grid)
     deformed = warp(it.volume, field, progress=lambda share: progress(0.5 * share))
     write_volume(deformed, path, progress=lambda share: progress(0.5 + 0.5 * share))

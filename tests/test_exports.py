@@ -104,7 +104,7 @@ def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_pa
 def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tmp_path: Path,
                                                              monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exports, "available_memory", lambda: 3000)
-    with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB of memory are free"):
+    with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []
 
