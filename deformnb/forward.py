@@ -113,13 +113,14 @@ def default_tolerance(x: Array, field: AbstractField) -> float:
                _ROUNDING * (float(np.abs(x).max()) + far))
 
 
-def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int = 50,
-          start: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """What holds for a block of points (N, dim), at least one.
+def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int = 50, *,
+          start: Array | None = None, thorough: bool = True) -> tuple[Array, NDArray[np.bool_]]:
+    """What :func:`warp_points` returns, for a block of points (N, dim), at least one.
 
     Parameters
     ----------
     start : (N, dim), about where they go, if that is known; for a field without cuts.
+    thorough : False leaves what the first starts do not reach.
     """
     if isinstance(field, Decoupled):
         return _beside_cuts(x, field, tolerance, max_iterations)
@@ -136,7 +137,7 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
     else:
         y, error = _searched(x, _of_field(field), tolerance, max_iterations, start)
     left = np.flatnonzero(~(error <= tolerance))
-    if len(left):
+    if len(left) and thorough:
         y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
     return y, error <= tolerance
 
@@ -183,7 +184,7 @@ def _in_the_plane(x: Array, field: Extrusion, tolerance: float, max_iterations: 
     first = None if start is None else plane.to_plane(start)[:, :2]
     if field.is_plain:
         only = field.maps[0]
-        y, _ = moved(ab, only, tolerance, max_iterations, first)
+        y, _ = moved(ab, only, tolerance, max_iterations, start=first, thorough=False)
         error = _errors(y + only.displacement(y) - ab)
     else:
         parts = list(zip(field.maps, weights, strict=True))
