@@ -42,7 +42,8 @@ def test_edits_change_what_they_say_and_nothing_else() -> None:
     switches = [[p["active"] for p in out[name]] for name in ("off", "on", "mixed")]
     assert switches == [[True, False, True, True], [True] * 4, [False, False, True, True]]
     assert out["named"][2]["name"] == "fin"
-    assert out["added"][4] == {"id": 9, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1}
+    assert out["added"][4] == {"id": 9, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1,
+                               "locked": False, "radius": None}
     assert out["next"] == 7
 
 
@@ -72,7 +73,8 @@ def test_points_from_anywhere_are_cleaned() -> None:
         { id: 0.5, source: [1, 2], target: [1, 2] },
         { id: 4, source: [1, 2], target: [3, 4], weight: -1 }, { id: 4, source: [1, 2], target: [3, 4] },
         { id: 5, source: [1, NaN], target: [3, 4] }])]"""
-    good = {"id": 4, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1}
+    good = {"id": 4, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1,
+            "locked": False, "radius": None}
     assert run_script(("edits.js",), main, None) == [[], [good]]
 
 

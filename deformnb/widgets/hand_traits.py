@@ -14,7 +14,8 @@ _AXES = ("a", "b")
 def _mirror(value: Any) -> None:
     keys = {"on", "axis", "at"}
     if not isinstance(value, dict) or set(value) != keys:
-        raise DeformError(f'the mirror must be {{"on": bool, "axis": "a" or "b", "at": number or None}}, got {value!r:.80}.')
+        raise DeformError('the mirror must have "on", "axis" and "at", such as {"on": True, "axis": "a", "at": None}; '
+                          f"got {value!r:.80}.")
     if not isinstance(value["on"], bool) or value["axis"] not in _AXES:
         raise DeformError(f'the mirror is on or off, and its axis "a" or "b"; got {value!r:.80}.')
     if value["at"] is not None and not _is_length(value["at"]):

@@ -240,5 +240,5 @@ def test_the_list_of_keys_is_wide_and_its_keys_never_wrap(opened: Any, picture: 
     assert ["Enter on the picture", "add a point in the middle"] in [[key[3], what[3]] for key, what in rows]
     assert panel["height"] > stage["height"] - 16  # the rest by scrolling, with the keys too
     page.page.keyboard.press("End")
-    page.wait("(([p, e]) => e.bottom <= p.bottom)([document.querySelector('.dnb-ed-help'), [...document.querySelectorAll("
-              "'.dnb-ed-entry')].at(-1)].map((e) => e.getBoundingClientRect()))")
+    page.wait("(([p, e]) => e.bottom <= p.bottom)([document.querySelector('.dnb-ed-help'), "
+              "[...document.querySelectorAll('.dnb-ed-entry')].at(-1)].map((e) => e.getBoundingClientRect()))")

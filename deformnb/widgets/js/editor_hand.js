@@ -7,8 +7,13 @@ class EditorHand extends EditorEdits {
   // ---- the mirror ---------------------------------------------------------------------------------------------------
 
   get mirror() {
-    const { on = false, axis = "a", at = null } = this.model.get("mirror") ?? {}, [a0, a1, b0, b1] = this.box;
-    return { on, axis, at: at ?? (axis === "a" ? (a0 + a1) / 2 : (b0 + b1) / 2) };
+    const { on = false, axis = "a", at = null } = this.model.get("mirror") ?? {};
+    return { on, axis, at: at ?? this.#middle(axis) };
+  }
+
+  #middle(axis) {
+    const [a0, a1, b0, b1] = this.box;
+    return axis === "a" ? (a0 + a1) / 2 : (b0 + b1) / 2;
   }
 
   // The lengths within which a source is on the axis, and a partner is found: parts of a pixel.
@@ -26,7 +31,10 @@ class EditorHand extends EditorEdits {
 
   toggleMirror() { this.setMirror({ on: !this.mirror.on }); }
 
-  turnMirror() { this.setMirror({ on: true, axis: this.mirror.axis === "a" ? "b" : "a", at: null }); }
+  turnMirror() {
+    const axis = this.mirror.axis === "a" ? "b" : "a";
+    this.setMirror({ on: true, axis, at: this.#middle(axis) });
+  }
 
   // The axis under the hand; Python hears of it at the end.
   moveAxis(at, isEnd) {

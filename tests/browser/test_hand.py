@@ -1,0 +1,292 @@
+"""Turning, scaling, locking, the grid that holds and the stop at folds, with real mouse and keys in a real browser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.editor_page import PAGE, EditorOnPage
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.picture import Picture
+from deformnb.widgets.editor import Editor
+
+pytestmark = pytest.mark.needs_browser
+
+
+def turned(places: Any, about: Any, degrees: float, factor: float = 1.0) -> NDArray[np.float64]:
+    """Clockwise on the screen, where b runs down."""
+    c, s = factor * np.cos(np.radians(degrees)), factor * np.sin(np.radians(degrees))
+    return np.asarray(about) + (np.asarray(places) - about) @ np.array([[c, s], [-s, c]])
+
+
+def knob(page: EditorOnPage) -> tuple[float, float]:
+    """Where the handle that turns is, in the window."""
+    page.settled()
+    box = page.page.locator("[data-mark='turn'] .dnb-ed-turn-disc").bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def turn_by_hand(page: EditorOnPage, about: Any, degrees: float, *keys: str) -> None:
+    start, middle = np.array(knob(page)), np.array(page.on_screen(about))
+    mouse = page.page.mouse
+    mouse.move(*start)
+    mouse.down()
+    for key in keys:
+        page.page.keyboard.down(key)
+    for share in (0.3, 0.7, 1.0):
+        mouse.move(*turned(start, middle, share * degrees))
+    mouse.up()
+    for key in keys:
+        page.page.keyboard.up(key)
+    page.settled()
+
+
+def select(page: EditorOnPage, *ids: int) -> None:
+    for k, number in enumerate(ids):
+        page.page.locator(f"[data-id='{number}'] .dnb-ed-hit").click(modifiers=["Shift"] if k else [])
+    page.settled()
+
+
+# ---- turning --------------------------------------------------------------------------------------------------------
+
+
+def test_several_points_turn_about_their_middle(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    select(page, 1, 2, 4)
+    about = points.target[[1, 2, 4]].mean(axis=0)
+    turn_by_hand(page, about, 30)
+    after = page.points
+    assert after.target[[1, 2, 4]] == pytest.approx(turned(points.target[[1, 2, 4]], about, 30), abs=0.6)
+    angle = np.degrees(np.arctan2(*np.flip(after.target[1] - about))) - np.degrees(np.arctan2(
+        *np.flip(points.target[1] - about)))
+    assert (angle + 180) % 360 - 180 == pytest.approx(30, abs=0.6)
+    sides = np.linalg.norm(np.diff(after.target[[1, 2, 4, 1]], axis=0), axis=1)
+    assert sides == pytest.approx(np.linalg.norm(np.diff(points.target[[1, 2, 4, 1]], axis=0), axis=1), abs=1e-9)
+    assert np.array_equal(after.target[[0, 3]], points.target[[0, 3]])
+    assert np.array_equal(after.source, points.source)
+    page.page.keyboard.press("Control+z")
+    assert page.points == points
+
+
+def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(opened: Any, picture: Picture,
+                                                               points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    select(page, 1, 2)
+    about = points.target[[1, 2]].mean(axis=0)
+    turn_by_hand(page, about, 41, "Shift")
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, 45), abs=1e-9)
+    page.page.keyboard.press("Control+z")
+    for _ in range(3):
+        page.page.keyboard.press(".")
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, 6), abs=1e-9)
+    page.page.keyboard.press("Shift+,")
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, -9), abs=1e-9)
+    page.page.keyboard.press("Alt+.")
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, -9, 1.02), abs=1e-9)
+    kinds = [m["kind"] for m in page.js("models.editor.sent") if m["phase"] == "end"]
+    assert [kind for kind, before in zip(kinds, [None, *kinds], strict=False) if kind != before] == [
+        "turn", "undo", "turn", "scale"]
+
+
+def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    select(page, 1, 2)
+    about = points.target[[1, 2]].mean(axis=0)
+    (x, y), (mx, my) = knob(page), page.on_screen(about)
+    mouse = page.page.mouse
+    mouse.move(x, y)
+    mouse.down()
+    page.page.keyboard.down("Alt")
+    mouse.move(mx + 0.5 * (x - mx), my + 0.5 * (y - my), steps=4)
+    mouse.up()
+    page.page.keyboard.up("Alt")
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, 0, 0.5), abs=0.4)
+
+
+@pytest.mark.parametrize("degrees", [30, -20])
+def test_one_point_gets_a_rim_and_its_neighbourhood_turns(opened: Any, picture: Picture, points: ControlPoints,
+                                                        degrees: float) -> None:
+    page = opened(Editor(picture, points))
+    select(page, 4)
+    turn_by_hand(page, points.target[4], degrees)
+    after = page.points
+    assert after.names[5:] == ("middle rim",) * 3
+    assert np.array_equal(after.target[:5], points.target)
+    # Forward the neighbourhood turns by the angle, so the backward gradient at the pin is the rotation back.
+    gradient = np.eye(2) + page.editor.fit().jacobian(points.target[4])
+    forward = np.linalg.inv(gradient)
+    angle = np.degrees(np.arctan2(forward[1, 0] - forward[0, 1], forward[0, 0] + forward[1, 1]))
+    assert angle == pytest.approx(degrees, abs=3)
+    assert np.linalg.svd(forward)[1] == pytest.approx([1, 1], abs=0.1)
+    away = np.linalg.norm(after.source[5:] - points.target[4], axis=1)
+    assert away == pytest.approx(np.full(3, away[0]), abs=1e-9)
+    assert after.target[5:] == pytest.approx(turned(after.source[5:], points.target[4], degrees), abs=0.4)
+    turn_by_hand(page, points.target[4], -degrees)
+    assert len(page.points) == 8  # the same rim
+    assert page.points.target[5:] == pytest.approx(after.source[5:], abs=0.5)
+    page.page.keyboard.press("Control+z")
+    page.page.keyboard.press("Control+z")
+    assert page.points.ids == points.ids  # one step each
+
+
+def test_the_rim_goes_with_its_pin(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    select(page, 4)
+    page.page.keyboard.press("Shift+.")
+    rim = page.points
+    k = page.js(f"{PAGE}.view.k")
+    page.drag(points.target[4], (24, 18))
+    assert page.points.target[4:] == pytest.approx(rim.target[4:] + np.array([24, 18]) / k, abs=1e-9)
+    page.page.locator("[data-id='4']").focus()
+    page.page.keyboard.press("Delete")
+    assert page.points.ids == (0, 1, 2, 3)
+
+
+def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points), size=(600, 600))
+    page.page.locator("[data-command=more]").click()
+    menu = page.page.get_by_role("menu")
+    assert menu.is_visible()
+    right = page.page.get_by_role("menuitem", name="Turn right by 15")
+    assert right.get_attribute("aria-disabled") == "true"
+    page.page.keyboard.press("Escape")
+    assert menu.is_hidden()
+    assert page.js("document.activeElement.dataset.command") == "more"
+    select(page, 1, 2)
+    page.page.locator("[data-command=more]").click()
+    right.click()
+    about = points.target[[1, 2]].mean(axis=0)
+    assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, 15), abs=1e-9)
+    assert menu.is_hidden()
+    page.page.locator("[data-command=more]").click()
+    for _ in range(3):
+        page.page.keyboard.press("ArrowDown")
+    page.page.keyboard.press("Enter")
+    assert page.editor.stop_at_folds
+    assert menu.is_hidden()
+    assert page.page.locator(".dnb-ed-bar").bounding_box()["height"] < 45  # one row, as in the studio
+
+
+# ---- locks ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_locked_point_does_not_move_by_any_hand(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    points = points.move(4, [80, 30])
+    editor, kinds = Editor(picture, points), []
+    editor.on_edit(lambda edit: kinds.append(edit.kind), details=True)
+    page = opened(editor)
+    select(page, 4)
+    page.page.keyboard.press("l")
+    assert page.points.locked.tolist() == [False] * 4 + [True]
+    assert kinds == ["lock"]
+    assert page.page.locator("[data-id='4'] .dnb-ed-lock").is_visible()
+    assert page.page.locator("[data-id='3'] .dnb-ed-lock").is_hidden()
+    assert page.page.locator("[data-id='4']").get_attribute("aria-label").endswith(", locked")
+    locked = page.points
+    page.drag(points.target[4], (30, 10))
+    page.drag(points.source[4], (30, 10))
+    page.page.locator("[data-id='4']").focus()
+    for key in ("ArrowRight", "Home", "Delete", ".", "Alt+."):
+        page.page.keyboard.press(key)
+    page.page.mouse.click(*page.on_screen(points.target[4]), button="right")
+    assert page.points == locked
+    assert "is locked" in page.page.locator(".dnb-ed-hint").inner_text()
+    page.page.keyboard.press("Control+a")
+    page.page.keyboard.press("ArrowRight")
+    du = picture.raster.spacing[0]
+    assert page.points.target == pytest.approx(points.target + np.array([[du, 0]] * 4 + [[0, 0]]), abs=1e-9)
+    page.page.keyboard.press("Delete")
+    assert page.points.ids == (4,)
+    page.page.keyboard.press("Control+z")
+    select(page, 4)
+    page.page.keyboard.press("l")
+    page.drag(points.target[4], (20, 0))
+    assert page.points.target[4, 0] > 83
+
+
+def test_locks_and_radii_come_through_an_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    points = points.edit(0, locked=True).edit(2, radius=90.0)
+    page = opened(Editor(picture, points))
+    page.drag(points.target[4], (20, 5))
+    after = page.points
+    assert after.locked.tolist() == [True, False, False, False, False]
+    assert after.radius[2] == 90
+    assert np.isnan(after.radius[[0, 1, 3, 4]]).all()
+
+
+# ---- the grid that holds, and folds ---------------------------------------------------------------------------------
+
+
+def nodes(page: EditorOnPage, picture: Picture) -> NDArray[np.float64]:
+    """Those of the grid that is drawn."""
+    a0, a1, b0, b1 = picture.raster.box
+    size = max(a1 - a0, b1 - b0) / page.editor.density
+    columns, rows = round((a1 - a0) / size), round((b1 - b0) / size)
+    lines = np.linspace(a0, a1, columns + 1), np.linspace(b0, b1, rows + 1)
+    return np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+
+
+def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.keyboard.press("Shift+N")
+    page.wait("models.editor.get('snap') > 0")
+    assert page.editor.snap == pytest.approx(120 / 16)
+    grid = nodes(page, picture)
+
+    def off(place: Any) -> float:
+        return float(np.linalg.norm(grid - place, axis=1).min())
+
+    page.drag(points.target[4], (31, 17))
+    assert off(page.points.target[4]) < 1e-9
+    page.page.mouse.dblclick(*page.on_screen([47, 3]))
+    assert off(page.points.target[5]) < 1e-9
+    assert np.linalg.norm(page.points.target[5] - [47, 3]) < 120 / 16
+    before = page.points.target[3]
+    mouse = page.page.mouse
+    x, y = page.on_screen(before)
+    mouse.move(x, y)
+    mouse.down()
+    page.page.keyboard.down("Alt")
+    mouse.move(x + 13, y + 9, steps=3)
+    mouse.up()
+    page.page.keyboard.up("Alt")
+    k = page.js(f"{PAGE}.view.k")
+    assert page.points.target[3] == pytest.approx(before + np.array([13, 9]) / k, abs=1e-9)
+    page.editor.snap = 10.0  # a step in the picture's unit
+    page.drag(page.points.target[2], (21, -13))
+    box = np.array([picture.raster.box[0], picture.raster.box[2]])
+    steps = (page.points.target[2] - box) / 10
+    assert steps == pytest.approx(np.round(steps), abs=1e-9)
+
+
+def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points, stop_at_folds=True)
+    page = opened(editor)
+    far = np.array(page.on_screen([70, 25]))
+    page.drag([70, 25], (330, 60), steps=12)
+    stopped = page.points.target[4]
+    status = page.page.locator(".dnb-ed-notes").inner_text()
+    assert status.startswith("Stopped before the picture folds")
+    assert 0.04 < page.js(f"{PAGE}.folds.least") < 0.12
+    way = np.array(page.on_screen(stopped)) - far
+    assert np.cross([*way, 0], [330, 60, 0])[2] == pytest.approx(0, abs=1e-6 * 330 * 330)
+    assert 0.1 < np.linalg.norm(way) / np.hypot(330, 60) < 0.95
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.keyboard.press("t")
+    assert not editor.stop_at_folds
+    page.drag(stopped, (330 - way[0], 60 - way[1]), steps=6)
+    assert page.js(f"{PAGE}.folds.least") < 0
+    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+
+
+def test_what_is_folded_already_can_be_moved_back(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points.move(4, [125, 40]), stop_at_folds=True)
+    page = opened(editor)
+    assert page.js(f"{PAGE}.folds.least") < 0
+    k = page.js(f"{PAGE}.view.k")
+    page.drag([125, 40], (-45 * k, -10 * k), steps=6)
+    assert page.points.target[4] == pytest.approx([80, 30], abs=1)
