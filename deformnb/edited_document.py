@@ -152,6 +152,28 @@ class EditedDocument(traitlets.HasTraits):
             self._become(self.deformation.with_step(self.index, step), label, kind)
             self.notice = notice
 
+    def amend(self, made: Deformation, better: Deformation, notice: str = "") -> bool:
+        """Put another form of the document in the place of the one that the last edit made, as part of that edit.
+
+        Parameters
+        ----------
+        made : what the edit made. If something else is shown by now, or an older state, nothing happens.
+        better : what shall be shown instead; undo takes back the edit with it.
+        notice : what to say of it.
+
+        Returns
+        -------
+        Whether it was done.
+        """
+        with self._lock:
+            if self.deformation is not made or self.history.get("redo") or not self.history.get("undo"):
+                return False
+            better = self._checked(better)
+            self.notice = ""
+            self._show(_State(better, min(self.index, len(better.steps) - 1), self.key))
+            self.notice = notice
+            return True
+
     def reset(self) -> None:
         """The volume as it was, seen from the same side; key frames of an animation go too."""
         with self._lock:

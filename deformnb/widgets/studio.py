@@ -31,6 +31,7 @@ from deformnb.volume import Volume
 from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import Panel
+from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.restore_bar import RestoreBar
 from deformnb.widgets.shape_messages import checked_shapes, shapes_of
@@ -116,10 +117,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._listen()
         self._link.turn()
         self._link.show(self._editors.current)
-        self._show_status()
+        self._status.value = parts.status_text(self.session, None)
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
             self._say(parts.WELCOME)
         self._worker.latest("warm up", self.session.warm_up)
+        self._worker.latest("status", self._weakly(Studio._show_status))
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -286,7 +288,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             panel.refresh()
 
     def _show_status(self) -> None:
-        self._status.value = parts.status_text(self.session, self._times.get("edit_ms"))
+        self._status.value = parts.status_text(self.session, self._times.get("edit_ms"), judgement_of(self.session))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 

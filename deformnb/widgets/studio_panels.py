@@ -19,7 +19,9 @@ from deformnb.widgets.points_panel import PointsPanel
 from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.studio_editors import StudioEditors
+from deformnb.widgets.thompson_panel import ThompsonPanel
 from deformnb.widgets.transfer_editor import TransferEditor
+from deformnb.widgets.trust_panel import TrustPanel
 from deformnb.widgets.worker import Worker
 
 
@@ -63,7 +65,9 @@ def make_panels(s: PanelParts) -> list[Panel]:
         ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
         MapPanel(s.session, s.guard),
         DepthPanel(s.session, s.guard),
+        TrustPanel(s.session, s.guard, s.view, s.editors, s.worker),
         FitPanel(s.session, s.guard, s.editors, s.folder, s.target),
+        ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder),
         AnimationPanel(s.session, s.guard, s.view, s.folder),
         LookPanel(s.session, s.guard, s.view, s.opacity),
         HistoryPanel(s.session, s.guard),

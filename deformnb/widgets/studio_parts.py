@@ -17,6 +17,7 @@ from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
+from deformnb.widgets.judgement import Judgement
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.studio_editors import StudioEditors, make_editor
 from deformnb.widgets.studio_link import followed_step
@@ -114,8 +115,8 @@ def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
     return chosen
 
 
-def status_text(session: Session, edit_ms: float | None) -> str:
-    """How many points there are, which of several steps and keys is edited, and how long the last edit took."""
+def status_text(session: Session, edit_ms: float | None, found: Judgement | None = None) -> str:
+    """How many points there are, what is edited, whether it folds and comes back, and how long the last edit took."""
     step = session.step
     moved = int(np.count_nonzero(session.points.displacement.any(axis=1)))
     facts = [f"{len(session.points)} points, {moved} dragged"]
@@ -123,6 +124,10 @@ def status_text(session: Session, edit_ms: float | None) -> str:
         facts.append(f"step {session.index + 1} of {len(session.deformation.steps)}")
     if step.extrusion == "interpolate":
         facts.append(f"key {session.key + 1} of {len(step.maps)}")
+    if step.stages > 1:
+        facts.append(f"{step.stages} stages")
+    if found is not None:
+        facts += [text for text in (found.folds_text, found.trip_text) if text]
     if edit_ms is not None:
         facts.append(f"edit {edit_ms:.0f} ms")
     return " \u00b7 ".join(facts)

@@ -1,0 +1,231 @@
+"""What is to be said of the step that a session edits: folds, round trip, how its points agree. No widgets here."""
+
+from __future__ import annotations
+
+import html
+import threading
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.folds import Folds, folds_of
+from deformnb.inversion import RoundTrip, round_trip
+from deformnb.plane import Raster
+from deformnb.quality import FitQuality, bending_energy
+from deformnb.session import Session
+from deformnb.trust import LEAST, fold_lattice, picture_raster, step_quality, step_uncertainty
+from deformnb.volume import Grid
+
+# Places along the longest side that go forth and back.
+_TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
+
+# Cells of a haze along the longer side: it is smooth, and the page spreads it.
+_HAZE_CELLS = 96
+_CONTOURS = (0.3, 0.6, 0.9)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Figures of one step.
+
+    Parameters
+    ----------
+    step, key : what is judged.
+    folds, trip, quality, bending : None where they could not be found; ``reason`` then says why.
+    unit : of lengths, in words.
+    """
+
+    step: Step
+    key: int
+    folds: Folds | None
+    trip: RoundTrip | None
+    quality: FitQuality | None
+    bending: float | None
+    reason: str
+    unit: str
+
+    @property
+    def folds_text(self) -> str:
+        """Such as "no folds"."""
+        if self.folds is None:
+            return "folds unknown"
+        if self.folds.least > 0:
+            return "no folds"
+        share = 100 * self.folds.share
+        return f"folds {share:.0f} %" if share >= 1 else "folds < 1 %"
+
+    @property
+    def trip_text(self) -> str:
+        """Such as "round trip 0.001 mm"."""
+        return "" if self.trip is None else f"round trip {length_text(self.trip.worst)} {self.unit}"
+
+
+def judge(step: Step, key: int, grid: Grid) -> Judgement:
+    """Judge a step; takes some hundredths of a second, more for points in space."""
+    unit, reasons = unit_of(grid), []
+    folds = trip = quality = bending = None
+    try:
+        field = step.field(grid)
+        folds, trip = folds_of(field, fold_lattice(step, grid)), round_trip(field, _places(step, grid))
+    except DeformError as error:
+        reasons.append(str(error))
+    points = step.maps[min(key, len(step.maps) - 1)]
+    try:
+        bending = bending_energy(points if step.strength == 1 else points.blended(step.strength))
+        quality = step_quality(step, grid, min(key, len(step.maps) - 1))
+    except DeformError as error:
+        reasons.append(str(error))
+    return Judgement(step, key, folds, trip, quality, bending, " ".join(dict.fromkeys(reasons)), unit)
+
+
+def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
+    """Where matter is asked to go forth and back: all over the middle slice, or the volume."""
+    if step.plane is not None:
+        raster = picture_raster(step.plane, grid, _TRIPS_ON_PLANE)
+        depth = sum(step.plane.depth_range(grid)) / 2
+        a, b = np.meshgrid(raster.columns, raster.rows)
+        return step.plane.from_plane(np.stack([a, b, np.full_like(a, depth)], axis=-1)).reshape(-1, 3)
+    axes = [np.linspace(0, n - 1, min(n, _TRIPS_IN_SPACE)) for n in grid.shape[::-1]]
+    return grid.index_to_point(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
+
+
+_JUDGED: weakref.WeakKeyDictionary[Session, tuple[Deformation, int, int, Judgement]] = weakref.WeakKeyDictionary()
+_JUDGING = threading.Lock()
+
+
+def judgement_of(session: Session) -> Judgement:
+    """The judgement of the step that a session edits; the last one is kept."""
+    with _JUDGING:
+        state = session.deformation, session.index, session.key
+        kept = _JUDGED.get(session)
+        if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
+            kept = (*state, judge(session.step, session.key, session.volume.grid))
+            _JUDGED[session] = kept
+        return kept[3]
+
+
+def unit_of(grid: Grid) -> str:
+    """The unit of lengths: voxels where a spacing of 1 says nothing else, mm otherwise."""
+    return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
+
+
+def length_text(value: float) -> str:
+    """A length with two digits that count; rounding of less than a billionth is called 0.
+
+    >>> [length_text(v) for v in (0.0, 3e-12, 3.2e-7, 0.00123, 0.5, 7.25, 1234.0)]
+    ['0', '0', '3e-07', '0.0012', '0.5', '7.2', '1234']
+    """
+    if value < 1e-9:
+        return "0"
+    return f"{value:.0e}" if value < 1e-4 else f"{value:.2g}" if value < 100 else f"{value:.0f}"
+
+
+def point_name(points: ControlPoints, point: int) -> str:
+    """What a point is called in a panel."""
+    name = points.names[points.index(point)]
+    return f"point {point} ({name[:40]})" if name else f"point {point}"
+
+
+def facts_html(found: Judgement) -> str:
+    """The figures as a table."""
+    cells = "".join(f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
+                    f'<td style="padding: 0">{html.escape(text)}</td></tr>' for name, text in _texts(found).items())
+    reason = f'<div style="opacity: 0.8; max-width: 60ch">{html.escape(found.reason)}</div>' if found.reason else ""
+    return f'<table class="dnb-trust" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
+
+
+_NAME_STYLE = "text-align: left; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; white-space: nowrap"
+
+_WHY = {
+    "Folds": "det J is how much matter is shown in a place: 1 keeps areas, below 1 they grow, 0 and less is a fold. "
+             f"{LEAST:g} counts as safe.",
+    "Round trip": "How far matter misses its own place after the way forth, by the inverse, and back. Matter without a "
+                  "place is hidden in a fold or behind a cut.",
+    "Residual": "How far points miss their sources: more than 0 only with smoothing.",
+    "Leave-one-out": "How far the other points miss a point that is left out.",
+    "Affine share": "What one turn, stretch and shear of all points explains; the rest bends.",
+    "Bending energy": "Of the thin-plate spline through the same points (Bookstein); 0 for affine maps.",
+}
+
+
+def _texts(found: Judgement) -> dict[str, str]:
+    """The figures that there are, by the names of :data:`_WHY`."""
+    unit, texts = found.unit, dict[str, str]()
+    if found.folds is not None:
+        least, share = found.folds.least, found.folds.share
+        how = "none" if least > 0 else f"{100 * share:.2g} % of what is seen" if share else "at single places"
+        texts["Folds"] = f"{how}; smallest det J {least:.3g}"
+    if found.trip is not None:
+        trip = found.trip
+        lost = f"; {100 * (1 - trip.reached):.2g} % has no place" if trip.reached < 1 else ""
+        texts["Round trip"] = f"at most {length_text(trip.worst)} {unit}, mean {length_text(trip.mean)}{lost}"
+    q = found.quality
+    if q is not None:
+        points = found.step.maps[min(found.key, len(found.step.maps) - 1)]
+        name = point_name(points, q.ids[int(np.argmax((q.leave_one_out**2).sum(axis=1)))])
+        most = [float(np.sqrt((a**2).sum(axis=1).max())) for a in (q.residual, q.leave_one_out)]
+        texts["Residual"] = f"at most {length_text(most[0])} {unit}"
+        texts["Leave-one-out"] = (f"{length_text(q.root_mean_square)} {unit} RMS; most {length_text(most[1])} "
+                                  f"at {name}")
+        texts["Affine share"] = f"{100 * q.affine_share:.0f} % of the drags"
+    if found.bending is not None:
+        length = "" if found.step.plane is not None else f" {unit}"
+        texts["Bending energy"] = ("infinite: one source has two targets" if np.isinf(found.bending) else
+                                   f"{found.bending if found.bending > 1e-12 else 0.0:.3g}{length}")
+    return texts
+
+
+# ---- the haze --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Haze:
+    """How little is known of a map, as an editor shows it.
+
+    Parameters
+    ----------
+    data : one byte for each cell, rows first; 255 where the map is known least.
+    facts : width, height and legend of the trait ``haze_facts``.
+    """
+
+    data: bytes
+    facts: dict[str, object]
+
+
+NO_HAZE = Haze(b"", {})
+
+
+def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
+    """The uncertainty of a step on its picture, with contours at round numbers.
+
+    Raises
+    ------
+    DeformError
+        If there are too few points to tell.
+    """
+    a0, a1, b0, b1 = raster.box
+    cell = max(a1 - a0, b1 - b0) / _HAZE_CELLS
+    width, height = (max(2, round(side / cell)) for side in (a1 - a0, b1 - b0))
+    a = a0 + (np.arange(width) + 0.5) * (a1 - a0) / width
+    b = b0 + (np.arange(height) + 0.5) * (b1 - b0) / height
+    known = step_uncertainty(step, grid, key)
+    values = known.on_outer_sum(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
+    most = float(values.max())
+    if not most > 1e-9 * (a1 - a0):
+        raise DeformError("nothing bends, so the points say nothing of how far the map may be off between them; "
+                          "drag one.")
+    levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
+    legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
+    return Haze(np.round(255 * values / most).astype(np.uint8).tobytes(),
+                {"width": width, "height": height, "legend": legend})
+
+
+def _round_number(value: float) -> float:
+    """The next number below of one digit."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(f"{np.floor(value / power + 1e-9) * power:.1g}")

@@ -1,0 +1,91 @@
+"""The panel "Trust" in JupyterLab with a real mouse: a drag that folds is seen, unfolded, and its points still meet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser.hosts import Lab, running
+
+pytestmark = pytest.mark.needs_browser
+
+SETUP = """
+import json
+import numpy as np
+from ipywidgets import Label
+from deformnb import Grid, Volume, folds_of
+from deformnb.trust import fold_lattice
+from deformnb.widgets import Studio
+z, y, x = np.indices((60, 40, 60))
+ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 22 ** 2
+volume = Volume(np.where(ball, 120 + 8 * (x % 12), 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
+told = Label().add_class("told")
+studio = Studio(volume, side="+y", height=300)
+def tell(change=None):
+    step = studio.session.step
+    least = folds_of(step.field(volume.grid), fold_lattice(step, volume.grid)).least
+    told.value = json.dumps({"least": least, "stages": step.stages, "overlay": studio.editor.overlay,
+                             "haze": len(studio.editor.haze), "target": step.points.target[-1].tolist()})
+studio.observe(tell, "deformation")
+studio.editor.observe(tell, ["overlay", "haze"])
+tell()
+studio
+"""
+EDITOR = "document.querySelector('.dnb-editor').deformnb"
+
+
+def told(page: Any, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """What the kernel knows, once it is as wanted, or after a minute."""
+    for _ in range(600):
+        state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
+        if reached(state):
+            break
+        page.wait_for_timeout(100)
+    return state
+
+
+def test_a_drag_that_folds_is_told_and_unfolded(browser: Any, tmp_path: Path) -> None:
+    with running(Lab, tmp_path) as host:
+        page = browser.new_page(viewport={"width": 1280, "height": 1000})
+        try:
+            errors: list[str] = []
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            host.open_notebook(page, [SETUP, "told"])
+            page.wait_for_selector(".told", timeout=120_000)
+            page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+            _unfold_in(page)
+            assert errors == []
+        finally:
+            page.close()
+
+
+def _unfold_in(page: Any) -> None:
+    def at(a: float, b: float) -> tuple[float, float]:
+        page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
+        box = page.locator(".dnb-ed-stage").bounding_box()
+        x, y, k = page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        return box["x"] + x + k * a, box["y"] + y + k * b
+
+    page.mouse.dblclick(*at(18, 30))
+    page.wait_for_function(f"{EDITOR}.points.length === 5")
+    page.mouse.move(*at(18, 30))
+    page.mouse.down()
+    page.mouse.move(*at(57, 47), steps=8)
+    page.mouse.up()
+    folded = told(page, lambda state: state["least"] < 0)
+    assert folded["least"] < 0
+    page.locator(".lm-TabBar-tab", has_text="Trust").first.click()
+    facts = page.locator("table.dnb-trust")
+    facts.locator("tr", has_text="of what is seen").wait_for(timeout=60_000)
+    page.get_by_role("button", name="Unfold by stages").click()
+    state = told(page, lambda state: state["stages"] > 1)
+    assert state["least"] > 0
+    assert state["target"] == folded["target"]  # every point is where it was dropped
+    facts.locator("tr", has_text="none; smallest det J").wait_for(timeout=60_000)
+    page.wait_for_function(f"{EDITOR}.model.get('stages') === {state['stages']}")
+    page.get_by_label("On the picture").select_option(label="uncertainty: grey where little is known")
+    assert told(page, lambda state: state["haze"] > 0)["overlay"] == "uncertainty"
+    page.locator(".dnb-ed-key", has_text="voxels").wait_for(timeout=60_000)
