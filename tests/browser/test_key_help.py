@@ -47,8 +47,8 @@ def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -
 
 @pytest.mark.parametrize("table", ["EDITOR_KEYS", "SPACE_EDITOR_KEYS"])
 def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
-    rows = run_script(("key_help.js",), f"() => keyRows({table}).map(([keys, what, about]) => [keys, what, about ?? {{}}])",
-                      None)
+    main = f"() => keyRows({table}).map(([shown, what, about]) => [shown, what, about ?? {{}}])"
+    rows = run_script(("key_help.js",), main, None)
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)

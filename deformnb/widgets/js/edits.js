@@ -1,6 +1,6 @@
 // Edits of a list of control points and their undo. Pure functions of plain lists; no DOM.
-// A point is {id, name, source: [a, b], target: [a, b], active, weight}, with three coordinates in space; no edit
-// changes an object it was given.
+// A point is {id, name, source: [a, b], target: [a, b], active, weight, locked, radius}, with three coordinates in space;
+// radius is null where it is that of all. No edit changes an object it was given.
 
 function samePoints(p, q) {
   return p === q || JSON.stringify(p) === JSON.stringify(q);
@@ -15,7 +15,8 @@ function cleanPoints(list) {
     seen.add(p.id);
     return true;
   }).map((p) => ({ id: p.id, name: String(p.name ?? ""), source: [...p.source], target: [...p.target],
-    active: p.active !== false, weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1 }));
+    active: p.active !== false, weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1,
+    locked: p.locked === true, radius: Number.isFinite(p.radius) && p.radius > 0 ? p.radius : null }));
 }
 
 function changed(points, ids, change) {
