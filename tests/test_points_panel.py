@@ -133,13 +133,21 @@ def test_errors_and_suspects_come_from_the_worker(desk: Desk) -> None:
     assert list(np.flatnonzero(np.frombuffer(desk.table.flags, np.uint8) & 4)) == [12]
 
 
-def test_errors_of_points_that_have_changed_meanwhile_are_not_shown(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.add([8.0, 8.0], [9.0, 8.0]))
-    late = list(desk.jobs)
-    desk.session.edit_points(desk.points.remove(0, 1))
-    for job in late[:1]:
-        job()  # asks about the points as they are now
-    assert len(desk.rows()) == 3
+def test_errors_stay_until_the_next_ones_are_there_and_go_with_the_step(desk: Desk) -> None:
+    desk.session.edit_points(desk.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
+    desk.think()
+    before = desk.rows()[:, -1]
+    desk.session.edit_points(desk.points.move(4, [11.0, 8.0]).add([5.0, 3.0]))
+    assert_array_equal(desk.rows()[:, -1], [*before, np.nan])
+    desk.think()
+    assert np.isfinite(desk.rows()[:, -1]).all()
+    assert desk.rows()[4, -1] > before[4] + 1
+    desk.session.change(kernel="gaussian")  # the points are the same, the errors are not
+    kept = desk.rows()[:, -1]
+    desk.think()
+    assert (desk.rows()[:, -1] != kept).any()
+    desk.session.add_step()
+    assert np.isnan(desk.rows()[:, -1]).all()
 
 
 def test_points_that_cannot_be_judged_are_shown_without_errors(desk: Desk) -> None:

@@ -16,19 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.point_csv import parsed_number, points_from_csv
-from deformnb.quality import fit_quality
 from deformnb.session import Session
 from deformnb.widgets.cell_widgets import weakly
 from deformnb.widgets.controls import Guard, Panel
+from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.point_labels import edit_label
 from deformnb.widgets.points_table import PointsTable, TableAct
 from deformnb.widgets.worker import Worker
 
 _AXES = {2: ("a", "b"), 3: ("x", "y", "z")}
-_MOST_JUDGED = 3000  # the errors of more points take longer than anybody looks at them
 
 
 class PointsPanel(Panel):
@@ -46,8 +44,10 @@ class PointsPanel(Panel):
         super().__init__(session, guard)
         self._editors, self._worker = editors, worker
         self._followed: Any = None
-        self._shown: tuple[Any, ...] | None = None
-        self._judged: tuple[Any, NDArray[np.float64] | None, tuple[int, ...]] = (None, None, ())
+        self._shown: ControlPoints | None = None
+        self._asked: tuple[Any, ...] | None = None
+        self._errors: dict[int, float] = {}
+        self._suspects: tuple[int, ...] = ()
         self._said = ""
         self._showing = threading.RLock()  # edits come from any thread, errors from the worker
         self._unfollow: Callable[[], None] = lambda: None
@@ -69,39 +69,36 @@ class PointsPanel(Panel):
 
     def _show(self) -> None:
         with self._showing:
-            points, key = self.session.points, self._question()
-            is_judged = self._judged[0] is not None and _same(self._judged[0], key)
-            errors, suspects = self._judged[1:] if is_judged else (None, ())
-            if self._shown is None or not _same(self._shown[0], key) or self._shown[1] != is_judged:
-                self._shown = (key, is_judged)
-                self.table.show(points, errors, suspects)
-            if not is_judged:
+            session = self.session
+            state = (session.deformation, session.index, session.key)
+            if self._asked is None or self._asked[0] is not state[0] or self._asked[1:] != state[1:]:
+                if self._asked is None or self._asked[1:] != state[1:]:
+                    self._errors, self._suspects = {}, ()  # of other points
+                self._asked = state
                 self._worker.latest("judge points", weakly(self, PointsPanel._judge, lambda panel: True))
+            if self._shown is not session.points:
+                self._shown = session.points
+                self._send()
 
-    def _question(self) -> tuple[Any, ...]:
-        """What the errors depend on."""
-        step = self.session.step
-        has_regions = bool(step.cuts or step.parts)
-        return self.session.points, step.kernel, step.support, step.trend, step.smoothing, has_regions
+    def _send(self) -> None:
+        """The points with what is known of their errors: those of the edit before until they are judged again."""
+        points = self.session.points
+        errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
+        self.table.show(points, errors, self._suspects)
 
     def _judge(self) -> None:
+        """In the studio's thread, where whoever asks first waits and the others find it done."""
+        if not self.table.is_seen:
+            self._asked = None
+            return
+        found = judgement_of(self.session).quality
         with self._showing:
-            key = self._question()
-        points, kernel, support, trend, smoothing, has_regions = key
-        errors, suspects = np.full(len(points), np.nan), tuple[int, ...]()
-        if not has_regions and len(points) <= _MOST_JUDGED:  # across a cut nobody is a neighbour
-            try:
-                found = fit_quality(points, kernel=kernel, support=support or default_support(points), trend=trend,
-                                    smoothing=smoothing)
-                place = {point: k for k, point in enumerate(points.ids)}
-                errors[[place[i] for i in found.ids]] = np.linalg.norm(found.leave_one_out, axis=1)
-                suspects = tuple(found.suspects)
-            except DeformError:  # too few points to say anything; the fit has said what is wrong
-                pass
-        with self._showing:
-            self._judged = (key, errors, suspects)
-            if _same(key, self._question()) and self.table.is_seen:
-                self._show()
+            self._errors, self._suspects = {}, ()
+            if found is not None:
+                lengths = np.linalg.norm(found.leave_one_out, axis=1)
+                self._errors = dict(zip(found.ids, lengths.tolist(), strict=True))
+                self._suspects = tuple(found.suspects)
+            self._send()
 
     # -- the selection -------------------------------------------------------------------------------------------------
 
@@ -192,11 +189,6 @@ class PointsPanel(Panel):
 
     def close(self) -> None:
         self._unfollow()
-
-
-def _same(p: tuple[Any, ...], q: tuple[Any, ...]) -> bool:
-    """Whether two questions are the same one; the points are compared as objects, which no edit leaves as they are."""
-    return p[0] is q[0] and p[1:] == q[1:]
 
 
 def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:
