@@ -177,11 +177,11 @@ class Sheet:
         area = area_map(self.grids.field, raster)
         inside = np.isfinite(area) & (area > 0)
         powers = np.log2(np.where(inside, area, 1.0))
-        self.range = _range(powers[inside & self._shows_picture(raster)])
+        beyond = ~self._shows_picture(raster)
+        self.range = _range(powers[inside & ~beyond])
         colours = self._colours(np.clip(powers / self.range, -1, 1))
         tinted = 1 - (1 - pixels) * (1 - colours) if self.is_dark else pixels * colours
         tinted[~inside] = (1 - _FOLD_SHARE) * pixels[~inside] + _FOLD_SHARE * np.array(_rgb(FOLDS))
-        beyond = ~self._shows_picture(raster)
         tinted[beyond] = pixels[beyond]
         self.has_folds = bool((~inside & ~beyond).any())
         self._area_key()
@@ -190,8 +190,7 @@ class Sheet:
     def _shows_picture(self, raster: Raster) -> NDArray[np.bool_]:
         """Where a deformed picture shows something of the original and not what lies around."""
         a0, a1, b0, b1 = self.picture.raster.box
-        at = raster.points()
-        a, b = np.moveaxis(at + self.grids.field.displacement(at), -1, 0)
+        a, b = self.grids.field.on_raster(raster) + np.moveaxis(raster.points(), -1, 0)
         return np.asarray((a >= a0) & (a <= a1) & (b >= b0) & (b <= b1))
 
     def _colours(self, t: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,8 +38,8 @@ _OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, 
 _IN_SPACE = "Points in space deform no picture, so there is no net to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
 _CELLS = 12  # of a printed net, where the picture shows none
-_LOOK = ("The left net lies on the original. <b>Drag the diamonds of the right one</b>: each becomes a control point, "
-         "and Delete gives it back to the net.")
+_LOOK = ('<div style="line-height: 1.35">The left net lies on the original. <b>Drag the diamonds of the right one</b>: '
+         "each becomes a control point, and Delete gives it back to the net.</div>")
 
 
 class ThompsonPanel(Panel):
@@ -111,8 +111,9 @@ class ThompsonPanel(Panel):
 
     def _nets(self) -> list[Any]:
         pairs = [(f"{source} to {target}", (source, target)) for source, target in thompson_pairs()]
-        self.net = ipw.Dropdown(options=pairs, description="Thompson's nets", style={"description_width": "104px"},
-                                layout=ipw.Layout(width="360px"),
+        carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
+        self.net = ipw.Dropdown(options=pairs, value=carp, description="Thompson's nets",
+                                style={"description_width": "initial"}, layout=ipw.Layout(width="380px"),
                                 tooltip="Fish that D'Arcy Thompson turned into one another, in 1917")
         self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
                                  layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")

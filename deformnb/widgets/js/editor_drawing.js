@@ -238,7 +238,7 @@ class EditorDrawing {
     this.#describeFolds(folds);
     // The fit only suspects a fold; the page has looked.
     const remarks = (fit?.notes ?? []).filter((note) => folds.least <= 0 || !fit.doubts.includes(note));
-    const notes = this.error || this.stopNote || remarks.join("; ");
+    const notes = this.error || this.stopNote || this.netNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", this.error !== "");
     this.notes.classList.toggle("dnb-ed-near", this.error === "" && notes !== "");
@@ -273,7 +273,7 @@ class EditorDrawing {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
         `${turnedRegion(this.chosenShape.region) ? ", F turns it over" : ""}`;
     }
-    if (this.netNodes.isOn && this.selected.size === 0) return this.netNodes.advice(this.folds);
+    if (this.netNodes.isOn && this.selected.size === 0) return this.netNodes.advice;
     if (this.selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }

@@ -54,11 +54,12 @@ class NetNodes {
     return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
   }
 
-  // What can be done, and what magnified drags have done.
-  advice(folds) {
+  get advice() { return this.pull === 0 ? STILL_NET : NODE_HINT; }
+
+  // What is wrong with drags that are magnified beyond what was drawn.
+  warning(folds) {
     const { strength } = this.page, isBeyond = strength < 0 || strength > 1;
-    if (isBeyond && folds && folds.least <= 0) return `Magnified ${strength.toFixed(2)} times the map folds: less would not`;
-    return this.pull === 0 ? STILL_NET : NODE_HINT;
+    return this.isOn && isBeyond && folds.least <= 0 ? `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less` : "";
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -82,9 +83,9 @@ class NetNodes {
     this.#trim(columns * rows);
     for (let n = 0; n < columns * rows; n++) {
       const node = this.nodes[n] ?? this.#make(n);
-      const isFree = isSeen[n] === 1 && !held.has(n) && this.drag?.n !== n;
+      const isFree = isSeen[n] === 1 && !held.has(n), kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
       setAttributes(node.root, { transform: `translate(${(k * target[2 * n] + x).toFixed(2)} ${(k * target[2 * n + 1] + y).toFixed(2)})`,
-        class: isFree ? "dnb-ed-node" : "dnb-ed-node dnb-ed-node-gone", tabindex: n === this.current && isFree ? "0" : "-1" });
+        class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node", tabindex: n === this.current && isFree ? "0" : "-1" });
       setAttributes(node.hit, { r: reach.toFixed(1) });
       if (node.columns !== columns) this.#name(node, n, columns);
     }
