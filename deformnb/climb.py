@@ -76,7 +76,11 @@ class Climb:
     # -- scenes --------------------------------------------------------------------------------------------------------
 
     def level(self, factor: int) -> Scene:
-        """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one."""
+        """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one.
+
+        Coarse levels are stiffer by the same factor: targets that slide along something smooth there (a bone was seen
+        to take one along by 17 pixels) do not find back at the finer ones.
+        """
         pixel = self.moving.pixel
         moving, fixed = (image.smoothed(factor * pixel / 2 if factor > 1 else 0.0)
                          for image in (self.moving, self.fixed))
@@ -91,7 +95,8 @@ class Climb:
                             moving.matrix @ self.origin + moving.offset + 1)
         readable, read, weights = _on_device([readable, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
         return replace(self.first, moving=readable, places=_on_device(blocks), fixed=read, weights=weights,
-                       lattice=self._lattice(_LATTICE), unit=factor * pixel / self.support)
+                       lattice=self._lattice(_LATTICE), energy=self.first.energy * factor,
+                       unit=factor * pixel / self.support)
 
     def _blocks(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Relative places in whole blocks, filled up with the first of them."""

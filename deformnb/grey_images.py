@@ -66,9 +66,10 @@ class GreyImage:
         return np.asarray(np.linalg.solve(self.matrix, (index - self.offset)[..., None])[..., 0])
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values at points (..., dim), linearly; background outside."""
+        """Values at points (..., dim), linearly; background outside the outer edges of the pixels."""
         index = np.moveaxis(points @ self.matrix.T + self.offset, -1, 0)
-        return np.asarray(ndimage.map_coordinates(self.values, index, order=1, mode="constant"))
+        values = ndimage.map_coordinates(self.values, index, order=1, mode="nearest")
+        return np.asarray(np.where(self.covers(points), values, 0.0))
 
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """True for the points that lie in it."""

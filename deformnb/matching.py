@@ -71,7 +71,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     moving, fixed : two pictures in one plane, or two volumes for points in space.
     kernel, support, trend, smoothing, stages : of the fit, as in :class:`~deformnb.deformation.Step`.
     measure : a name of :data:`~deformnb.likeness.MEASURES`.
-    energy : how much the energy of the fit counts against the likeness; 0 not at all.
+    energy : how much the energy of the fit counts against the likeness, n times at level n; 0 not at all.
     levels : each level compares every n-th pixel of pictures smoothed accordingly, coarse to fine.
     iterations : of each level, at most.
     least : det J that the map keeps everywhere (or what it has now, if that is less).

@@ -121,7 +121,7 @@ def test_selected_points_snap_and_what_was_left_is_named(desk: Desk) -> None:
     desk.editor.selected = [0, 6]
     desk.press("Snap selected points")
     assert "1 of 2 points snapped" in desk.said
-    assert "Control point 0 (&quot;corner&quot;) was left: it is locked." in desk.said
+    assert "Left because it is locked: 0 (corner)." in desk.said
     assert desk.misses()[6] < 1 < 2 < desk.misses()[7]
     assert desk.session.history["undo"] == "snap selected points"
 
@@ -225,14 +225,14 @@ def test_the_preview_shows_both_pictures(desk: Desk) -> None:
     wait_for(lambda: len(desk.panel.preview.value) > 0)
     first = desk.panel.preview.value
     shown = np.asarray(Image.open(io.BytesIO(first)))
-    assert shown.shape == (48, 102, 3)
+    assert shown.shape == (260, 526, 3)
     assert (shown[..., 0] == shown[..., 2]).all()  # magenta
     desk.panel.blend.value = 1.0
     wait_for(lambda: desk.panel.preview.value != first)
     wait_for(lambda: not desk.panel._thread.is_wanted)
     second = np.asarray(Image.open(io.BytesIO(desk.panel.preview.value)))
-    assert (second[:, 54:] == shown[:, 54:]).all()
-    assert (second[:, :48, 0] == shown[:, 54:, 0]).all()  # the left is the target now
+    assert (second[:, 266:] == shown[:, 266:]).all()
+    assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now
 
 
 def test_green_over_magenta() -> None:

@@ -115,10 +115,10 @@ class FitPanel(Panel):
         self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
                             layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
         self.blend.observe(self._ask_for_preview, "value")
-        self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", object_fit="contain"))
-        self.shown = ipw.VBox([self.blend, self.preview, ipw.HTML(_words(
-            "Left: blended. Right: now in green, target in magenta; grey where they agree."))],
-            layout=ipw.Layout(display="none"))
+        self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
+        self.shown = ipw.VBox([row(self.blend, ipw.HTML(_words(
+            "Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree."))),
+            self.preview], layout=ipw.Layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
         self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
                              row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.said, self.shown],
@@ -234,8 +234,9 @@ class FitPanel(Panel):
         found = snap_to_match(begun.points, begun.selected, moving, fixed, map_now=begun.map_now,
                               progress=self._progress)
         words = [f"{len(found.ids) - len(found.left)} of {len(found.ids)} points snapped."]
-        for point, why in list(found.left.items())[:4]:
-            words.append(f"{begun.points.label(begun.points.index(point)).capitalize()} was left: {why}.")
+        for why in dict.fromkeys(found.left.values()):
+            names = [_named(begun.points, point) for point, reason in found.left.items() if reason == why]
+            words.append(f"Left because {why}: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}.")
         return found.points, " ".join(words)
 
     def _fit(self, begun: Begun) -> tuple[ControlPoints, str]:
@@ -290,6 +291,11 @@ class FitPanel(Panel):
         """Stop what is being fitted."""
         self._stop.set()
         self._thread.close()
+
+
+def _named(points: ControlPoints, point: int) -> str:
+    name = points.names[points.index(point)]
+    return f"{point} ({name})" if name else str(point)
 
 
 def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:

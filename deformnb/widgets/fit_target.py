@@ -29,8 +29,8 @@ GIVEN = "given"
 
 _DOCUMENT = ".json"
 _MOST_FILES = 200
-# Pixels of the previews along the longer side.
-_PREVIEW = 300
+# Pixels of each preview along the longer side.
+PREVIEW = 260
 # A target that shares less than this part of the volume's box lies elsewhere.
 _LEAST_SHARED = 0.2
 
@@ -135,13 +135,13 @@ def _box(volume: Volume) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def compared(moving: Picture, fixed: Picture,
              map_now: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The deformed moving picture and the fixed one, grey values of one size, small enough for a page."""
-    factor = max(1, -(-max(moving.raster.shape) // _PREVIEW))
-    shape = (-(-moving.raster.shape[0] // factor), -(-moving.raster.shape[1] // factor))
-    du, dv = moving.raster.spacing
-    coarse = Raster(shape, (du * factor, dv * factor), moving.raster.origin)
-    now = warp_picture(moving.grey(), moving.raster, map_now, output=coarse, fill=0.0)
-    return now.astype(np.float64), GreyImage.of(fixed).at(coarse.points())
+    """The deformed moving picture and the fixed one as grey values of one size, with square pixels."""
+    a0, a1, b0, b1 = moving.raster.box
+    d = max(a1 - a0, b1 - b0) / PREVIEW
+    shape = (max(1, round((b1 - b0) / d)), max(1, round((a1 - a0) / d)))
+    shown = Raster(shape, (d, d), (a0 + d / 2, b0 + d / 2))
+    now = warp_picture(moving.grey(), moving.raster, map_now, output=shown, fill=0.0)
+    return now.astype(np.float64), GreyImage.of(fixed).at(shown.points())
 
 
 def blended(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) -> NDArray[np.uint8]:

@@ -1,0 +1,102 @@
+"""Fitting in JupyterLab: a target is there, a button is pressed, and the points are where a known deformation has them.
+
+A label in the page says what the kernel knows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from browser.hosts import Lab, running
+
+pytestmark = pytest.mark.needs_browser
+
+SETUP = """
+import json
+import numpy as np
+from ipywidgets import Label
+import deformnb as dn
+from deformnb.datasets import PHANTOMS
+from deformnb.widgets import Studio
+volume = PHANTOMS["knee"].make((64, 64, 64))
+session = dn.Session(volume, view="-x")
+points, (du, dv) = session.points, session.picture().raster.spacing
+for k, (u, v) in enumerate([(22, 14), (40, 14), (22, 50), (38, 50), (24, 32), (42, 32)]):
+    points = points.add([u * du, v * dv], [(u + (-1) ** k * 2) * du, (v + (k % 3 - 1) * 2) * dv], name=f"mark {k}")
+session.edit_points(points)
+bent = session.result()
+for k in range(4):
+    points = points.edit(k, locked=True)
+told = Label().add_class("told")
+start = dn.Deformation((session.step.with_points(points.reset()),))
+studio = Studio(volume, start, side="-x", target=bent, height=300)
+def tell(change=None):
+    away = (studio.session.points.target - points.target) / [du, dv]
+    told.value = json.dumps({"miss": float(np.linalg.norm(away, axis=1).max()), "undo": studio.session.history["undo"]})
+studio.observe(tell, "deformation")
+tell()
+studio
+"""
+EDITOR = "document.querySelector('.dnb-editor').deformnb"
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Any]]:
+    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
+        page = browser.new_page(viewport={"width": 1280, "height": 1100})
+        server.open_notebook(page, [SETUP, "told"])
+        page.wait_for_selector(".told", timeout=120_000)
+        page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+        page.locator(".lm-TabBar-tab", has_text="Fit").first.click()
+        yield server, page
+        page.close()
+
+
+def _told(page: Any, wanted: Any) -> dict[str, Any]:
+    for _ in range(1200):
+        state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
+        if wanted(state):
+            break
+        page.wait_for_timeout(100)
+    return state
+
+
+def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(shown: tuple[Any, Any]) -> None:
+    _, page = shown
+    before = _told(page, lambda state: True)
+    assert before["miss"] > 2.5
+    image = page.locator(".jupyter-widgets.widget-image:visible")
+    image.wait_for()
+    first = image.get_attribute("src")
+    page.get_by_role("button", name="Fit all points").click()
+    state = _told(page, lambda state: state["undo"] == "fit all points")
+    assert state["miss"] < 1
+    status = page.locator("[role=status]", has_text="Likeness")
+    status.wait_for(timeout=60_000)
+    assert "6 points moved" in status.inner_text()
+    page.wait_for_function("(first) => [...document.querySelectorAll('img.widget-image')].some("
+                           "(image) => image.offsetParent && image.src !== first)", arg=first)
+    shown_to_the_hand = page.evaluate(f"() => {EDITOR}.points.filter((p) => p.locked).length")
+    assert shown_to_the_hand == 4
+    page.locator(".dnb-ed-stage").focus()
+    page.keyboard.press("Control+z")
+    assert _told(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
+
+
+def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
+    _, page = shown
+    button = page.get_by_role("button", name="Snap selected points")
+    button.click()
+    page.locator("[role=status]", has_text="no point is selected").wait_for(timeout=60_000)
+    page.locator(".dnb-ed-stage").focus()
+    page.keyboard.press("Control+a")
+    page.wait_for_function(f"{EDITOR}.model.get('selected').length > 5")
+    button.click()
+    state = _told(page, lambda state: state["undo"] == "snap selected points")
+    assert state["undo"] == "snap selected points"
+    status = page.locator("[role=status]", has_text="of 10 points snapped")
+    status.wait_for(timeout=60_000)
+    assert "Left because it is locked: 0 (corner), 1 (corner), 2 (corner), 3 (corner)." in status.inner_text()
