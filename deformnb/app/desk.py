@@ -21,7 +21,7 @@ from deformnb.plane import Plane
 from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
 from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.shape_messages import shapes_of
 from deformnb.widgets.studio_editors import make_editor, show_step
 from deformnb.widgets.studio_link import followed_step
@@ -187,8 +187,9 @@ class Desk:
         if not self._listening:
             return
         points, made = change["new"], self.editor.edit_under_way
-        kind = "nudge" if made is not None and made.kind == "nudge" else None  # arrow keys held down are one edit
-        label = edit_label(self.session.points, points)
+        done = made.kind if made is not None else ""
+        kind = done if done in JOINING else None  # keys held down are one edit
+        label = edit_label(self.session.points, points, done)
         self._try(lambda: self.session.edit_points(points, label, kind))
 
     def _drawn(self, change: Any) -> None:

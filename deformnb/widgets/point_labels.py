@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from deformnb.control_points import ControlPoints
 
+JOINING = ("nudge", "turn", "scale")
+"""Kinds of edits that keys do: held down they are one step of the history."""
 
-def edit_label(before: ControlPoints, after: ControlPoints) -> str:
-    """What was done to a set of points.
+_STROKE = re.compile(r"(smudge|expand|shrink) \d+")
+
+
+def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> str:
+    """What was done to a set of points; ``kind`` is what the page calls it, where it was one.
 
     Examples
     --------
@@ -17,7 +24,13 @@ def edit_label(before: ControlPoints, after: ControlPoints) -> str:
     ('move "tail"', 'remove point 1')
     >>> edit_label(points, points.edit(1, locked=True))
     'lock point 1'
+    >>> edit_label(points, points.move(0, [0, 3]).move(1, [4, 1]), "turn")
+    'turn 2 points'
+    >>> edit_label(points, points.add([9, 9], name="smudge 4"), "brush")
+    'smudge 4'
     """
+    if kind in ("turn", "scale", "brush"):
+        return _tool(before, after, kind)
     old, new = (dict(zip(p.ids, range(len(p)), strict=True)) for p in (before, after))
     added = [k for i, k in new.items() if i not in old]
     removed = [k for i, k in old.items() if i not in new]
@@ -38,6 +51,15 @@ def edit_label(before: ControlPoints, after: ControlPoints) -> str:
             return f"{what} {_who(after, changed)}"
     renamed = [k for k, j in both if after.names[k] != before.names[j]]
     return f"rename {_who(after, renamed)}" if renamed else "change points"
+
+
+def _tool(before: ControlPoints, after: ControlPoints, kind: str) -> str:
+    old = dict(zip(before.ids, before.target, strict=True))
+    changed = [k for k, i in enumerate(after.ids) if i not in old or not np.array_equal(after.target[k], old[i])]
+    strokes = {after.names[k] for k in changed if after.ids[k] not in old and _STROKE.fullmatch(after.names[k])}
+    if kind == "brush" and strokes:
+        return min(strokes)
+    return f"{kind} {_who(after, changed)}" if changed else "change points"
 
 
 def _who(points: ControlPoints, positions: list[int]) -> str:

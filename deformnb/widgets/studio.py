@@ -32,7 +32,7 @@ from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.judgement import judgement_of
-from deformnb.widgets.point_labels import edit_label
+from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.restore_bar import RestoreBar
 from deformnb.widgets.shape_messages import checked_shapes, shapes_of
 from deformnb.widgets.static_picture import with_png
@@ -182,8 +182,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if points == self.session.points:
             return
         made = editor.edit_under_way
-        kind = "nudge" if made is not None and made.kind == "nudge" else None
-        label = edit_label(self.session.points, points) if points.dim == self.session.points.dim else ""
+        done = made.kind if made is not None else ""
+        kind = done if done in JOINING else None
+        label = edit_label(self.session.points, points, done) if points.dim == self.session.points.dim else ""
         self._take(editor, lambda: self.session.edit_points(points, label, kind))
 
     def _shapes_changed(self, change: Any) -> None:
