@@ -80,9 +80,8 @@ class ThompsonPanel(Panel):
         self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
         self.before, self.after = _place("before"), _place("after")
-        pictures = ipw.HBox([_titled("Original", self.before), _titled("Deformed", self.after)],
-                            layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
-        self._pictures = ipw.VBox([ipw.HTML(_LOOK), pictures])
+        self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
+                                  layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
         self._nowhere = ipw.Label(_IN_SPACE)
         self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._nets()), row(*self._export()),
                              self.hand_over])
@@ -272,8 +271,9 @@ def _place(side: str) -> ipw.Box:
     return ipw.Box([], layout=ipw.Layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
 
 
-def _titled(title: str, place: ipw.Box) -> ipw.VBox:
-    return ipw.VBox([ipw.HTML(f"<b>{title}</b>"), place], layout=ipw.Layout(flex="1 1 320px", min_width="0"))
+def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
+    words = [ipw.HTML(text)] if text else []
+    return ipw.VBox([ipw.HTML(f"<b>{title}</b>"), place, *words], layout=ipw.Layout(flex="1 1 320px", min_width="0"))
 
 
 def _raise(error: Exception) -> None:
