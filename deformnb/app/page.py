@@ -54,6 +54,7 @@ def build_page(server: Any, desk: Desk) -> None:
             v.VSpacer()
             _buttons(v)
         with v.VMain(classes="dnb-app-back"), html.Div(classes="dnb-app-main"):
+            _lost(v, html)
             with html.Section(classes="dnb-app-half", aria_label="Picture", __properties=["aria_label"]):
                 _widget("editor", "deformnb/editor.js")
             with html.Section(classes="dnb-app-half", aria_label="Volume", __properties=["aria_label"]):
@@ -64,7 +65,6 @@ def build_page(server: Any, desk: Desk) -> None:
             html.Span("{{ facts }}")
             html.Span("{{ latency }}", classes="dnb-app-soft")
             html.Span("{{ notice }}", classes="dnb-app-notice")
-        _lost(v, html)
         with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
             html.Span("{{ error }}")
 

@@ -14,7 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from running_app import RunningApp
 
+from deformnb.app.desk import Desk
 from deformnb.control_points import ControlPoints
+from deformnb.datasets import PHANTOMS
 from deformnb.document import from_json
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
@@ -428,3 +430,22 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
     assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
         float(moved.target[0, 0]))
     tab.close()
+
+
+def test_what_was_lost_is_offered_and_restored(browser: Any) -> None:
+    volume = PHANTOMS["bar"].make((12, 12, 24))
+    lost = Desk(Session(volume, view="+y"))
+    lost.session.edit_points(lost.session.points.add([10.0, 5.0], [12.0, 7.0]))
+    wanted = lost.session.points
+    lost.close()
+    with RunningApp(Session(volume, view="+y")) as app:
+        page = browser.new_page(viewport={"width": 1024, "height": 700})
+        page.goto(app.server.url)
+        bar = page.locator(".dnb-app-lost")
+        bar.wait_for(timeout=60_000)
+        assert "was not saved (5 points, 1 step)." in bar.inner_text()
+        bar.get_by_role("button", name="Restore").click()
+        bar.wait_for(state="detached", timeout=60_000)
+        app.settled()
+        assert app.desk.session.points == wanted
+        page.close()
