@@ -1,7 +1,7 @@
 // The editor's edits of points: drags, nudges, new points. EditorPage is this, the hand's further tools, and the model.
 
 const HOLD_LEAST = 0.05; // of det J, before which a hand is stopped that must not fold the map
-const HOLD_NODES = [33, 17], HOLD_FEW = 80; // of the lattice that is looked at, with few points and with more
+const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, on a lattice of so many nodes a side
 
 class EditorEdits extends EditorShapes {
   // The next list of points, unless it cannot be fitted while the present one can: then it is said why. `kind` is
@@ -74,8 +74,9 @@ class EditorEdits extends EditorShapes {
   // The smallest det J that these points make; minus infinity where they cannot be fitted.
   leastOf(points) {
     try {
-      const layered = layeredFit(points, { ...this.settings, previous: this.layered });
-      return foldsOf(layered, this.box, HOLD_NODES[layered.count > HOLD_FEW ? 1 : 0]).least;
+      const layered = layeredFit(points, { ...this.settings, previous: this.layered }), [few, many] = HOLD_NODES;
+      const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
+      return foldsOf(layered, this.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       return -Infinity;

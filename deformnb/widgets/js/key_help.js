@@ -89,7 +89,7 @@ const SPACE_EDITOR_KEYS = [
   ]],
 ];
 
-// What the view in space hears (hands.js); it has no list of its own, so these are told in its label.
+// What the live view hears (hands.js). It shows no list; they are kept here so that one table holds all keys.
 const VIEW_KEYS = [["View", [
   ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
   ["+, -", "zoom", { keys: ["+", "=", "-"] }], ["0", "as at first", { keys: ["0"] }],
