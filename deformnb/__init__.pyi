@@ -32,6 +32,7 @@ from .folds import folds_of as folds_of
 from .folds import jacobian_determinant as jacobian_determinant
 from .folds import largest_safe as largest_safe
 from .forward import warp_points as warp_points
+from .history import HistoryNode as HistoryNode
 from .inversion import Inverse as Inverse
 from .inversion import invert as invert
 from .inversion import round_trip as round_trip
@@ -70,6 +71,7 @@ from .placing import placed as placed
 from .plane import VIEWS as VIEWS
 from .plane import Plane as Plane
 from .plane import Raster as Raster
+from .point_csv import points_from_csv as points_from_csv
 from .quality import FitQuality as FitQuality
 from .quality import bending_energy as bending_energy
 from .quality import fit_quality as fit_quality

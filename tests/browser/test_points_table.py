@@ -19,6 +19,8 @@ from deformnb.widgets.editor import Editor
 from deformnb.widgets.history_panel import HistoryPanel
 from deformnb.widgets.points_panel import PointsPanel
 from deformnb.widgets.points_table import PointsTable
+from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.widgets.space_pictures import PANES, Pane
 
 pytestmark = pytest.mark.needs_browser
 
@@ -357,3 +359,23 @@ def test_a_click_in_the_history_goes_there(page: LivePage) -> None:
     assert session.step.strength == 2.0
     assert rows.count() == 4
     assert page.errors == []
+
+
+def test_a_point_in_space_comes_into_the_middle_of_pictures_that_are_zoomed_in(page: LivePage) -> None:
+    z, y, x = np.mgrid[:24, :28, :32]
+    volume = Volume((x + 2 * y + z).astype(np.uint8), Grid((24, 28, 32)))
+    editor = SpaceEditor(volume, ControlPoints.from_arrays([[10.0, 9.0, 8.0], [20.0, 20.0, 15.0]]), height=240)
+    space = "document.querySelector('.dnb-space').deformnb"
+    try:
+        page.add(editor, "editor")
+        page.wait(f"{space}.shownCount > 0")
+        page.page.evaluate(f"() => {{ for (const pane of {space}.pictures) pane.zoomAt(6, 10, 10); }}")
+        editor.look_at(1)
+        page.wait(f"{space}.cursor.join() === '20,20,15' && !{space}.frame")
+        for k in range(3):
+            pane = f"{space}.pictures[{k}]"
+            middle = page.page.evaluate(f"() => {pane}.toPlane([{pane}.view.width / 2, {pane}.view.height / 2])")
+            wanted = Pane.of(volume.grid, list(PANES)[k]).plane.to_plane([20.0, 20.0, 15.0])[:2]
+            assert np.abs(np.subtract(middle, wanted)).max() < 0.1
+    finally:
+        editor.close()
