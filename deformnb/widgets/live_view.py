@@ -47,9 +47,9 @@ from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, 
 from deformnb.widgets.view_messages import measured, picture, take_traits, text, whole
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_glsl.js", "programs.js", "raycast.js",
-          "camera.js", "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js",
-          "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
+          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js", "raycast_glsl.js",
+          "programs.js", "raycast.js", "camera.js", "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js",
+          "orientation.js", "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -74,6 +74,7 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
     fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
+    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
 
@@ -105,6 +106,7 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
     height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
+    show_folds = traitlets.Bool(True).tag(sync=True)
     target_ms = traitlets.Float(100.0, min=5.0, max=5000.0).tag(sync=True)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
     editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)

@@ -22,6 +22,11 @@ function sized(root, host, model) {
 const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
+/** What people must know of what they see. */
+function remarksOn({ info, field, caster }) {
+  return [info?.note, field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
+}
+
 /** What stands over each picture; layer: the one that is seen of a picture that flickers. */
 function captionsOf(shows, layer) { return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows]; }
 

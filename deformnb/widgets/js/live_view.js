@@ -126,7 +126,10 @@ class LiveViewPage {
       () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell());
     this.caster.projection = this.model.get("projection");
     this.caster.background = this.background;
+    this.setFolds();
   }
+
+  setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
 
   /** No WebGL: a message and a picture that Python renders, anew for every button pressed. */
   fall(text) {
@@ -175,6 +178,7 @@ class LiveViewPage {
     this.on("change:table", () => this.setTable());
     this.on("change:camera", () => this.readCamera());
     this.on("change:projection", () => { if (this.caster) this.caster.projection = this.model.get("projection"); this.touch(); });
+    this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
     this.on("change:label", () => this.caption());
@@ -212,8 +216,7 @@ class LiveViewPage {
       (share) => this.setProgress(0.8 * share));
   }
 
-  /** What people must know of what they see. */
-  mark() { this.badge.textContent = [this.info?.note, this.field?.coarse && COARSE].filter(Boolean).join("; "); }
+  mark() { this.badge.textContent = remarksOn(this); }
 
   setProgress(share) {
     this.progress.style.setProperty("--share", share);
@@ -282,6 +285,7 @@ class LiveViewPage {
       caster.setPlanar(this.field.planar);
       if (caster.space !== this.field.space) caster.setSpace(this.field.space); // an editor moves the planar part only
       caster.volume.box = this.field.box || this.info.box;
+      this.mark();
     });
   }
 

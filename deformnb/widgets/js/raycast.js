@@ -33,6 +33,7 @@ class RayCaster {
     this.space = null;
     this.projection = "shaded";
     this.background = "dark";
+    this.showFolds = true;
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -41,6 +42,9 @@ class RayCaster {
     gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
     this.#plain();
   }
+
+  /** Whether what is shown folds somewhere, and shows it. */
+  get folds() { return this.showFolds && Boolean(this.planar?.folds || this.space?.folds); }
 
   get isReady() { return Boolean(this.volume && this.table && this.volume.loaded); }
 
@@ -149,6 +153,7 @@ class RayCaster {
     [planar.toMap, planar.toMap0] = toTextures(planar.plane, starts, lengths);
     const bounds = planarBounds(planar.maps, planar.shape, planar.spacing), each = Array.from({ length: regions }, (_, r) => r);
     planar.count = count;
+    planar.folds = planarFolds(planar, count, bounds.steep);
     planar.slope = Math.max(...each.map((r) => extrusionSlope({ steep: bounds.steep.subarray(r * count, (r + 1) * count),
       far: bounds.far.subarray(r * count, (r + 1) * count) }, planar.weights, count, knots, c1 - c0)));
     if (planar.cut) this.#setCut(planar.cut, planar.plane);
@@ -185,6 +190,7 @@ class RayCaster {
       this.#texture("depths", gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, ...size, 0, gl.RG, gl.HALF_FLOAT, space.depths);
       space.slope = cut.slope;
+      space.folds = cut.slope >= 1; // at least it may
       return;
     }
     const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F, padded = new Float32Array((space.values.length / 3) * 4);
@@ -193,10 +199,11 @@ class RayCaster {
     }
     gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
     space.slope = spaceSlope(space.values, shape, spacing);
+    space.folds = space.slope >= 1 && spaceFolds(space.values, shape, spacing);
   }
 
   #program({ planar, space }) {
-    const defines = definesOf(this.projection, planar, space);
+    const defines = definesOf(this.projection, planar, space, this.folds);
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");

@@ -251,6 +251,7 @@ uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
 out vec4 color;
 ${DISPLACEMENT}
+${FOLDS_GLSL}
 
 // A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it, and
 // darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
@@ -286,6 +287,9 @@ void main() {
   // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
   vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
   vec4 sum = vec4(0.); float most = 0.;
+#ifdef FOLDS
+  bool turned = false;                        // what is seen of a largest value
+#endif
   float t = t0 + noise * stepLength, nearT = dot(.5 * (boxLow + boxHigh) - start, ray) - .25 * reach;
   for (int i = 0; i < 4096; i++) {
     if (t >= t1) break;
@@ -320,6 +324,9 @@ void main() {
 #ifdef CUT
     value = mix(outside, value, seen);
 #endif
+#ifdef FOLDS
+    if (value > most) turned = folded(x, from);
+#endif
     most = max(most, value);
 #else
     if (out_ && outsideOpacity == 0.) continue;
@@ -328,6 +335,9 @@ void main() {
     if (rgba.a <= 0.) continue;
 #ifdef CUT
     rgba.a *= seen;
+#endif
+#ifdef FOLDS
+    if (folded(x, from)) rgba.rgb = foldRed(rgba.rgb);
 #endif
 #ifdef SHADED
     float light = textureLod(ambience, clamp(q, 0., 1.), 0.).r;
@@ -356,7 +366,11 @@ void main() {
   }
 #ifdef MIP
   float v = clamp((most - grey.x) / (grey.y - grey.x), 0., 1.);
-  color = vec4(ink * v, v);
+  vec3 tone = ink;
+#ifdef FOLDS
+  if (turned) tone = foldRed(tone);
+#endif
+  color = vec4(tone * v, v);
 #else
   color = sum;
 #endif
