@@ -8,7 +8,7 @@ from argparse import Namespace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from benchmarks import bench_edits, bench_maps, bench_rbf, bench_warp
+from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp
 from benchmarks.timing import Measured, measure
 
 _LEGEND = """Median and least of interleaved rounds; ratio to the first row of each table; peak memory over the inputs,
@@ -21,7 +21,7 @@ def run(options: Namespace) -> int:
     print(f"{machine()}; {options.threads or 'all'} thread(s)\n")
     print(", ".join(_versions()) + "\n")
     print(_LEGEND, flush=True)
-    for module in (bench_rbf, bench_warp, bench_edits, bench_maps):
+    for module in (bench_rbf, bench_warp, bench_edits, bench_maps, bench_quality):
         for group in module.groups(options):
             if options.groups and not any(part in group.name for part in options.groups):
                 continue

@@ -166,7 +166,7 @@ def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) ->
     trust = panel(studio, "Trust")
     assert studio.editor.marked == [25, 26]
     label, *buttons = trust.suspects.children
-    assert label.value == "These disagree with the others:"
+    assert label.value == "Disagree with the rest:"
     assert [b.description for b in buttons] == ["point 25 (mark 5)", "point 26 (mark 6)"]
     sent: list[Any] = []
     studio.editor.send = lambda content, buffers=None: sent.append(content)
@@ -238,7 +238,7 @@ def test_words_of_a_judgement() -> None:
     found = judge(Session(a_volume()).step, 0, grid)
     assert found.trip_text == "round trip 0 mm"
     assert replace(found, trip=RoundTrip(0.00123, 0.001, 1.0)).trip_text == "round trip 0.0012 mm"
-    assert "4 % has no place" in facts_html(replace(found, trip=RoundTrip(0.1, 0.1, 0.96)))
+    assert "4 % lost" in facts_html(replace(found, trip=RoundTrip(0.1, 0.1, 0.96)))
     folded = replace(found, folds=replace(found.folds, least=-0.1, share=0.004))
     assert folded.folds_text == "folds < 1 %"
     named = replace(found.step.points.move(0, [3.0, 4.0]), names=("<b>",) * 4)

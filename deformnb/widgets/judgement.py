@@ -118,11 +118,11 @@ def length_text(value: float) -> str:
     """A length with two digits that count; rounding of less than a billionth is called 0.
 
     >>> [length_text(v) for v in (0.0, 3e-12, 3.2e-7, 0.00123, 0.5, 7.25, 1234.0)]
-    ['0', '0', '3e-07', '0.0012', '0.5', '7.2', '1234']
+    ['0', '0', '< 0.0001', '0.0012', '0.5', '7.2', '1234']
     """
-    if value < 1e-9:
-        return "0"
-    return f"{value:.0e}" if value < 1e-4 else f"{value:.2g}" if value < 100 else f"{value:.0f}"
+    if value < 1e-4:
+        return "0" if value < 1e-9 else "< 0.0001"
+    return f"{value:.2g}" if value < 100 else f"{value:.0f}"
 
 
 def point_name(points: ControlPoints, point: int) -> str:
@@ -139,15 +139,16 @@ def facts_html(found: Judgement) -> str:
     return f'<table class="dnb-trust" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
 
 
-_NAME_STYLE = "text-align: left; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; white-space: nowrap"
+_NAME_STYLE = ("text-align: left; vertical-align: top; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; "
+               "white-space: nowrap")
 
 _WHY = {
     "Folds": "det J is how much matter is shown in a place: 1 keeps areas, below 1 they grow, 0 and less is a fold. "
              f"{LEAST:g} counts as safe.",
-    "Round trip": "How far matter misses its own place after the way forth, by the inverse, and back. Matter without a "
-                  "place is hidden in a fold or behind a cut.",
+    "Round trip": "How far matter misses its own place after the way forth, by the inverse, and back. What is lost "
+                  "has no place in the result: it is hidden in a fold or behind a cut.",
     "Residual": "How far points miss their sources: more than 0 only with smoothing.",
-    "Leave-one-out": "How far the other points miss a point that is left out.",
+    "Leave-one-out": "How far the other points miss a point that is left out, and which one most.",
     "Affine share": "What one turn, stretch and shear of all points explains; the rest bends.",
     "Bending energy": "Of the thin-plate spline through the same points (Bookstein); 0 for affine maps.",
 }
@@ -158,20 +159,20 @@ def _texts(found: Judgement) -> dict[str, str]:
     unit, texts = found.unit, dict[str, str]()
     if found.folds is not None:
         least, share = found.folds.least, found.folds.share
-        how = "none" if least > 0 else f"{100 * share:.2g} % of what is seen" if share else "at single places"
+        how = "none" if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
         texts["Folds"] = f"{how}; smallest det J {least:.3g}"
     if found.trip is not None:
         trip = found.trip
-        lost = f"; {100 * (1 - trip.reached):.2g} % has no place" if trip.reached < 1 else ""
-        texts["Round trip"] = f"at most {length_text(trip.worst)} {unit}, mean {length_text(trip.mean)}{lost}"
+        lost = f"; {100 * (1 - trip.reached):.2g} % lost" if trip.reached < 1 else ""
+        mean = f", mean {length_text(trip.mean)}" if trip.worst >= 1e-4 else ""
+        texts["Round trip"] = f"{length_text(trip.worst)} {unit} at most{mean}{lost}"
     q = found.quality
     if q is not None:
         points = found.step.maps[min(found.key, len(found.step.maps) - 1)]
         name = point_name(points, q.ids[int(np.argmax((q.leave_one_out**2).sum(axis=1)))])
         most = [float(np.sqrt((a**2).sum(axis=1).max())) for a in (q.residual, q.leave_one_out)]
-        texts["Residual"] = f"at most {length_text(most[0])} {unit}"
-        texts["Leave-one-out"] = (f"{length_text(q.root_mean_square)} {unit} RMS; most {length_text(most[1])} "
-                                  f"at {name}")
+        texts["Residual"] = f"{length_text(most[0])} {unit} at most"
+        texts["Leave-one-out"] = f"{length_text(q.root_mean_square)} {unit} RMS; {length_text(most[1])} at {name}"
         texts["Affine share"] = f"{100 * q.affine_share:.0f} % of the drags"
     if found.bending is not None:
         length = "" if found.step.plane is not None else f" {unit}"

@@ -24,7 +24,7 @@ from deformnb.widgets.judgement import NO_HAZE, Judgement, facts_html, haze_of, 
 from deformnb.widgets.worker import Worker
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
-                 ("principal strains", "strain"), ("uncertainty: grey where little is known", "uncertainty")]
+                 ("principal strains", "strain"), ("uncertainty, a grey haze", "uncertainty")]
 
 _WAITING = "<i>Looking at the map ...</i>"
 _AGREE = "All points agree with one another."
@@ -36,7 +36,7 @@ class TrustPanel(Panel):
 
     Parameters
     ----------
-    view : of the volume; a trait ``folds`` of it shows them in the volume.
+    view : of the volume; its trait ``show_folds``, if it has one, can be switched.
     editors : ``plane`` is the editor on pictures, ``current`` that of the step being edited.
     worker : the thread for what takes time.
 
@@ -54,11 +54,11 @@ class TrustPanel(Panel):
         self._shown: Judgement | None = None
         self._named: list[str] = []
         self._hazed: tuple[Any, ...] | None = None
-        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1 1 320px", min_width="0"))
+        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1 1 330px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
         self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
         doing = ipw.VBox([row(*self._safety()), self.suspects, row(*self._overlays()), self.said],
-                         layout=ipw.Layout(flex="1 1 420px", min_width="0"))
+                         layout=ipw.Layout(flex="1.3 1 430px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, TrustPanel._overlay_changed, _is_open), "overlay")
         self.refresh()
@@ -83,12 +83,13 @@ class TrustPanel(Panel):
     def _overlays(self) -> list[Any]:
         overlay = menu("On the picture", OVERLAY_WORDS, "What is laid over the picture; V goes through them there")
         overlay.style.description_width = "96px"
-        self._link = traitlets.link((self._editors.plane, "overlay"), (overlay, "value"))
+        self._links = [traitlets.link((self._editors.plane, "overlay"), (overlay, "value"))]
         self.overlay = overlay
-        if not self._view.has_trait("folds"):
+        if not self._view.has_trait("show_folds"):
             return [overlay]
-        in_volume = ipw.Checkbox(description="folds in the volume", indent=False, layout=ipw.Layout(width="auto"))
-        traitlets.link((self._view, "folds"), (in_volume, "value"))
+        in_volume = ipw.Checkbox(description="folds in the volume", indent=False, layout=ipw.Layout(width="auto"),
+                                 tooltip="Red stripes on matter that is shown twice")
+        self._links.append(traitlets.link((self._view, "show_folds"), (in_volume, "value")))
         return [overlay, in_volume]
 
     # -- what is shown -------------------------------------------------------------------------------------------------
@@ -119,7 +120,7 @@ class TrustPanel(Panel):
         known = [i for i in ids if i in points.ids]
         if editor.has_trait("marked"):
             editor.marked = known
-        text = "These disagree with the others:" if known else _AGREE if found.quality is not None else _UNKNOWN
+        text = "Disagree with the rest:" if known else _AGREE if found.quality is not None else _UNKNOWN
         told = [text, *(point_name(points, i) for i in known)]
         if told == self._named:
             return
@@ -223,7 +224,8 @@ class TrustPanel(Panel):
             self._soon(TrustPanel._unfold)
 
     def close(self) -> None:
-        self._link.unlink()
+        for link in self._links:
+            link.unlink()
 
 
 def _is_open(panel: TrustPanel) -> bool:

@@ -79,13 +79,13 @@ def _unfold_in(page: Any) -> None:
     assert folded["least"] < 0
     page.locator(".lm-TabBar-tab", has_text="Trust").first.click()
     facts = page.locator("table.dnb-trust")
-    facts.locator("tr", has_text="of what is seen").wait_for(timeout=60_000)
+    facts.locator("tr", has_text="% folded").wait_for(timeout=60_000)
     page.get_by_role("button", name="Unfold by stages").click()
     state = told(page, lambda state: state["stages"] > 1)
     assert state["least"] > 0
     assert state["target"] == folded["target"]  # every point is where it was dropped
     facts.locator("tr", has_text="none; smallest det J").wait_for(timeout=60_000)
     page.wait_for_function(f"{EDITOR}.model.get('stages') === {state['stages']}")
-    page.get_by_label("On the picture").select_option(label="uncertainty: grey where little is known")
+    page.get_by_label("On the picture", exact=True).select_option(label="uncertainty, a grey haze")
     assert told(page, lambda state: state["haze"] > 0)["overlay"] == "uncertainty"
     page.locator(".dnb-ed-key", has_text="voxels").wait_for(timeout=60_000)
