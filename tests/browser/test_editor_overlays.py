@@ -156,7 +156,7 @@ def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(opened: Any, 
                                                                   grows: float, sign: int) -> None:
     middle = points.source.mean(axis=0)
     scaled = ControlPoints.from_arrays(points.source, middle + np.sqrt(grows) * (points.source - middle))
-    page = opened(Editor(picture, scaled, overlay="area"))
+    page = opened(Editor(picture, scaled, overlay="area", show_net=False))
     seen = on_picture(page, picture)
     assert (layer(page)[seen][:, 3] > 100).all()
     told = sign * colours(page)[seen]
@@ -165,7 +165,7 @@ def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(opened: Any, 
 
 
 def test_the_colours_follow_the_logarithm_of_the_area(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, overlay="area"))
+    page = opened(Editor(picture, points, overlay="area", show_net=False))
     page.drag(points.target[4], ASIDE)
     seen, grown = on_picture(page, picture, 8), -np.log2(determinant(page))
     told = colours(page)

@@ -62,7 +62,7 @@ class Overlay {
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
     const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
-      String(box), model.get("density"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+      String(box), model.get("density"), model.get("show_net"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
@@ -137,6 +137,10 @@ class Overlay {
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA);
+    const { net, view, colours, model } = this.page; // which lies under the colours, and would hardly be seen
+    if (net && model.get("show_net") && model.get("density") > 0) {
+      Painter.prototype.drawNet.call({ context: this.context }, view, net.lines, colours.net);
+    }
   }
 
   #drawStrain(layered) {
