@@ -235,6 +235,18 @@ def test_the_preview_shows_both_pictures(desk: Desk) -> None:
     assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now
 
 
+def test_the_target_is_laid_over_the_editor_on_request(desk: Desk) -> None:
+    wait_for(lambda: len(desk.panel.preview.value) > 0)
+    assert desk.editor.ghost == b""
+    desk.panel.over.value = 0.4
+    wait_for(lambda: desk.editor.ghost_opacity == 0.4)
+    laid = np.asarray(Image.open(io.BytesIO(desk.editor.ghost)))
+    fixed = desk.panel.target.pair()[1].grey()  # type: ignore[union-attr]
+    assert np.abs(laid[..., 0] - 255.0 * fixed).max() <= 1
+    desk.choose(NO_TARGET)
+    assert desk.editor.ghost_opacity == 0
+
+
 def test_green_over_magenta() -> None:
     now, goal = np.array([[1.0, 0.0]]), np.array([[0.0, 0.5]])
     picture = blended(now, goal, 0.25)

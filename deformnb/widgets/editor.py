@@ -34,8 +34,8 @@ from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js",
           "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
-          "fold_map.js", "net_places.js", "strain_crosses.js", "overlay.js", "shape_handles.js", "handles.js",
-          "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
+          "fold_map.js", "net_places.js", "strain_crosses.js", "ghost.js", "overlay.js", "shape_handles.js",
+          "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
           "hand_marks.js", "gestures.js", "net_nodes.js", "editor_drawing.js", "editor_shapes.js", "editor_edits.js",
           "editor_hand.js", "editor.js")
 
@@ -81,6 +81,7 @@ class Editor(EditedPoints):
     line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap`` is the step of a
     grid to which a hand's targets keep, 0 for none; ``stop_at_folds`` holds them back before the map folds;
     ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
+    ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
     "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
@@ -123,6 +124,8 @@ class Editor(EditedPoints):
     haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
     haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
     marked = traitlets.List(traitlets.Int(), help="points that disagree with their neighbours").tag(sync=True)
+    ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
+    ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
 

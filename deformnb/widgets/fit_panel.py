@@ -30,7 +30,7 @@ from deformnb.picture import Picture
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.controls import Guard, Panel, button, row, slider
-from deformnb.widgets.fit_target import GIVEN, NO_TARGET, FitTarget, blended, compared
+from deformnb.widgets.fit_target import GIVEN, NO_TARGET, FitTarget, blended, compared, ghost
 from deformnb.widgets.stills import as_png
 from deformnb.widgets.worker import Worker
 
@@ -115,10 +115,14 @@ class FitPanel(Panel):
         self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
                             layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
         self.blend.observe(self._ask_for_preview, "value")
+        self.over = slider("Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all",
+                           layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.over.observe(self._ask_for_preview, "value")
+        self._laid_over: tuple[Any, ...] = ()
         self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
-        self.shown = ipw.VBox([row(self.blend, ipw.HTML(_words(
-            "Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree."))),
-            self.preview], layout=ipw.Layout(display="none"))
+        legend = ipw.HTML(_words("Left: now, blended with the target. Right: now in green, target in magenta; grey "
+                                 "where they agree."))
+        self.shown = ipw.VBox([row(self.over, self.blend), self.preview, legend], layout=ipw.Layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
         self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
                              row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.said, self.shown],
@@ -164,6 +168,8 @@ class FitPanel(Panel):
             self.target.choose(key, self._progress)
         finally:
             self.choice.value = self.target.key  # what could not be read is not chosen
+            if self.target.volume is None and self.session.step.plane is not None:
+                self._editors.current.ghost_opacity = 0.0
         return self.target.note if key != NO_TARGET else _HINT
 
     # -- work ----------------------------------------------------------------------------------------------------------
@@ -282,10 +288,19 @@ class FitPanel(Panel):
             return
         try:
             moving, fixed = self.target.pair()
+            self._lay_over(moving, fixed)
             now, goal = compared(moving, fixed, self._editors.current.fit())  # type: ignore[arg-type]
             self.preview.value = as_png(blended(now, goal, self.blend.value))
         except DeformError as error:
             self.said.value = _words(str(error))
+
+    def _lay_over(self, moving: Any, fixed: Any) -> None:
+        """The target over the picture in the editor; sent only where it is seen, and once."""
+        editor = self._editors.current
+        if self.over.value > 0 and self._laid_over != (editor, moving, fixed):
+            editor.ghost = as_png(ghost(moving, fixed))
+            self._laid_over = (editor, moving, fixed)
+        editor.ghost_opacity = self.over.value
 
     def close(self) -> None:
         """Stop what is being fitted."""

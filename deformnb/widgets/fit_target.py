@@ -144,6 +144,12 @@ def compared(moving: Picture, fixed: Picture,
     return now.astype(np.float64), GreyImage.of(fixed).at(shown.points())
 
 
+def ghost(moving: Picture, fixed: Picture) -> NDArray[np.uint8]:
+    """The fixed picture on the pixels of the moving one, (nv, nu, 3): laid over an editor it fills the same box."""
+    grey = (GreyImage.of(fixed).at(moving.raster.points()) * 255 + 0.5).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
 def blended(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) -> NDArray[np.uint8]:
     """Both as one picture, (v, 2 u + gap, 3): faded from one to the other, and green (now) over magenta (target).
 

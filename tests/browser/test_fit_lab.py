@@ -100,3 +100,22 @@ def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
     status = page.locator("[role=status]", has_text="of 10 points snapped")
     status.wait_for(timeout=60_000)
     assert "Left because it is locked: 0 (corner), 1 (corner), 2 (corner), 3 (corner)." in status.inner_text()
+
+
+def test_the_target_is_laid_over_the_picture(shown: tuple[Any, Any]) -> None:
+    server, page = shown
+    ghost = page.locator("img.dnb-ed-ghost")
+    assert ghost.count() == 1
+    assert not ghost.is_visible()
+    server.run(page, "studio._panels[[p.title for p in studio._panels].index('Fit')].over.value = 0.6")
+    ghost.wait_for(timeout=60_000)
+    page.wait_for_function("document.querySelector('img.dnb-ed-ghost').naturalWidth === 64")
+    found = page.evaluate(f"""() => {{
+        const {{ view: {{ k, x, y }}, box, stage }} = {EDITOR}, [a0, a1, b0, b1] = box;
+        const at = stage.getBoundingClientRect(), ghost = document.querySelector('img.dnb-ed-ghost');
+        const is = ghost.getBoundingClientRect();
+        return [is.left - at.left - (k * a0 + x), is.top - at.top - (k * b0 + y), is.width - k * (a1 - a0),
+                is.height - k * (b1 - b0), Number(ghost.style.opacity)];
+    }}""")
+    assert found == pytest.approx([0, 0, 0, 0, 0.6], abs=0.6)
+    assert found[4] == 0.6

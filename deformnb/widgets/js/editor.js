@@ -21,6 +21,7 @@ class EditorPage extends EditorHand {
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
     this.painter = new Painter(this.canvas);
+    this.ghost = new Ghost(this);
     this.overlay = new Overlay(this);
     this.shapeHandles = new ShapeHandles(this.svg); // under the points
     this.handles = new Handles(this.svg);
@@ -75,7 +76,7 @@ class EditorPage extends EditorHand {
     on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
-    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", "drag_net", ...OVERLAY_TRAITS];
+    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
     for (const name of shown) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     this.moved = (event) => this.guard(() => {
@@ -109,6 +110,7 @@ class EditorPage extends EditorHand {
   close() {
     this.gestures.close();
     this.netNodes.close();
+    this.ghost.close();
     this.sender.flush();
     this.unlisten();
     this.closed.abort();

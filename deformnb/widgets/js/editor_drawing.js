@@ -119,6 +119,7 @@ class EditorDrawing {
     if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
     const drawn = performance.now();
     if (this.layered && !this.folds) this.folds = this.measuredFolds();
+    this.ghost.draw();
     this.overlay.draw(fit, this.folds, isMoving);
     const laid = performance.now();
     const reach = this.reach(), radius = this.model.get("show_radius") ? reach : 0;
