@@ -104,7 +104,7 @@ class FitSystem:
         Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` tells.
         """
         c, kept = self.energy, self.kept.copy()
-        energy = c - np.outer(c[:, k] / c[k, k], c[k])
+        energy = scipy.linalg.blas.dger(-1 / c[k, k], c[:, k], c[k], a=np.array(c, order="F"), overwrite_a=1)
         energy[k], energy[:, k], kept[k] = 0.0, 0.0, False
         return replace(self, energy=energy, kept=kept)
 
