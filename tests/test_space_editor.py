@@ -132,12 +132,13 @@ def test_a_composite_finds_the_front_of_what_is_opaque() -> None:
 def test_folds_are_found_and_their_measure_is_right(volume: Volume) -> None:
     source = np.array([[5, -8, 3], [40, -8, 3], [5, 35, 3], [5, -8, 49.0]])
     doubled = fit_rbf(ControlPoints.from_arrays(source, source[0] + 2 * (source - source[0])))
-    least, share = folding(doubled, volume.grid)
-    assert abs(least - 1 / 8) < 1e-4  # backward: every length halved
-    assert share == 0
+    found = folding(doubled, volume.grid)
+    assert abs(found.least - 1 / 8) < 1e-4  # backward: every length halved
+    assert found.share == 0
     mirrored = fit_rbf(ControlPoints.from_arrays(source, source * [-1, 1, 1]))
-    assert folding(mirrored, volume.grid)[1] == 1.0
-    assert folding(Identity(3), volume.grid) == (1.0, 0.0)
+    assert folding(mirrored, volume.grid).share == 1.0
+    still = folding(Identity(3), volume.grid)
+    assert (still.least, still.share) == (1.0, 0.0)
 
 
 # ---- the widget ------------------------------------------------------------------------------------------------------

@@ -311,7 +311,8 @@ class SpaceEditor(EditedPoints):
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
             facts = dict(self._facts)
             if not is_moving and field is not None:
-                facts["folds"] = folding(field, self.volume.grid)
+                found = folding(field, self.volume.grid)
+                facts |= {"folds": (found.least, found.share), "worst": found.place}
         except Exception as error:  # in a thread of its own nobody else would hear of it
             _LOG.exception("pictures could not be made")
             images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.deformation import Step
 from deformnb.fields import AbstractField, Identity
+from deformnb.folds import Folds, folds_of
 from deformnb.picture import project
 from deformnb.plane import Plane, Raster
 from deformnb.transfer import TransferFunction, levels
@@ -220,23 +221,19 @@ def _grey(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
-def folding(field: AbstractField, grid: Grid) -> tuple[float, float]:
-    """The smallest factor by which a field stretches volumes, and the share of places where it folds.
+def folding(field: AbstractField, grid: Grid) -> Folds:
+    """The smallest factor by which a field stretches volumes, where that is, and the share of places where it folds.
 
-    By differences on a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes.
+    On a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes.
 
     Examples
     --------
-    >>> folding(Identity(3), Grid((20, 20, 20)))
-    (1.0, 0.0)
+    >>> folding(Identity(3), Grid((20, 20, 20))).share
+    0.0
     """
     lengths = np.asarray(grid.spacing) * np.asarray(grid.shape[::-1])
     counts = np.maximum(3, np.round(_FOLD_NODES * lengths / lengths.max())).astype(int)
     spacing = lengths / counts
     first = grid.index_to_point((spacing / np.asarray(grid.spacing) - 1) / 2)
     lattice = Grid((int(counts[2]), int(counts[1]), int(counts[0])), tuple(spacing), tuple(first), grid.direction)
-    d = np.einsum("km,kzyx->mzyx", np.asarray(grid.direction), field.on_grid(lattice).astype(np.float64))
-    slopes = np.stack([np.stack(np.gradient(d[m], *spacing[::-1])[::-1], axis=-1) for m in range(3)], axis=-2)
-    a, b, c = np.moveaxis(slopes + np.eye(3), -2, 0)
-    stretched = np.einsum("...k,...k->...", a, np.cross(b, c))
-    return float(stretched.min()), float((stretched <= 0).mean())
+    return folds_of(field, lattice)

@@ -14,7 +14,7 @@ from deformnb.rbf import fit_rbf
 from deformnb.transfer import preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.space_editor import SpaceEditor
-from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures
+from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures, folding
 
 pytestmark = pytest.mark.needs_browser
 
@@ -266,3 +266,24 @@ def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Ca
     here.page.page.keyboard.press("Enter")
     here.page.wait(f"{PAGE}.selected.size === 1 && !{PAGE}.frame")
     assert here.page.page.locator(".dnb-sp-pane0 .dnb-ed-selected .dnb-ed-name").is_visible()
+
+
+def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opened]) -> None:
+    editor = opened(four(), trend="translation")
+    volume, points = editor.editor.volume, editor.editor.points
+    rings = "[...document.querySelectorAll('.dnb-ed-worst')].map((g) => g.getAttribute('visibility'))"
+    assert editor.js(rings) == ["hidden"] * 3
+    target = points.target.copy()
+    target[0] += [18.0, 7.0, -9.0]  # past its neighbour
+    editor.editor.points = ControlPoints.from_arrays(points.source, target)
+    editor.page.wait(f"({PAGE}.facts.folds ?? [1])[0] <= 0")
+    editor.settled()
+    assert editor.js(rings) == ["visible"] * 3
+    found = folding(fit_rbf(editor.editor.points, trend="translation"), volume.grid)
+    for pane in range(3):
+        box = editor.page.page.locator(".dnb-ed-worst-ring").nth(pane).bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        assert middle == pytest.approx(editor.on_screen(pane, found.place), abs=1.0)
+    editor.editor.points = points.reset()
+    editor.page.wait(f"{PAGE}.facts.folds[0] > 0")
+    assert editor.js(rings) == ["hidden"] * 3

@@ -135,7 +135,8 @@ class SpaceEditorPage extends SpaceEditing {
       const depths = pane.hasDepths ? new Float32Array(bytes(parts.shift()).slice().buffer) : null;
       this.pictures[pane.index].take(pane, pixels, depths, pane.shapes ? bytes(parts.shift()) : null);
     }
-    this.facts = { ...(facts.isBad ? { folds: this.facts.folds } : {}), folds: this.facts.folds, ...facts };
+    this.facts = { ...(facts.isBad ? { folds: this.facts.folds } : {}), folds: this.facts.folds, worst: this.facts.worst,
+      ...facts };
     this.shownCount += 1;
     this.drawNow();
     if (seq) this.model.send({ type: "seen", view: this.id, seq });

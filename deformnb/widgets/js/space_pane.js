@@ -24,6 +24,8 @@ class SpacePane {
       svgElement("path", { class: "dnb-sp-line-ink" }, line);
       return line;
     });
+    this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, this.svg);
+    for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
     this.letters = ["left", "right", "top", "bottom"].map((side) => (
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" })));
@@ -179,6 +181,7 @@ class SpacePane {
     }
     this.describe();
     this.#drawCross();
+    this.#drawWorst();
     return this.#drawPoints();
   }
 
@@ -190,6 +193,14 @@ class SpacePane {
       for (const path of line.children) path.setAttribute("d", paths[k]);
       line.style.setProperty("--dnb-line-ink", `var(--dnb-pane${this.crossing(LINES[k]).index})`);
     });
+  }
+
+  // A ring where the map folds most, as Python has found it when the points last rested.
+  #drawWorst() {
+    const { facts: { folds, worst }, points } = this.page, isShown = points.length > 0 && Boolean(worst) && folds?.[0] <= 0;
+    const [a, b] = isShown ? inPane(this.info, worst) : [0, 0], { k, x, y } = this.view;
+    setAttributes(this.worst, { visibility: isShown ? "visible" : "hidden",
+      transform: `translate(${(k * a + x).toFixed(1)} ${(k * b + y).toFixed(1)})` });
   }
 
   #drawPoints() {
