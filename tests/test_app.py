@@ -120,8 +120,9 @@ def test_widgets_follow_the_session(desk: Desk) -> None:
     assert desk.live.shows == "original"
     desk.set("projection", "mip")
     assert desk.live.projection == "mip"
-    desk.set("show_radius", True)
-    assert desk.editor.show_radius
+    for name in ("show_radius", "drag_net"):
+        desk.set(name, True)
+        assert getattr(desk.editor, name)
 
 
 def test_a_slice_goes_from_front_to_back(desk: Desk) -> None:

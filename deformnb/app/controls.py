@@ -138,6 +138,7 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
         "projection": Choice("Volume as", "How the volume is drawn",
                              (("shaded", "Shaded"), ("composite", "Translucent"), ("mip", "Maximum"))),
         "show_net": Switch("Net", "A grid that bends with the picture"),
+        "drag_net": Switch("Drag the net", "Its nodes can be dragged: each becomes a point"),
         "show_radius": Switch("Reach of points", "A circle around each point"),
         "shows": Choice("Show", "The volume before and after", _titled(SHOWS)),
     }

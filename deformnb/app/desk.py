@@ -32,7 +32,7 @@ _LOG = logging.getLogger(__name__)
 
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
-_OF_THE_EDITOR = ("show_net", "show_radius")
+_OF_THE_EDITOR = ("show_net", "drag_net", "show_radius")
 
 
 class Desk:
@@ -155,7 +155,7 @@ class Desk:
             "transfer": session.transfer if isinstance(session.transfer, str) else "",
             "depth": self._depth(), "projection": self.live.projection,
             "show_net": self.editor.show_net, "shows": self.live.shows,
-            "show_radius": self.editor.show_radius,
+            "drag_net": self.editor.drag_net, "show_radius": self.editor.show_radius,
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
             "lost": self.recovery.offer,

@@ -9,7 +9,7 @@ from deformnb.app.desk import Desk
 from deformnb.app.remote import AREA
 
 _GROUPS = (
-    ("Picture", ("view", "method", "depth", "show_net", "show_radius")),
+    ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
     ("Deformation", ("kernel", "trend", "support", "smoothing")),
     ("Through the depth", ("extrusion", "curve", "key", "strength")),
     ("Volume", ("shows", "transfer", "projection")),
