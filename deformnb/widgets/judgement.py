@@ -27,6 +27,7 @@ _TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
 # Cells of a haze along the longer side: it is smooth, and the page spreads it.
 _HAZE_CELLS = 96
 _CONTOURS = (0.3, 0.6, 0.9)
+_DIGITS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +228,11 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
 
 
 def _round_number(value: float) -> float:
-    """The next number below of one digit."""
+    """The next number below that is easily read.
+
+    >>> [_round_number(v) for v in (0.0187, 0.9, 13.2, 240.0)]
+    [0.015, 0.8, 12.0, 200.0]
+    """
     power = 10.0 ** np.floor(np.log10(value))
-    return float(f"{np.floor(value / power + 1e-9) * power:.1g}")
+    digits = max(d for d in _DIGITS if d <= value / power + 1e-9)
+    return float(f"{digits * power:.2g}")

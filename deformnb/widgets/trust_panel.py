@@ -24,7 +24,7 @@ from deformnb.widgets.judgement import NO_HAZE, Judgement, facts_html, haze_of, 
 from deformnb.widgets.worker import Worker
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
-                 ("principal strains", "strain"), ("uncertainty, a grey haze", "uncertainty")]
+                 ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
 
 _WAITING = "<i>Looking at the map ...</i>"
 _AGREE = "All points agree with one another."
@@ -54,11 +54,11 @@ class TrustPanel(Panel):
         self._shown: Judgement | None = None
         self._named: list[str] = []
         self._hazed: tuple[Any, ...] | None = None
-        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1 1 330px", min_width="0"))
+        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
         self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
         doing = ipw.VBox([row(*self._safety()), self.suspects, row(*self._overlays()), self.said],
-                         layout=ipw.Layout(flex="1.3 1 430px", min_width="0"))
+                         layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, TrustPanel._overlay_changed, _is_open), "overlay")
         self.refresh()
