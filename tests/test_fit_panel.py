@@ -207,6 +207,10 @@ def test_a_volume_and_a_session_of_the_folder_can_be_chosen(tmp_path: Path) -> N
     desk.choose("broken.nrrd")
     assert desk.panel.choice.value == "bent.nrrd"  # what cannot be read is not chosen
     assert len(desk.guard.errors) == 1
+    (tmp_path / "bent.nrrd").unlink()
+    desk.panel.refresh()
+    assert desk.panel.choice.value == "bent.nrrd"  # and is still there to be fitted to
+    assert desk.panel.choice.options[-1] == ("bent.nrrd (no longer in the folder)", "bent.nrrd")
     desk.choose(NO_TARGET)
     assert desk.panel.buttons["Fit all points"].disabled
     desk.panel.close()

@@ -66,7 +66,10 @@ class FitTarget:
         except OSError:
             files = []
         given = [] if self._given is None else [(f"{self._given.name or 'volume'} (given)", GIVEN)]
-        return [("choose a volume or a session", NO_TARGET), *given, *files]
+        found = [("choose a volume or a session", NO_TARGET), *given, *files]
+        if self.key not in [key for _, key in found]:
+            found.append((f"{self.key} (no longer in the folder)", self.key))  # it is still the target
+        return found
 
     def choose(self, key: str, progress: Progress | None = None) -> None:
         """Take another target: it may be read and warped, which takes time.
