@@ -87,7 +87,7 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
 def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     studio = Studio(a_volume(), side="+y")
     try:
-        panel = next(p for p in studio._panels if p.title == "Thompson grids")
+        panel = next(p for p in studio._panels if p.title == "Grids")
         tabs = next(child for child in studio.children if panel.box in getattr(child, "children", ()))
         assert panel.editor is studio._editors.plane
         assert panel.after.children == ()

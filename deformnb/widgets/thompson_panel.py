@@ -68,7 +68,7 @@ class ThompsonPanel(Panel):
     >>> panel.close()
     """
 
-    title = "Thompson grids"
+    title = "Grids"
 
     def __init__(self, session: Session, guard: Guard | None = None, editor: Editor | None = None,
                  folder: str | PathLike[str] = ".") -> None:
