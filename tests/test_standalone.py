@@ -219,11 +219,11 @@ def test_a_volume_beyond_the_limit_is_reduced_and_the_page_says_so() -> None:
     assert "24 x 16 x 20 voxels. This file" in standalone_html(editor, view)
 
 
-def test_a_phantom_of_128_voxels_along_each_side_is_less_than_a_megabyte() -> None:
+def test_a_phantom_of_128_voxels_along_each_side_is_little_more_than_a_megabyte() -> None:
     volume = PHANTOMS["fish"].make((128, 128, 128))
     editor = Editor(project(volume, Plane.along(volume.grid, "-x")))
     page = standalone_html(editor, LiveView(volume))
-    assert 300_000 < len(page) < 1_000_000
+    assert 300_000 < len(page) < 1_250_000  # 0.55 of it are the scripts
 
 
 def test_nothing_of_the_file_but_the_name_of_the_volume_is_in_the_page(tmp_path: Path) -> None:
