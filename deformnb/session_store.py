@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -37,6 +38,7 @@ MOST_PER_VOLUME, MOST, MOST_BYTES, MOST_DAYS = 20, 200, 200 * 2**20, 30.0
 _LONGEST_FACTS, _LONGEST_NAME = 8192, 200
 _OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction")
 _SUFFIX, _HELD = ".json", ".live"
+_OURS = re.compile(r"[0-9a-f]{16}-\d+-[0-9a-f]+")  # as file_name makes them
 _skipped: set[Path] = set()  # where the folder has become read-only, for this process at least
 
 
@@ -242,15 +244,23 @@ def _text(entry: SavedSession) -> str:
 
 
 def prune(folder: Path) -> None:
-    """Remove what is too old or too much: first what is not lost, then the oldest; never what is running."""
+    """Remove what is too old or too much: first what is not lost, then the oldest; never what is running.
+
+    The folder may be one of the user's: what is not named as a session's file is nothing to us.
+    """
     with suppress(OSError):
-        for held in folder.glob(f"*{_HELD}"):
+        for held in _ours(folder, _HELD):
             if is_abandoned(held):
                 sweep(held)
+        there = list(_ours(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
         kept = {entry.path for entry in _worth_keeping(_read_all(folder))}
-        for path in folder.glob(f"*{_SUFFIX}"):
+        for path in there:
             if path not in kept and not path.with_suffix(_HELD).exists():
                 path.unlink(missing_ok=True)
+
+
+def _ours(folder: Path, suffix: str) -> Iterator[Path]:
+    return (path for path in folder.glob(f"*{suffix}") if _OURS.fullmatch(path.stem))
 
 
 def _worth_keeping(entries: Iterable[SavedSession]) -> list[SavedSession]:

@@ -143,3 +143,28 @@ def test_together_they_stay_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(store, "MOST_BYTES", int(2.5 * entries[0].path.stat().st_size))
     prune(tmp_path)
     assert set(tmp_path.iterdir()) == {entry.path for entry in entries[:2]}
+
+
+def test_what_else_lies_in_the_folder_is_left_alone(tmp_path: Path) -> None:
+    """Somebody may name the folder of a project, where documents and settings of other programs lie."""
+    entry = written(tmp_path)
+    others = {tmp_path / name for name in ("my work.json", "settings.json", "0123-4-5.json", "server.live")}
+    for path in others:
+        path.write_text("{}")
+    prune(tmp_path)
+    assert set(tmp_path.iterdir()) == {entry.path, *others}
+
+
+def test_what_is_written_while_the_folder_is_looked_through_stays(tmp_path: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    entry, late = written(tmp_path), list[SavedSession]()
+    read_all = store._read_all
+
+    def read_and_be_late(folder: Path) -> list[SavedSession]:
+        found = read_all(folder)
+        late.append(written(tmp_path, strength=0.5))
+        return found
+
+    monkeypatch.setattr(store, "_read_all", read_and_be_late)
+    prune(tmp_path)
+    assert set(tmp_path.iterdir()) == {entry.path, late[0].path}
