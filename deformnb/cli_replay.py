@@ -59,11 +59,9 @@ def _replay(options: argparse.Namespace) -> None:
         document = document.blended(options.strength)
     if options.summary:
         check_target(options.summary)
-    names = ("place", "method", "fill", "labels", "volume", "spacing")
     with stages() as stage:
         results = replay(document, options.inputs, options.out, work=_Work(options, stage),
-                         options={name: getattr(options, name) for name in names}, suffix=options.suffix,
-                         overwrite=options.force)
+                         options=_made_with(options, document), suffix=options.suffix, overwrite=options.force)
     print("\n".join(summary(results)))
     if options.summary:
         with atomic_write(options.summary) as file:
@@ -71,6 +69,18 @@ def _replay(options: argparse.Namespace) -> None:
     failed = sum(r.state == "failed" for r in results)
     if failed:
         raise DeformError(f"{failed} of {len(results)} files failed, see above; the others are done.")
+
+
+def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:
+    """All that results depend on besides the document's steps and their inputs."""
+    from deformnb.replay import stamp
+
+    made = {name: getattr(options, name) for name in ("place", "method", "fill", "labels", "volume", "spacing")}
+    if options.volume and Path(options.volume).exists():  # where it is missing and wanted, every file says so
+        made["volume_stamp"] = stamp(Path(options.volume))
+    if options.place != "as it is" and document.volume is not None:
+        made["box"] = repr(document.volume.grid)
+    return made
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -103,14 +113,16 @@ class _Work:
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
             document = placed(document, grid, self._options.place)
+            facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
-            return _facts(document, grid)
+            return facts
         volume = read_input(str(path), self._options.spacing, self._stage)
         if self._options.labels:
             volume = replace(volume, is_labels=True)
         document = placed(document, volume.grid, self._options.place)
+        facts = _facts(document, volume.grid)  # first: what is written must be remembered at once, or counts as foreign
         self._write(document, volume, target)
-        return _facts(document, volume.grid)
+        return facts
 
     def _write(self, document: Deformation, volume: Any, target: Path) -> None:
         from deformnb.io import write_volume

@@ -114,38 +114,51 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     Raises
     ------
     DeformError
-        If the inputs cannot be found, or the folder cannot be written to.
+        If the inputs cannot be found, or the folder cannot be written to; if results would replace inputs or one
+        another.
     """
     files, target = inputs_of(inputs), Path(folder)
-    if any(p.parent.resolve() == target.resolve() and not suffix for p in files):
-        raise DeformError(f"the results would replace their inputs in {target}; name another folder.")
+    outputs = [target / _renamed(path, suffix) for path in files]
+    _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)
     made_of = {"document": _digest(to_json(replace(deformation, volume=None))), "options": dict(options or {})}
     record, results = _read_record(target / RECORD), []
     tell = progress or (lambda _name, _share: None)
-    for path in files:
-        done = _one(deformation, path, target / _renamed(path, suffix), made_of, record, work or _warp_volume,
-                    overwrite, partial(tell, path.name))
+    for path, output in zip(files, outputs, strict=True):
+        done = _one(deformation, path, output, made_of, record, work or _warp_volume, overwrite,
+                    partial(tell, path.name))
         results.append(done)
         if done.state == "done":
             _write_record(target / RECORD, record)
     return results
 
 
+def _check_outputs(files: Sequence[Path], outputs: Sequence[Path]) -> None:
+    """No result may take the place of an input, whatever may be overwritten, nor of another result."""
+    inputs, maker = {path.resolve() for path in files}, dict[str, str]()
+    for path, output in zip(files, outputs, strict=True):
+        if output.resolve() in inputs:
+            raise DeformError(f"the results would replace their inputs in {output.parent}; name another folder.")
+        other = maker.setdefault(output.name, path.name)
+        if other != path.name:
+            raise DeformError(f"the results of {other} and {path.name} would both be {output.name}; replay them into "
+                              "two folders.")
+
+
 def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, Any], record: dict[str, Any],
          work: Work, overwrite: bool, progress: Callable[[float], None]) -> Replayed:
     start = time.perf_counter()
     try:
-        made = {**made_of, "input": _stamp(path)}
+        made = {**made_of, "input": stamp(path)}
         known = record.get(target.name)
-        if known is not None and target.exists() and known["output"] == _stamp(target):
+        if known is not None and target.exists() and known["output"] == stamp(target):
             if known["made_of"] == made:
                 return Replayed(path.name, target.name, "kept", facts=known["facts"])
         elif target.exists() and not overwrite:
             raise DeformError(f"{target.name} is already there and was not made by a replay, or was changed since; "
                               "move it away, or overwrite it (--force).")
         facts = dict(work(deformation, path, target, progress))
-        record[target.name] = {"made_of": made, "output": _stamp(target), "facts": facts}
+        record[target.name] = {"made_of": made, "output": stamp(target), "facts": facts}
     except Cancelled:
         raise
     except (DeformError, OSError, MemoryError) as error:
@@ -170,7 +183,7 @@ def _renamed(path: Path, suffix: str) -> str:
     return stem + suffix
 
 
-def _stamp(path: Path) -> list[int]:
+def stamp(path: Path) -> list[int]:
     """Size and time of a file: what tells that it is another one, without reading it."""
     found = path.stat()
     return [found.st_size, found.st_mtime_ns]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 from command_line import run, small_folder
 
+from deformnb.deformation import VolumeReference
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io import read_volume, write_volume
-from deformnb.io.documents import read_deformation
+from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.meshes import read_mesh, write_mesh
 from deformnb.replay import RECORD, inputs_of, replay
 from deformnb.surfaces import Mesh, warp_mesh
@@ -109,6 +111,18 @@ def test_results_never_replace_their_inputs(many: Path) -> None:
         replay(read_deformation(many / "pull.json"), [many / "in"], many / "in")
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_another_format_does_not_let_results_replace_inputs_or_one_another(overwrite: bool, many: Path) -> None:
+    document, before = read_deformation(many / "pull.json"), (many / "in" / "c.nii.gz").read_bytes()
+    with pytest.raises(DeformError, match="would replace their inputs"):
+        replay(document, [many / "in"], many / "in", suffix=".nii.gz", overwrite=overwrite)
+    assert (many / "in" / "c.nii.gz").read_bytes() == before
+    shutil.copy(many / "in" / "a.nrrd", many / "in" / "c.nrrd")
+    with pytest.raises(DeformError, match=r"results of c\.nii\.gz and c\.nrrd would both be c\.nii\.gz"):
+        replay(document, [many / "in"], many / "out", suffix=".nii.gz", overwrite=overwrite)
+    assert not (many / "out").exists()
+
+
 def test_two_inputs_of_one_name_are_refused(many: Path) -> None:
     shutil.copy(many / "tiny.nrrd", many / "in")
     with pytest.raises(DeformError, match=r"two inputs are called tiny\.nrrd"):
@@ -155,6 +169,23 @@ def test_meshes_follow_in_the_space_of_the_volume(many: Path, monkeypatch: pytes
     field = read_deformation(many / "pull.json").field(read_volume(many / "tiny.nrrd").grid)
     expected = warp_mesh(read_mesh(many / "in" / "face.ply"), field)
     np.testing.assert_allclose(read_mesh(many / "out" / "face.ply").points, expected.points, atol=1e-6)
+
+
+def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, monkeypatch: pytest.MonkeyPatch,
+                                                                   capsys: Any) -> None:
+    tiny, document = read_volume(many / "tiny.nrrd"), read_deformation(many / "pull.json")
+    write_mesh(Mesh([[1, 2, 3], [6, 8, 3], [3, 6, 7]], [[0, 1, 2]]), many / "face.ply")
+    shutil.copy(many / "tiny.nrrd", many / "space.nrrd")
+    wide = replace(tiny.grid, spacing=tuple(2 * s for s in tiny.grid.spacing))
+    for grid, state in ((tiny.grid, "1 done,"), (tiny.grid, "1 done before"), (wide, "1 done,")):
+        made_on = replace(document, volume=VolumeReference.of(Volume(tiny.values, grid)))
+        write_deformation(made_on, many / "made.json")
+        assert run(many, 'replay made.json in/a.nrrd --out boxes --place "by the box"', monkeypatch) == 0
+        assert run(many, "replay pull.json face.ply --out faces --volume space.nrrd", monkeypatch) == 0
+        told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("1 files")]
+        assert [state in line for line in told] == [True, True]
+        if state == "1 done before":
+            write_volume(Volume(tiny.values, wide), many / "space.nrrd")
 
 
 @pytest.mark.parametrize(("options", "message"), [
