@@ -13,7 +13,8 @@ from deformnb.errors import DeformError
 from deformnb.history import HistoryNode
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
-from deformnb.widgets.history_panel import HistoryPanel, tree_rows
+from deformnb.widgets.history_panel import HistoryPanel
+from deformnb.widgets.history_rows import tree_rows
 
 
 class Guarded:
@@ -109,6 +110,6 @@ def test_branches_of_branches_end_somewhere_and_none_is_lost() -> None:
 
 
 def test_the_oldest_state_tells_that_there_was_more() -> None:
-    from deformnb.widgets.history_panel import _row
+    from deformnb.widgets.history_rows import _row
 
     assert "no longer kept" in _row(HistoryNode(5, None, "bend", 0.0, False, True), 0, True)["title"]

@@ -6,6 +6,7 @@ import html
 import threading
 import weakref
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,13 @@ from deformnb.quality import FitQuality, bending_energy
 from deformnb.session import Session
 from deformnb.trust import LEAST, fold_lattice, picture_raster, step_quality, step_uncertainty
 from deformnb.volume import Grid
+
+OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
+                 ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
+"""What can be laid over a picture, in the words of a menu."""
+
+_AGREE = "All points agree with one another."
+_UNKNOWN = "Too few points to tell which of them disagree."
 
 # Places along the longest side that go forth and back.
 _TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
@@ -132,6 +140,12 @@ def point_name(points: ControlPoints, point: int) -> str:
     return f"point {point} ({name[:40]})" if name else f"point {point}"
 
 
+def suspects_of(found: Judgement, points: ControlPoints) -> tuple[str, list[int]]:
+    """The points that disagree with their neighbours, as far as there still are such points, and words for it."""
+    known = [i for i in (() if found.quality is None else found.quality.suspects) if i in points.ids]
+    return "Disagree with the rest:" if known else _AGREE if found.quality is not None else _UNKNOWN, known
+
+
 def facts_html(found: Judgement) -> str:
     """The figures as a table."""
     cells = "".join(f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
@@ -225,6 +239,25 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
     legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
     return Haze(np.round(255 * values / most).astype(np.uint8).tobytes(),
                 {"width": width, "height": height, "legend": legend})
+
+
+class HazeKeeper:
+    """The haze of the picture of a session, made anew only where something else is asked for."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[tuple[Any, ...], Haze, str] | None = None
+
+    def make(self, session: Session) -> tuple[Haze, str]:
+        """The haze, or none and the reason why."""
+        asked = (session.step, session.key, session.volume.grid, session.picture().raster)
+        kept = self._kept
+        if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:
+            try:
+                kept = asked, haze_of(*asked), ""
+            except DeformError as error:
+                kept = asked, NO_HAZE, f"Uncertainty: {error}"
+            self._kept = kept
+        return kept[1:]
 
 
 def _round_number(value: float) -> float:
