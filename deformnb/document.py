@@ -17,9 +17,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from deformnb.control_points import ControlPoints
+from deformnb.control_points import LARGEST_COORDINATE, ControlPoints
 from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
-from deformnb.document_reader import Reader
+from deformnb.document_reader import Reader, without_surrogates
 from deformnb.document_regions import cut_to_data, part_to_data, read_cut, read_part
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
@@ -53,10 +53,15 @@ def to_json(deformation: Deformation) -> str:
     if deformation.keyframes:
         data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
                              for key in deformation.keyframes]
-    text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False)
-    # Half a surrogate pair is a legal name in Python and JSON, but not in UTF-8.
-    text = re.sub("[\ud800-\udfff]", lambda m: f"\\u{ord(m[0]):04x}", text)
-    return _tidied(text) + "\n"
+    text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
+    return _tidied(without_surrogates(text)) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """A number of NumPy's, such as a slider or a loop of a notebook hands on, as one of Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a document holds no {type(value).__name__}.")
 
 
 def _tidied(text: str) -> str:
@@ -256,10 +261,11 @@ def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints
             raise DeformError(f"{r.where}.{key} must be a list for each of its {len(maps)} sets of points.")
         wrong = next((item for row in rows for item in row if not is_right(item)), None)
         if wrong is not None:
-            raise DeformError(f"{r.where}.{key} names points by their ids, got {wrong!r:.40}.")
+            what = "names points by their ids" if key == "locked" else "gives points, by their ids, lengths below 1e15"
+            raise DeformError(f"{r.where}.{key} {what}, got {wrong!r:.40}.")
         for k, row in enumerate(rows):
             for item in row:
-                number, value = (item, True) if key == "locked" else item
+                number, value = (item, True) if key == "locked" else (item[0], float(item[1]))
                 own: dict[str, Any] = {field: value}
                 maps = (*maps[:k], maps[k].edit(number, **own), *maps[k + 1 :])
     return maps
@@ -271,7 +277,7 @@ def _is_id(item: Any) -> bool:
 
 def _is_radius(item: Any) -> bool:
     return (isinstance(item, list) and len(item) == 2 and _is_id(item[0]) and isinstance(item[1], int | float)
-            and not isinstance(item[1], bool))
+            and not isinstance(item[1], bool) and abs(item[1]) <= LARGEST_COORDINATE)
 
 
 def _points(r: Reader) -> ControlPoints:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -67,3 +68,8 @@ class Reader:
 
     def rest(self, known: set[str]) -> Mapping[str, Any]:
         return {k: v for k, v in self.data.items() if k not in known}
+
+
+def without_surrogates(text: str) -> str:
+    """Text with halves of surrogate pairs escaped: legal in names in Python and JSON, but not in UTF-8."""
+    return re.sub("[\ud800-\udfff]", lambda m: f"\\u{ord(m[0]):04x}", text)

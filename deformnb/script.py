@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
+from deformnb.document_reader import without_surrogates
 from deformnb.document_regions import region_to_data
 from deformnb.masks import Mask
 from deformnb.plane import VIEWS, Plane
@@ -113,7 +114,7 @@ def _keyframes(deformation: Deformation, lines: list[str]) -> str:
     made = []
     for key in deformation.keyframes:
         steps, lines = lines[: len(key.steps)], lines[len(key.steps) :]
-        made.append(f"dn.Keyframe({key.time!r}, ({''.join(f'{line}, ' for line in steps).rstrip()}))")
+        made.append(f"dn.Keyframe({_value(key.time)}, ({''.join(f'{line}, ' for line in steps).rstrip()}))")
     return _listed(made)
 
 
@@ -191,8 +192,9 @@ def _value(value: Any) -> str:
                 + ", ".join(f"{name}={_value(v)}" for name, v, default in given if v != default) + ")")
     if isinstance(value, tuple) and value and not isinstance(value[0], float):
         return f"({''.join(f'{_value(v)}, ' for v in value).rstrip()})"
-    return repr(value)
+    return repr(value.item() if isinstance(value, np.generic) else value)  # NumPy's would need its name in the script
 
 
 def _text(value: str) -> str:
-    return json.dumps(value, ensure_ascii=False)  # its escapes are Python's too, and the quotes are double as elsewhere
+    # Its escapes are Python's too, and the quotes are double as elsewhere.
+    return without_surrogates(json.dumps(value, ensure_ascii=False))
