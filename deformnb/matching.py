@@ -21,6 +21,7 @@ from deformnb.fields import AbstractField
 from deformnb.grey_images import GreyImage, Pictured, grey_pair
 from deformnb.likeness import Fitting, Measure, Scene, measure_named
 from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.staged import check_stages
 from deformnb.warp_plan import Progress
 
 # Places that are compared at most: a picture of 512^2. Larger ones are compared at every second or third pixel.
@@ -96,6 +97,8 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     ([[26.0, 20.0]], 1.0)
     """
     alike = measure_named(measure)
+    check_stages(stages, ())
+    _check_climb(energy, iterations, least)
     pair = grey_pair(points, moving, fixed)
     start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     scene = first_scene(points, start, smoothing, energy, alike, stages)
@@ -111,9 +114,18 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     return Fitted(points, before, after, tuple(climb.history), smallest)
 
 
+def _check_climb(energy: float, iterations: int, least: float) -> None:
+    if not (isinstance(iterations, int | np.integer) and iterations >= 1):
+        raise DeformError(f"the iterations of a fit must be a whole number from 1 on, got {iterations!r}.")
+    if not (np.isfinite(energy) and energy >= 0):
+        raise DeformError(f"the energy of a fit must be 0 or a positive number, got {energy}.")
+    if not np.isfinite(least):
+        raise DeformError(f"the least determinant of a fit must be a finite number, got {least}.")
+
+
 def _checked_levels(levels: Sequence[int], size: int, dim: int) -> list[int]:
     """Falling factors, none finer than the pictures can be compared at."""
-    if not levels or any(int(n) != n or n < 1 for n in levels):
+    if not len(levels) or not all(isinstance(n, int | np.integer) and n >= 1 for n in levels):
         raise DeformError(f"levels must be whole numbers such as (4, 2, 1), got {levels!r:.60}.")
     finest = int(np.ceil((size / _MOST_PLACES) ** (1 / dim)))
     return sorted({max(int(n), finest) for n in levels}, reverse=True)

@@ -116,7 +116,10 @@ class Curve:
     """A polyline (n, 2), closed unless said otherwise, walked by arc length."""
 
     def __init__(self, line: ArrayLike, closed: bool = True) -> None:
-        points = np.asarray(line, dtype=np.float64)
+        try:
+            points = np.asarray(line, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DeformError(f"an outline must be finite points of shape (n, 2), got {line!r:.60}.") from None
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
             raise DeformError(f"an outline must be finite points of shape (n, 2), got {points.shape}.")
         self.closed = closed
@@ -190,11 +193,11 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
     iterations : of the sliding; 0 leaves them as the arc length has them.
     progress : told the finished share.
     """
-    if not 3 <= count <= 500:
-        raise DeformError(f"an outline takes 3 to 500 points, got {count}.")
+    if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
+        raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
     if points.dim != 2:
         raise DeformError("outlines lie on a picture; points in space have none.")
-    source, target = (Curve(line if area(line) > 0 else np.asarray(line)[::-1])
+    source, target = (Curve(line if area(Curve(line).ring) > 0 else np.asarray(line)[::-1])
                       for line in (source_outline, target_outline))
     share = np.arange(count) / count
     ends = target.at((share + _begins(source, target)) * target.length)

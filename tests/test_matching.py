@@ -153,10 +153,18 @@ def test_what_cannot_be_fitted_is_said(change: Callable[[ControlPoints], Control
 def test_pictures_that_share_nothing_are_refused() -> None:
     with pytest.raises(DeformError, match="do not overlap"):
         fit_targets(START, MOVING, picture(FIXED.values, 1.0, (500.0, 0.0)))
-    with pytest.raises(DeformError, match=r"levels must be whole numbers"):
-        fit_targets(START, MOVING, FIXED, levels=(4, 0))
-    with pytest.raises(DeformError, match="unknown measure"):
-        fit_targets(START, MOVING, FIXED, measure="dice")
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"levels": (4, 0)}, "levels must be whole numbers"), ({"levels": (np.nan,)}, "levels must be whole numbers"),
+    ({"levels": np.zeros(0, int)}, "levels must be whole numbers"), ({"measure": "dice"}, "unknown measure"),
+    ({"iterations": 0}, "iterations of a fit .* from 1 on, got 0"), ({"iterations": 2.5}, "iterations of a fit"),
+    ({"energy": np.nan}, "energy of a fit"), ({"energy": -1.0}, "energy of a fit"), ({"least": np.nan}, "determinant"),
+    ({"stages": 0}, "stages of a step must be a whole number from 1 to 64, got 0"), ({"stages": 2.5}, "stages"),
+])
+def test_options_that_make_no_sense_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(DeformError, match=words):
+        fit_targets(START, MOVING, FIXED, **options)
 
 
 def _knees(real_data: Callable[[str], Path]) -> tuple[Picture, Picture]:

@@ -224,5 +224,10 @@ def test_what_cannot_slide_is_said() -> None:
         slide(points, [])
     with pytest.raises(DeformError, match="3 to 500 points"):
         fit_outline(points, line, line, count=2)
+    with pytest.raises(DeformError, match=r"3 to 500 points, got 3\.5"):
+        fit_outline(points, line, line, count=3.5)  # type: ignore[arg-type]
+    for no_line in ([], "line", [[0, 0, 0], [1, 1, 1], [2, 0, 0]]):
+        with pytest.raises(DeformError, match="an outline must be finite points"):
+            fit_outline(points, no_line, line)
     with pytest.raises(DeformError, match="points in space"):
         fit_outline(ControlPoints.empty(3), line, line)
