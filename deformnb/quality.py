@@ -13,6 +13,7 @@ The support is held at its value: it is chosen by a person, or from the box of a
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +91,8 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     and, in units of what the others can know there, by twice the median of all points at least. The one whose
     leaving-out eases the fit most is named and left out, then the rest are asked again, so that the neighbours of a
     wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
-    dim + 4 points: a long drag among four corners that hold the picture is no mistake.
+    dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
+    not dragged and lies on the convex hull of all: it holds the rim, and what the others know of the rim is a guess.
 
     Parameters
     ----------
@@ -245,17 +247,25 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
     if np.count_nonzero(active.displacement.any(axis=1)) < 2:
         return ()
     found: set[int] = set()
-    ids, gaps = np.array(system.ready.ids), _gaps(system.x)
+    ids, gaps, holds = np.array(system.ready.ids), _gaps(system.x), _holding_the_rim(system)
     while system.kept.sum() >= system.dim + 4 and len(found) < _MOST_SUSPECTS:
         lengths = _lengths(_left_out(system, _alone(system)))
         eased = np.sqrt(np.abs(system.energy.diagonal())) * lengths  # its square is what the energy falls by without it
-        marked = (lengths >= STRAIN * gaps) & (eased >= _STANDS_OUT * np.median(eased[system.kept]))
+        marked = ~holds & (lengths >= STRAIN * gaps) & (eased >= _STANDS_OUT * np.median(eased[system.kept]))
         if not marked.any():
             break
         k = int(np.where(marked, eased, -1.0).argmax())
         found.add(int(ids[k]))
         system = system.without(k)
     return tuple(i for i in active.ids if i in found)
+
+
+def _holding_the_rim(system: FitSystem) -> NDArray[np.bool_]:
+    """Which places are not dragged and lie on the convex hull of all."""
+    holds = np.zeros(system.count, dtype=bool)
+    with contextlib.suppress(scipy.spatial.QhullError):  # all on one line, or in one plane of space
+        holds[scipy.spatial.ConvexHull(system.x).vertices] = True
+    return holds & ~system.d.any(axis=1)
 
 
 # ---- the rest --------------------------------------------------------------------------------------------------------

@@ -279,3 +279,22 @@ def test_bending_energy_of_special_sets() -> None:
     assert bending_energy(twice) == pytest.approx(bending_energy(points))
     assert bending_energy(twice.move(twice.ids[-1], [1.0, 2.0])) == float("inf")
     assert bending_energy(twice.edit(twice.ids[-1], target=[1.0, 2.0], active=False)) < float("inf")
+
+
+def test_points_that_hold_the_rim_are_not_blamed_for_a_drag_beside_them() -> None:
+    rim = [[0, 0], [200, 0], [0, 100], [200, 100]]
+    inside = [[30, 50], [60, 30], [60, 70], [100, 25], [100, 75], [140, 50], [180, 85]]
+    drags = [[4, 4], [3, -5], [0, 2], [2, -6], [1, 3], [-2, 0], [-16, 9]]
+    points = ControlPoints.from_arrays(rim + inside, rim + (np.array(inside) + drags).tolist())
+    quality = fit_quality(points)
+    corner = 3  # beside the longest drag; the others would carry it along by more than half of the way to that
+    assert quality.disagreement[corner] > 0.5
+    assert corner not in quality.suspects
+
+
+def test_a_point_within_that_was_forgotten_is_still_named() -> None:
+    a, b = np.meshgrid(np.linspace(0, 200, 5), np.linspace(0, 100, 5))
+    source = np.column_stack([a.ravel(), b.ravel()])
+    target = source + 20 * np.column_stack([np.sin(source[:, 1] / 40), np.cos(source[:, 0] / 60)])
+    target[12] = source[12]
+    assert fit_quality(ControlPoints.from_arrays(source, target)).suspects == (12,)
