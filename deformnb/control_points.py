@@ -111,13 +111,13 @@ class ControlPoints:
         t = s.copy() if target is None else _as_points(target, "target")
         n = len(s)
         return cls(
-            s, t, tuple(int(i) for i in (range(n) if ids is None else ids)),
+            s, t, tuple(range(n)) if ids is None else tuple(_of_each(ids, np.int64, "ids").tolist()),
             tuple(str(name) for name in ([""] * n if names is None else names)),
-            np.ones(n, dtype=bool) if active is None else np.array(active, dtype=bool),
-            np.ones(n) if weight is None else np.array(weight, dtype=np.float64), next_id,
-            None if locked is None else np.array(locked, dtype=bool),  # type: ignore[arg-type]
+            np.ones(n, dtype=bool) if active is None else _of_each(active, np.bool_, "switches"),
+            np.ones(n) if weight is None else _of_each(weight, np.float64, "weights"), next_id,
+            None if locked is None else _of_each(locked, np.bool_, "locks"),  # type: ignore[arg-type]
             # None becomes nan: a list may leave out single radii
-            None if radius is None else np.array(radius, dtype=np.float64),  # type: ignore[arg-type]
+            None if radius is None else _of_each(radius, np.float64, "radii"),  # type: ignore[arg-type]
         )
 
     @classmethod
@@ -197,7 +197,7 @@ class ControlPoints:
                            ("locked", locked), ("radius", radius)):
             if value is not None:
                 array = np.array(getattr(self, key))
-                array[k] = self._one_place(value, key) if array.ndim == 2 else value
+                array[k] = self._one_place(value, key) if array.ndim == 2 else _one(value, array.dtype, key)
                 changed[key] = array
         if name is not None:
             changed["names"] = (*self.names[:k], name, *self.names[k + 1 :])
@@ -230,6 +230,20 @@ class ControlPoints:
     def reset(self) -> ControlPoints:
         """Every target back at its source."""
         return replace(self, target=self.source.copy())
+
+
+def _of_each(value: Any, kind: Any, what: str) -> NDArray[Any]:
+    try:
+        return np.array(value, dtype=kind)
+    except (TypeError, ValueError, OverflowError):
+        raise DeformError(f"the {what} of control points must be one for each, got {value!r:.60}.") from None
+
+
+def _one(value: Any, kind: Any, what: str) -> Any:
+    try:
+        return np.array(value, dtype=kind).reshape(())[()]
+    except (TypeError, ValueError, OverflowError):
+        raise DeformError(f"the {what} of a control point cannot be {value!r:.60}.") from None
 
 
 def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:

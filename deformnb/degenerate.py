@@ -110,6 +110,8 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
 
 def _radius(points: ControlPoints, support: float | None, trend: Trend, n: int) -> float:
     radius = default_support(points) if support is None else float(support)
+    if radius is None and n and not np.isnan(own := float(points.radius[points.active][0])):
+        radius = own
     if radius is None:
         if n and trend.linear is None:
             raise DeformError(

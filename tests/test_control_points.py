@@ -97,10 +97,18 @@ def test_arrays_of_other_shapes_and_kinds_are_refused(source: Any) -> None:
 @pytest.mark.parametrize("options", [
     {"target": [[0, 0]]}, {"target": [[0, 0, 0]] * 3}, {"ids": [1, 2]}, {"names": ["a"]}, {"active": [True]},
     {"weight": [1, 1]}, {"ids": [1, 1, 2]}, {"active": np.ones((3, 1), bool)}, {"weight": np.ones((3, 2))},
+    {"ids": ["a", "b", "c"]}, {"ids": [1, 2, 10**30]}, {"weight": ["a"] * 3}, {"radius": [1, 2, "wide"]},
+    {"radius": [1, [2], 3]}, {"locked": [[True], True, False]},
 ])
 def test_parts_that_do_not_fit_together_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(DeformError):
         ControlPoints.from_arrays([[0, 0], [1, 1], [2, 2]], **options)
+
+
+@pytest.mark.parametrize("change", [{"weight": "a"}, {"radius": "wide"}, {"radius": [1, 2]}, {"radius": 10**400}])
+def test_what_is_no_number_is_refused_by_name(change: dict[str, Any]) -> None:
+    with pytest.raises(DeformError, match=f"the {next(iter(change))} of a control point cannot be"):
+        THREE.edit(1, **change)
 
 
 @pytest.mark.parametrize("weight", [0.0, -1.0, np.nan, np.inf])

@@ -75,6 +75,8 @@ def test_one_point_without_trend_is_a_bump_of_a_given_reach(dim: int) -> None:
     assert (fit.displacement(np.full((1, dim), 4 + 10.1)) == 0).all()
     with pytest.raises(DeformError, match=r'control point 0 \("nose"\) is alone .* give a support radius'):
         fit_rbf(point, trend="none")
+    own = fit_rbf(point.edit(0, radius=10.0), trend="none")  # it tells itself
+    oracle.assert_close(own.displacement([[7.0] * dim]), fit.displacement([[7.0] * dim]), atol=1e-12)
 
 
 # ---- rows and planes -------------------------------------------------------------------------------------------------
