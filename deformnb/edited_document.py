@@ -228,7 +228,8 @@ class EditedDocument(traitlets.HasTraits):
             return proposal["value"]
         with self._lock:  # set from outside: an edit like any other
             deformation = self._checked(proposal["value"])
-            self._history.record(self._state, "change by code")
+            if deformation != self.deformation:  # of an equal one nobody is told, so there is nothing to undo
+                self._history.record(self._state, "change by code")
         return deformation
 
     @traitlets.observe("deformation")

@@ -226,9 +226,15 @@ class Session(EditedSteps):
         Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
         """
         made_on = deformation.volume
-        if made_on is None or (made_on.shape == self.volume.shape and (
-                made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume))):
+        if made_on is None:
             return ""
+        if made_on.shape == self.volume.shape and (
+                made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume)):
+            if made_on.lay_at(self.volume.grid):
+                return ""
+            then, now = (" x ".join(f"{s:.6g}" for s in grid.spacing) for grid in (made_on, self.volume.grid))
+            return ("This document was made on the same voxels at another place or of another size "
+                    f"({then} then, {now} now); its points may lie elsewhere.")
         return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "
                 f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
 

@@ -18,8 +18,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from deformnb.deformation import Deformation, VolumeReference
 from deformnb.document import LONGEST, from_json, to_json
 from deformnb.errors import DeformError
@@ -188,9 +186,7 @@ def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None,
 
 def _same(one: VolumeReference, other: VolumeReference) -> bool:
     """The same voxels at the same places: points are places."""
-    a, b = one.grid, other.grid
-    return one.sha256 == other.sha256 and a is not None and b is not None and a.shape == b.shape and np.allclose(
-        a.matrix, b.matrix, rtol=1e-5) and np.allclose(a.origin, b.origin, atol=1e-3 * min(a.spacing))
+    return one.sha256 == other.sha256 and one.grid is not None and other.grid is not None and one.lay_at(other.grid)
 
 
 def restore(entry: SavedSession) -> Deformation:

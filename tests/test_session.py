@@ -323,6 +323,23 @@ def test_labels_of_the_same_scan_are_no_other_volume(session: Session) -> None:
     assert "another volume" in Session(smaller).difference(session.document())
 
 
+@pytest.mark.parametrize("place", [{"spacing": (2.0, 2.0, 2.0)}, {"origin": (50.0, 0.0, 0.0)}])
+def test_the_same_voxels_elsewhere_are_another_volume_to_points(place: dict[str, Any], session: Session) -> None:
+    there = Session(replace(session.volume, grid=replace(session.volume.grid, **place)))
+    assert there.reference().sha256 == session.reference().sha256
+    with pytest.raises(OtherVolumeError, match="same voxels at another place or of another size"):
+        there.take(session.document())
+    rounded = tuple(x + 1e-5 for x in session.volume.grid.origin)
+    near = Session(replace(session.volume, grid=replace(session.volume.grid, origin=rounded)))
+    assert near.difference(session.document()) == ""
+
+
+def test_a_document_like_the_one_shown_is_no_edit(session: Session) -> None:
+    session.deformation = replace(session.deformation)
+    assert len(session.history_tree()) == 1
+    assert session.undo() == ""
+
+
 def test_a_file_that_somebody_else_has_changed_is_not_written_over(session: Session, tmp_path: Path) -> None:
     file = tmp_path / "fish.json"
     session.save(file)
