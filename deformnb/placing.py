@@ -40,7 +40,8 @@ def _by_the_box(deformation: Deformation, grid: Grid) -> Deformation:
         return deformation
     box = _Box(made.grid, grid)
     keys = tuple(Keyframe(key.time, tuple(map(box.step, key.steps))) for key in deformation.keyframes)
-    return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys)
+    # Its box is this grid's now, and not the one that it was made on: it must not be laid there a second time.
+    return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None)
 
 
 PLACES: dict[str, Callable[[Deformation, Grid], Deformation]] = {"as it is": _as_it_is, "by the box": _by_the_box}
@@ -48,7 +49,7 @@ PLACES: dict[str, Callable[[Deformation, Grid], Deformation]] = {"as it is": _as
 
 
 def placed(deformation: Deformation, grid: Grid, place: str = "as it is") -> Deformation:
-    """The document for a volume of another grid.
+    """The document for a volume of another grid; one that was laid "by the box" knows no volume any more.
 
     Parameters
     ----------

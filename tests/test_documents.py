@@ -165,6 +165,12 @@ def test_texts_from_a_document_cannot_control_the_terminal(tmp_path: Path) -> No
     assert "<script>" in describe_document(path)["name"]  # shown as it is: a terminal runs no scripts
 
 
+def test_stages_are_described() -> None:
+    rows = describe_document(Path(__file__).parent / "fixtures" / "document_1.2.json")
+    assert "strength 1, in 6 stages" in rows["step 1"]
+    assert "stages" not in rows["step 2"]
+
+
 def test_rigid_parts_cuts_and_key_frames_are_described() -> None:
     rows = describe_document(Path(__file__).parent / "fixtures" / "document_1.1.json")
     assert "1 control points" not in rows["step 2"]

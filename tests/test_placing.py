@@ -81,6 +81,12 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
     np.testing.assert_allclose(moved.keyframes[0].steps[0].points.source, 2.5 * POINTS.source, atol=1e-9)
 
 
+def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
+    moved = placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "by the box")
+    with pytest.raises(DeformError, match="does not tell where the volume lay"):
+        placed(moved, LARGER, "by the box")
+
+
 def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
     document = made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y")))
     assert placed(document, OLD, "by the box") is document

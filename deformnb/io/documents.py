@@ -101,10 +101,11 @@ def _describe_step(step: Step) -> str:
     shapes = "".join(f", {_describe_shapes(what, given)}" for what, given in (
         ("rigid part(s)", step.parts), (f"cut(s) by the rule {step.cut_rule}", step.cuts)) if given)
     state = "" if step.enabled else ", switched off"
+    stages = "" if step.stages == 1 else f", in {step.stages} stages"
     name = f"{shown(step.name)}: " if step.name else ""
     points = "control point" if count == "1" else "control points"
     return (f"{name}{count} {points} {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
-            f"strength {step.strength:g}{shapes}{state}")
+            f"strength {step.strength:g}{stages}{shapes}{state}")
 
 
 def _describe_shapes(what: str, shapes: Sequence[RigidPart] | Sequence[Cut]) -> str:
