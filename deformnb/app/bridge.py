@@ -15,11 +15,12 @@ from typing import Any
 
 from comm.base_comm import BaseComm
 
-from deformnb.app.controls import ACTIONS
+from deformnb.app.controls import ACTIONS, NUMBERED
 from deformnb.app.desk import Desk
 from deformnb.app.guard import Answer
 from deformnb.app.remote import AREA, RemoteView
 from deformnb.errors import DeformError
+from deformnb.widgets.edited import is_whole
 
 TOPIC = "deformnb.widget"
 """Under which pages hear of messages for their widgets."""
@@ -191,10 +192,11 @@ class Bridge:
             self.desk.set(name, value)
 
     async def _trigger(self, name: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
-        if name not in ACTIONS or args or kwargs:
+        fits = isinstance(args, list) and len(args) == (name in NUMBERED) and all(map(is_whole, args))
+        if name not in (*ACTIONS, *NUMBERED) or not fits or kwargs:
             raise DeformError("no action of the page.")
         if name != "save":
-            self._later(lambda: self.desk.act(name))
+            self._later(lambda: self.desk.act(name, *args))
             return None
         return await asyncio.wrap_future(self.desk.thread.call(self.desk.document))
 

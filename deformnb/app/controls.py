@@ -16,8 +16,10 @@ from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.plane import VIEWS
+from deformnb.staged import MOST_STAGES
 from deformnb.transfer import PRESETS
 from deformnb.trend import TRENDS
+from deformnb.widgets.judgement import OVERLAY_WORDS
 from deformnb.widgets.view import SHOWS
 
 
@@ -139,10 +141,19 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
                              (("shaded", "Shaded"), ("composite", "Translucent"), ("mip", "Maximum"))),
         "show_net": Switch("Net", "A grid that bends with the picture"),
         "drag_net": Switch("Drag the net", "Its nodes can be dragged: each becomes a point"),
-        "show_radius": Switch("Reach of points", "A circle around each point"),
+        "show_radius": Switch("Circles", "How far each point reaches"),
         "shows": Choice("Show", "The volume before and after", _titled(SHOWS)),
+        "overlay": Choice("On the picture", "What is laid over the picture; V goes through them there",
+                          tuple((name, text[:1].upper() + text[1:]) for text, name in OVERLAY_WORDS)),
+        "stages": Number("Stages", "Small maps done one after the other; more fold later and take longer",
+                         1, MOST_STAGES, 1),
+        "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
+        "show_folds": Switch("Folds in the volume", "Red stripes on matter that is shown twice"),
     }
 
 
-ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete")
+ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold")
 """What a page may ask for by name."""
+
+NUMBERED = ("go_to", "look_at")
+"""What a page may ask for by name and number: a state of the history, a control point."""

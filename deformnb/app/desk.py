@@ -12,14 +12,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from deformnb.app.controls import ACTIONS, control_table
+from deformnb.app.controls import ACTIONS, NUMBERED, control_table
 from deformnb.app.remote import RemoteView, dragged
+from deformnb.app.trust import DeskTrust
 from deformnb.deformation import lone_support
 from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
+from deformnb.widgets.history_rows import go_to, history_rows
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.shape_messages import shapes_of
@@ -30,9 +32,9 @@ from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
-_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength")
+_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength", "stages")
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
-_OF_THE_EDITOR = ("show_net", "drag_net", "show_radius")
+_OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
 
 
 class Desk:
@@ -69,7 +71,9 @@ class Desk:
         self._look(*_beside(session.plane))
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
+        self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
+        self.trust = DeskTrust(session, self.editor, self.thread.call, self._trust_changed)
         self.recovery = Recovery(session, self._told, self._tell)
         self.thread.latest("warm up", session.warm_up)
         self._show()
@@ -91,7 +95,8 @@ class Desk:
     def _apply(self, name: str, value: Any) -> None:
         session = self.session
         if name in _OF_THE_STEP:
-            session.change(kind=name, **{name: value})
+            fields: dict[str, Any] = {name: int(value) if name == "stages" else value}
+            session.change(kind=name, **fields)
         elif name == "support":
             session.change(kind=name, support=value or None)
         elif name == "view":
@@ -107,7 +112,12 @@ class Desk:
             if name == "transfer":
                 self.live.set_transfer(value)
                 self._draw(lambda scene: scene.set_transfer(value))
-        elif name == "projection":
+        else:
+            self._apply_to_the_view(name, value)
+
+    def _apply_to_the_view(self, name: str, value: Any) -> None:
+        """What is no part of the document."""
+        if name == "projection":
             self.live.projection = value
             self._draw(lambda scene: scene.set_projection(value))
         elif name == "shows":
@@ -115,12 +125,20 @@ class Desk:
             self._draw(lambda scene: scene.set_shows(value))
         elif name in _OF_THE_EDITOR:
             setattr(self.editor, name, value)
+        elif name == "keep_free":
+            self.trust.keep_free = value
+            if value and self.trust.state()["unsafe"]:
+                self.trust.safety.unfold()
+        elif name == "show_folds":
+            self.live.show_folds = value
 
-    def act(self, name: str) -> None:
-        """Do one of the :data:`~deformnb.app.controls.ACTIONS` that give nothing back."""
-        if name not in ACTIONS or name == "save":
+    def act(self, name: str, *number: int) -> None:
+        """Do one of the actions of :mod:`~deformnb.app.controls` that give nothing back."""
+        if name not in (*ACTIONS, *NUMBERED) or name == "save":
             raise DeformError("there is no such action.")
         actions: dict[str, Callable[[], Any]] = {
+            "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
+            "go_to": lambda: go_to(self.session, *number), "look_at": lambda: self.trust.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "front": lambda: self._look(*_camera(self.session.plane)),
             "beside": lambda: self._look(*_beside(self.session.plane)),
@@ -149,16 +167,18 @@ class Desk:
         labels = session.history
         count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
         values = {name: getattr(step, name) for name in _OF_THE_STEP}
+        values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
+        states, shown = history_rows(session.history_tree())
         return {
             **values, "curve": step.curve if isinstance(step.curve, str) else "", "support": step.support or 0.0,
             "view": session.view or "", "method": session.method, "key": str(session.key),
             "transfer": session.transfer if isinstance(session.transfer, str) else "",
             "depth": self._depth(), "projection": self.live.projection,
-            "show_net": self.editor.show_net, "shows": self.live.shows,
-            "drag_net": self.editor.drag_net, "show_radius": self.editor.show_radius,
+            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.trust.keep_free,
+            "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
-            "lost": self.recovery.offer,
+            "lost": self.recovery.offer, **self.trust.state(),
             "facts": f"{count} points, {moved} moved" + _step_text(session),
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
         }
@@ -199,6 +219,16 @@ class Desk:
         edit = self.session.edit_cuts if change["name"] == "cuts" else self.session.edit_parts
         self._try(lambda: edit(shapes, made.kind if made is not None else ""))
 
+    def _set_in_the_editor(self, change: Any) -> None:
+        if change["name"] == "overlay":
+            self.trust.soon()
+        self.changed()
+
+    def _trust_changed(self) -> None:
+        if self.session.deformation is not self._shown[0]:  # stages were chosen for it
+            self._show()
+        self.changed()
+
     def _show(self) -> None:
         """Bring the widgets to what the session says."""
         session, editor = self.session, self.editor
@@ -217,6 +247,7 @@ class Desk:
         if shown != self._shown:
             self._shown = shown
             self._show_volume()
+            self.trust.soon()
 
     def _show_volume(self) -> None:
         session, live = self.session, self.live
@@ -272,6 +303,7 @@ class Desk:
     def close(self) -> None:
         """End the threads; what was not saved is offered to who opens the volume again."""
         self.recovery.close(orderly=False)
+        self.trust.close()
         if self.remote is not None:
             self.remote.close()
         self.thread.close()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from deformnb.app.controls import AbstractControl, Choice, Formula, Number, Switch
+from deformnb.app.controls import AbstractControl, Switch
 from deformnb.app.desk import Desk
+from deformnb.app.page_parts import add_control, history_part, trust_part
 from deformnb.app.remote import AREA
 
 _GROUPS = (
@@ -14,6 +15,7 @@ _GROUPS = (
     ("Through the depth", ("extrusion", "curve", "key", "strength")),
     ("Volume", ("shows", "transfer", "projection")),
 )
+_TABS = (("settings", "Settings"), ("trust", "Trust"), ("history", "History"))
 _SHOWN_IF = {"depth": "method === 'slice'", "curve": "extrusion === 'modulate'", "key": "extrusion === 'interpolate'"}
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
@@ -41,8 +43,9 @@ def build_page(server: Any, desk: Desk) -> None:
     state = server.state
     state.trame__title = f"{name} - deformnb"
     state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer, "dnb_sure": False,
+                  "dnb_tab": _TABS[0][0],
                   "dnb_document": f"{_plain(name)}-session.json"})
-    state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "dnb_sure",
+    state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "dnb_sure", "dnb_tab",
                                 "trame_error_report_msg"]
     shapes = " × ".join(str(n) for n in desk.session.volume.shape[::-1])
     with VAppLayout(server) as layout:
@@ -60,9 +63,10 @@ def build_page(server: Any, desk: Desk) -> None:
             with html.Section(classes="dnb-app-half", aria_label="Volume", __properties=["aria_label"]):
                 _volume(html)
             with html.Aside(classes="dnb-app-panel", aria_label="Settings", __properties=["aria_label"]):
-                _panel(v, html, desk)
+                _drawer(v, html, desk)
         with v.VFooter(app=True, classes="dnb-app-foot", role="status", __properties=["role"]):
             html.Span("{{ facts }}")
+            html.Span("{{ verdict }}", classes=("folded ? 'dnb-app-folded' : ''",))
             html.Span("{{ latency }}", classes="dnb-app-soft")
             html.Span("{{ notice }}", classes="dnb-app-notice")
         with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
@@ -113,43 +117,28 @@ def _buttons(v: Any) -> None:
            __properties=["title", "aria_label"])
 
 
-def _panel(v: Any, html: Any, desk: Desk) -> None:
+def _drawer(v: Any, html: Any, desk: Desk) -> None:
+    parts = {"settings": _settings, "trust": trust_part, "history": history_part}
+    with v.VTabs(v_model=("dnb_tab",), density="compact", grow=True, color="primary", classes="dnb-app-tabs"):
+        for name, title in _TABS:
+            v.VTab(title, value=name, id=f"dnb-app-tab-{name}", __properties=["id"])
+    for name, _ in _TABS:
+        with html.Div(v_if=(f"dnb_tab === '{name}'",), classes="dnb-app-part", role="tabpanel",
+                      aria_labelledby=f"dnb-app-tab-{name}", __properties=["role", "aria_labelledby"]):
+            parts[name](v, html, desk.controls)
+
+
+def _settings(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
     for title, names in _GROUPS:
         html.H2(title, classes="dnb-app-group")
-        switches = [name for name in names if isinstance(desk.controls[name], Switch)]
+        switches = [name for name in names if isinstance(controls[name], Switch)]
         for name in names:
             if name not in switches:
-                _control(v, html, name, desk.controls[name])
+                add_control(v, html, name, controls[name], _SHOWN_IF.get(name))
         if switches:
             with html.Div(classes="dnb-app-switches"):
                 for name in switches:
-                    _control(v, html, name, desk.controls[name])
-
-
-def _control(v: Any, html: Any, name: str, control: AbstractControl) -> None:
-    shown = {"v_if": (_SHOWN_IF[name],)} if name in _SHOWN_IF else {}
-    common = {"density": "compact", "hide_details": True, "color": "primary"}
-    if isinstance(control, Choice):
-        items = [{"value": value, "title": title} for value, title in control.titles]
-        v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
-                  title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
-    elif isinstance(control, Formula):
-        # Half a formula is a wrong one: it is told when it is done.
-        v.VTextField(model_value=(name,), change=f"{name} = $event.target.value",
-                     label=control.title, variant="outlined", title=control.hint,
-                     placeholder="sin(pi*z)", maxlength=200, classes="dnb-app-select", spellcheck="false",
-                     __properties=["title", "maxlength", "spellcheck"], __events=["change"], **common, **shown)
-    elif isinstance(control, Number):
-        value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
-        if control.unset:
-            value = f"{name} ? {value} : '{control.unset}'"
-        with html.Div(classes="dnb-app-number", title=control.hint, **shown):
-            html.Span(control.title, classes="dnb-app-label")
-            v.VSlider(v_model_number=(name,), min=control.low, max=control.high, step=control.step,
-                      aria_label=control.title, track_size=3, thumb_size=14, __properties=["aria_label"], **common)
-            html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
-    elif isinstance(control, Switch):
-        v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)
+                    add_control(v, html, name, controls[name])
 
 
 def _plain(name: str) -> str:

@@ -329,13 +329,13 @@ def test_it_fits_a_small_projector_in_light_and_dark(browser: Any, fresh: Runnin
     tab.page.get_by_label("f(z)").wait_for()
     tab.page.get_by_role("slider", name="Slice at").wait_for()
     parts = tab.page.evaluate("""() => [...document.querySelectorAll(
-      '.dnb-app-bar, .dnb-app-half, .dnb-app-panel, .dnb-app-foot, .dnb-editor, .dnb-view, .dnb-app-panel > *')].map(
+      '.dnb-app-bar, .dnb-app-half, .dnb-app-panel, .dnb-app-foot, .dnb-editor, .dnb-view, .dnb-app-tabs, .dnb-app-part > *')].map(
       (part) => { const { left, top, right, bottom } = part.getBoundingClientRect();
         return [part.className, left, top, right, bottom]; })""")
     assert len(parts) > 18
     for name, left, top, right, bottom in parts:
         assert left >= 0 and top >= 0 and right <= 1280 and bottom <= 800, name  # noqa: PT018
-    clipped = tab.page.evaluate("""() => ['.dnb-app-panel', '.dnb-app-half', 'html', '.dnb-app-foot'].flatMap(
+    clipped = tab.page.evaluate("""() => ['.dnb-app-part', '.dnb-app-tabs', '.dnb-app-half', 'html', '.dnb-app-foot'].flatMap(
       (name) => [...document.querySelectorAll(name)].filter((part) => part.scrollHeight > part.clientHeight + 1
       || part.scrollWidth > part.clientWidth + 1).map(() => name))""")
     assert clipped == []

@@ -1,0 +1,79 @@
+"""Parts of the page's drawer: single controls, what is to be trusted, and the history."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from deformnb.app.controls import AbstractControl, Choice, Formula, Number, Switch
+
+_SAFETY = (
+    ("take_back", "Largest safe drag", "Take the last drag, or else the strength, back to where nothing folds"),
+    ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
+)
+_SUSPECT_HINT = "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"
+_GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, moved in."
+_STATE = [
+    'v-for="s in states"', ':key="s.id"', 'type="button"', ':title="s.tip"', ':aria-current="s.id === state_shown"',
+    """@click="trigger('go_to', [s.id])" """, """:style="{ paddingLeft: (6 + 12 * s.indent) + 'px' }" """,
+    """:class="['dnb-app-state', s.on ? '' : 'dnb-app-undone']" """,
+    # What is shown is brought into sight whenever the list is drawn: it may be two hundred lines long.
+    """:ref="(line) => s.id === state_shown && line?.scrollIntoView({ block: 'nearest' })" """,
+]
+_TIME = "new Date(1000 * s.time).toLocaleTimeString([], { hourCycle: 'h23' })"
+
+
+def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if: str | None = None) -> None:
+    """A control of the table, where ``shown_if`` holds in the page."""
+    shown = {"v_if": (shown_if,)} if shown_if else {}
+    common = {"density": "compact", "hide_details": True, "color": "primary"}
+    if isinstance(control, Choice):
+        items = [{"value": value, "title": title} for value, title in control.titles]
+        v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
+                  title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
+    elif isinstance(control, Formula):
+        # Half a formula is a wrong one: it is told when it is done.
+        v.VTextField(model_value=(name,), change=f"{name} = $event.target.value",
+                     label=control.title, variant="outlined", title=control.hint,
+                     placeholder="sin(pi*z)", maxlength=200, classes="dnb-app-select", spellcheck="false",
+                     __properties=["title", "maxlength", "spellcheck"], __events=["change"], **common, **shown)
+    elif isinstance(control, Number):
+        value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
+        if control.unset:
+            value = f"{name} ? {value} : '{control.unset}'"
+        with html.Div(classes="dnb-app-number", title=control.hint, **shown):
+            html.Span(control.title, classes="dnb-app-label")
+            v.VSlider(v_model_number=(name,), min=control.low, max=control.high, step=control.step,
+                      aria_label=control.title, track_size=3, thumb_size=14, __properties=["aria_label"], **common)
+            html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
+    elif isinstance(control, Switch):
+        v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)
+
+
+def trust_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+    """Figures of the map, points that disagree, and buttons that make it safe."""
+    add_control(v, html, "overlay", controls["overlay"])
+    html.Div("{{ haze_said }}", v_if=("haze_said",), classes="dnb-app-words")
+    html.H2("The map", classes="dnb-app-group")
+    html.Div("Looking at the map ...", v_if=("!trust",), classes="dnb-app-words")
+    html.Div(v_html=("trust",), classes="dnb-app-facts")  # names of points are escaped in it
+    html.Div("{{ suspects_text }}", classes="dnb-app-words")
+    with html.Div(classes="dnb-app-suspects", v_if=("suspects.length",)):
+        v.VBtn("{{ s.name }}", v_for="s in suspects", key="s.id", size="small", variant="outlined", title=_SUSPECT_HINT,
+               click="trigger('look_at', [s.id])", __properties=["title"])
+    html.H2("Without folds", classes="dnb-app-group")
+    for name, title, hint in _SAFETY:
+        v.VBtn(title, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",
+               title=hint, classes="dnb-app-do", __properties=["title"])
+    add_control(v, html, "stages", controls["stages"])
+    with html.Div(classes="dnb-app-switches"):
+        add_control(v, html, "keep_free", controls["keep_free"])
+        add_control(v, html, "show_folds", controls["show_folds"], "dnb_viewer === 'live'")
+
+
+def history_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+    """All states that can be gone to."""
+    with html.Div(classes="dnb-app-states"), html.Button(raw_attrs=_STATE):
+        html.Span("{{ s.mark }}", classes="dnb-app-mark", raw_attrs=['aria-hidden="true"'])
+        html.Span("{{ s.title }}", classes="dnb-app-done")
+        html.Span(f"{{{{ s.time ? {_TIME} : '' }}}}", classes="dnb-app-when")
+    html.Div(_GO_HINT, classes="dnb-app-words")

@@ -1,0 +1,117 @@
+"""What the application says of the map being edited: figures, points that disagree, and a haze over the picture.
+
+It is found in a thread of its own after an edit, the newest first, so that no edit waits for it, and shown by the
+desk's thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from deformnb.errors import DeformError
+from deformnb.session import Session
+from deformnb.trust import LEAST
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.judgement import NO_HAZE, Haze, HazeKeeper, Judgement, facts_html, point_name, suspects_of
+from deformnb.widgets.safety import Safety
+from deformnb.widgets.worker import Worker
+
+_LOG = logging.getLogger(__name__)
+
+
+class DeskTrust:
+    """Judges the step that a desk edits.
+
+    Parameters
+    ----------
+    session, editor : the desk's.
+    later : does something in the desk's thread.
+    show : called there when the session has changed, or something is to be said.
+
+    Attributes
+    ----------
+    safety : what makes the step safe.
+    keep_free : whether to choose stages that leave no fold after every edit.
+    """
+
+    def __init__(self, session: Session, editor: Editor, later: Callable[[Callable[[], None]], object],
+                 show: Callable[[], None]) -> None:
+        self._session, self._editor, self._later, self._show = session, editor, later, show
+        self._worker = Worker("deformnb-trust")
+        self._hazes = HazeKeeper()
+        self._found: Judgement | None = None
+        self._facts, self._said = "", ""  # the figures as HTML; why there is no haze
+        self.safety = Safety(session)
+        self.keep_free = False
+
+    def soon(self) -> None:
+        """Judge what the session says now."""
+        if not self._worker.is_closed:
+            self._worker.latest("judge", self._judge)
+
+    def state(self) -> dict[str, Any]:
+        """What the page shows."""
+        found, points = self._found, self._session.points
+        text, known = ("", []) if found is None else suspects_of(found, points)
+        verdict = [] if found is None else [text for text in (found.folds_text, found.trip_text) if text]
+        return {
+            "trust": self._facts, "verdict": " \u00b7 ".join(verdict), "haze_said": self._said,
+            "folded": found is not None and found.folds is not None and found.folds.least <= 0,
+            "unsafe": found is not None and found.folds is not None and found.folds.least < LEAST,
+            "suspects_text": text, "suspects": [{"id": i, "name": point_name(points, i)} for i in known],
+        }
+
+    def look_at(self, point: int) -> None:
+        """Select a point in the page and bring it to the middle.
+
+        Raises
+        ------
+        DeformError
+            If there is none with this id.
+        """
+        self._session.points.index(point)
+        self._editor.selected = [point]
+        self._editor.look_at(point)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._worker.close()
+
+    # -- in the thread -------------------------------------------------------------------------------------------------
+
+    def _judge(self) -> None:
+        try:
+            found = self.safety.look(self.keep_free)
+            haze = (NO_HAZE, "")
+            if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
+                haze = self._hazes.make(self._session)
+            after = self._show if found is None else partial(self._take, found, *haze)
+        except Exception as error:  # shown, or the page would wait for its figures for ever
+            _LOG.exception("a step could not be judged")
+            after = partial(self._fail, f"{type(error).__name__}: {error}")
+        with contextlib.suppress(DeformError):  # the desk has been closed
+            self._later(after)
+
+    # -- in the desk's thread ------------------------------------------------------------------------------------------
+
+    def _fail(self, text: str) -> None:
+        self._found, self._facts = None, ""
+        self._session.notice = f"The map could not be judged: {text}"
+        self._show()
+
+    def _take(self, found: Judgement, haze: Haze, said: str) -> None:
+        session, editor = self._session, self._editor
+        if found.step is not session.step or found.key != session.key:
+            return  # another one comes
+        if found is not self._found:
+            self._found, self._facts = found, facts_html(found)
+        self._said = said
+        with editor.hold_sync():
+            editor.marked = suspects_of(found, session.points)[1]
+            if editor.overlay == "uncertainty":
+                editor.haze, editor.haze_facts = haze.data, haze.facts
+        self._show()
