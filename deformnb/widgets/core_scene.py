@@ -14,6 +14,7 @@ from deformnb.volume import Grid, Volume
 from deformnb.widgets.shown_volume import shown_volume
 from deformnb.widgets.stills import Scene, render_scene
 from deformnb.widgets.view import Image, checked_camera
+from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_scene import VtkScene
 
 # Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
@@ -34,6 +35,7 @@ class CoreScene:
         self._size, self._projection, self._background = size, projection, background
         self._wanted_transfer, self._camera = transfer, checked_camera({})
         self._shows = "deformed"
+        self.folding = Folding()
         self.set_volume(volume)
 
     @property
@@ -56,6 +58,7 @@ class CoreScene:
         self._volume, self._shown = volume, shown_volume(volume, _LIMIT, _LARGEST)
         self._field: AbstractField | None = None
         self._output: Grid | None = None
+        self.folding.set(None)
         self.set_transfer(self._wanted_transfer)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
@@ -64,6 +67,7 @@ class CoreScene:
         if wanted is not None and wanted.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         self._field, self._output = wanted, output
+        self.folding.set(None, wanted, output or self._volume.grid)
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities."""

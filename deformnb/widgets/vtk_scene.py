@@ -27,18 +27,17 @@ from deformnb.warp import Warper
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.stills import _INKS as INKS
 from deformnb.widgets.stills import BACKGROUNDS, seen_height
-from deformnb.widgets.view import SHOWS, Image, checked_camera
+from deformnb.widgets.view import SHOWS, Image, checked_camera, known
+from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_probe import cut_probe, is_like, probe, warped
 from deformnb.widgets.vtk_voxels import covering, frame_of, white_of
 from deformnb.widgets.vtk_warp import VolumeWarp
-from deformnb.widgets.vtk_window import new_plotter, pixels
+from deformnb.widgets.vtk_window import has_overlay, new_plotter, pixels
 
 PROJECTIONS = ("shaded", "composite", "mip")
 
 # A perspective that bends as in raycast.js: the viewer stands this many heights of what is seen away.
 _STANDOFF = 1 / 0.7
-
-_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
 
 
 class VtkScene:
@@ -56,6 +55,10 @@ class VtkScene:
     method : "texture" deforms in the shader, "array" warps the voxels, "auto" tries the first (see
         :func:`texture_works`).
 
+    Attributes
+    ----------
+    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` says what that means here.
+
     Raises
     ------
     DeformError
@@ -72,6 +75,7 @@ class VtkScene:
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
         self._is_trusted = method == "texture"
+        self.folding = Folding(self._is_trusted)
         self._map_size, self._space_size = int(map_size), int(space_size)
         self._plotter = new_plotter()
         self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
@@ -86,7 +90,7 @@ class VtkScene:
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
-        self._projection = _known(projection, PROJECTIONS, "projection")
+        self._projection = known(projection, PROJECTIONS, "projection")
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
@@ -108,6 +112,7 @@ class VtkScene:
         self._volume = volume
         self._warper: Warper | None = None
         self._field: AbstractField | None = None
+        self.folding.set(None)
         self._load(None)
         self.set_transfer(self._wanted_transfer)
 
@@ -132,6 +137,7 @@ class VtkScene:
         if output != self._output:
             self._load(output)
         self._field, self._maps = wanted, maps
+        self.folding.set(maps, wanted, output or grid)
 
     def _can(self, maps: CardMaps) -> bool:
         """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
@@ -147,12 +153,12 @@ class VtkScene:
 
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
-        self._projection = _known(projection, PROJECTIONS, "projection")
+        self._projection = known(projection, PROJECTIONS, "projection")
         self._apply_looks()
 
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
-        self._background = _known(background, tuple(BACKGROUNDS), "background")
+        self._background = known(background, tuple(BACKGROUNDS), "background")
         self._plotter.renderer.SetBackground(*BACKGROUNDS[background])
         self._apply_looks()
 
@@ -162,7 +168,7 @@ class VtkScene:
 
     def set_shows(self, shows: str) -> None:
         """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`; a picture of "flicker" is the deformed one."""
-        self._shows = _known(shows, tuple(SHOWS), "kind of picture")
+        self._shows = known(shows, tuple(SHOWS), "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) of the picture in pixels."""
@@ -190,7 +196,7 @@ class VtkScene:
         interrupted : asked between two parts; if it says True, the work is dropped and None returned.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
-        kind = self._shows if shows is None else _known(shows, tuple(SHOWS), "kind of picture")
+        kind = self._shows if shows is None else known(shows, tuple(SHOWS), "kind of picture")
         if kind != "side_by_side":
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted)
         left = self._picture((width // 2, height), False, coarseness, bands, interrupted)
@@ -204,24 +210,16 @@ class VtkScene:
                  interrupted: Callable[[], bool] | None) -> Image | None:
         self._deform(deformed)
         seen = self._look(size)
-        spacing = min(self._volume.grid.spacing)
         # Half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger.
-        self._actor.mapper.SetSampleDistance(max(spacing / 2, seen / size[1]) * coarseness)
-        rows = np.linspace(0, size[1], (1 if self._has_overlay else max(1, min(bands, size[1] // 8))) + 1).astype(int)
+        self._actor.mapper.SetSampleDistance(max(min(self._volume.grid.spacing) / 2, seen / size[1]) * coarseness)
+        count = 1 if has_overlay(self._plotter, self._renderers) else max(1, min(bands, size[1] // 8))
+        rows = np.linspace(0, size[1], count + 1).astype(int)
         parts: list[Image] = []
         for top, bottom in pairwise(rows.tolist()):
             if parts and interrupted is not None and interrupted():
                 return None
             parts.append(self._band(size, top, bottom, seen))
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    @property
-    def _has_overlay(self) -> bool:
-        """Whether something lies on the picture instead of in space: it would be drawn once in every part."""
-        if self._plotter.render_window.GetRenderers().GetNumberOfItems() > self._renderers:
-            return True  # the corner with axes has one of its own
-        return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
-                   for renderer in self._plotter.renderers for prop in renderer.GetViewProps())
 
     def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
         """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
@@ -231,6 +229,8 @@ class VtkScene:
         camera.SetParallelScale(seen / 2 * share)
         camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / _STANDOFF))))
         window.SetSize(size[0], bottom - top)
+        if self._warp is not None:
+            self._warp.set_row(size[1] - bottom)
         window.Render()
         return pixels(window)
 
@@ -297,6 +297,7 @@ class VtkScene:
                 self._warp.set_maps(self._maps, self._lattice, self._first)
                 self._loaded = self._maps
             self._warp.set_strength(1.0 if wanted else 0.0)
+            self._warp.set_folds(self.folding.is_red)
         by_shader = self._warp is not None and (not wanted or self._maps is not None)
         # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
         kind = "plain" if by_shader or self._output is None else "cropped"
@@ -352,12 +353,6 @@ class VtkScene:
             self._close_actor()
             self._plotter.close()
             self._plotter = None
-
-
-def _known(name: str, names: tuple[str, ...], what: str) -> str:
-    if name not in names:
-        raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
-    return name
 
 
 @cache

@@ -18,6 +18,8 @@ from deformnb.volume import Grid
 from deformnb.widgets.card_maps import CardMaps
 from deformnb.widgets.vtk_cuts import REPLACED as _REPLACED_FOR_CUTS
 from deformnb.widgets.vtk_cuts import cut_glsl
+from deformnb.widgets.vtk_folds import REPLACED as _REPLACED_FOR_FOLDS
+from deformnb.widgets.vtk_folds import fold_glsl, fold_step
 
 Float3 = NDArray[np.float64]
 
@@ -102,7 +104,7 @@ class VolumeWarp:
         self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
         self._textures["dnb_cuts"].load(np.zeros((1, 1, 1)))
         self._bind()
-        self._is_boxed = False
+        self._is_boxed = self._is_red = False
         self._kind: Any = None
         self._what: tuple[str, bool, Any] = ("none", False, None)
         self._inject(*self._what)
@@ -114,9 +116,10 @@ class VolumeWarp:
         u.SetUniformf("dnb_strength", 1.0)
         u.SetUniformf("dnb_softness", 1.0)
         u.SetUniformf("dnb_is_mip", 0.0)
+        u.SetUniformf("dnb_fold_row", 0.0)
         for name in ("dnb_column", "dnb_row", "dnb_depth", "dnb_cut_column", "dnb_cut_row"):
             u.SetUniform4f(name, [0.0] * 4)
-        for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low"):
+        for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low", "dnb_fold_step"):
             u.SetUniform3f(name, [0.0] * 3)
         u.SetUniform3f("dnb_high", [1.0] * 3)
         for name in ("dnb_edges", "dnb_knots", "dnb_cut_edges", "dnb_cut_scale"):
@@ -129,7 +132,8 @@ class VolumeWarp:
     def _inject(self, planar: str, space: bool, cut: Any) -> None:
         """Write what is needed into VTK's shader, which is compiled anew if that is another text than before."""
         self._what = (planar, space, cut)
-        wanted = (*self._what, self._is_boxed)
+        is_red = self._is_red and (planar != "none" or space)
+        wanted = (*self._what, self._is_boxed, is_red)
         if self._kind == wanted:
             return
         self._kind = wanted
@@ -138,10 +142,11 @@ class VolumeWarp:
         inside, more = _INSIDE if self._is_boxed else "", _SPACE if space else ""
         ours = (_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
                 cut_glsl(cut[0], cut[1], planar == "weighted", inside, more))
-        add(_HOOK, True, f"{ours}\n{_HOOK}", False)
+        add(_HOOK, True, f"{ours}{fold_glsl(cut is not None) if is_red else ''}\n{_HOOK}", False)
         for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
-        for theirs, replacement in (_REPLACED if cut is None else _REPLACED_FOR_CUTS).items():
+        replaced = _REPLACED if cut is None else _REPLACED_FOR_CUTS
+        for theirs, replacement in (replaced | _REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 
     def set_box(self, low: Float3, high: Float3, lattice: Grid) -> None:
@@ -155,6 +160,15 @@ class VolumeWarp:
     def set_strength(self, strength: float) -> None:
         """1 deforms, 0 shows the volume as it is, without another shader."""
         self._uniforms.SetUniformf("dnb_strength", strength)
+
+    def set_folds(self, is_red: bool) -> None:
+        """Whether what the maps turn over is red, which is another shader."""
+        self._is_red = is_red
+        self._inject(*self._what)
+
+    def set_row(self, row: int) -> None:
+        """The picture's row from below that the window starts with: stripes go on from one part to the next."""
+        self._uniforms.SetUniformf("dnb_fold_row", float(row))
 
     def set_projection(self, is_mip: bool) -> None:
         """Whether the largest value of a ray is seen, for which what has been cut away is background."""
@@ -179,6 +193,7 @@ class VolumeWarp:
         # A texture coordinate q is the length scale q + shift of the maps' frame.
         spacing = np.asarray(lattice.spacing)
         scale, shift = spacing * lattice.shape[::-1], -(0.5 + first) * spacing
+        self._uniforms.SetUniform3f("dnb_fold_step", (fold_step(maps, lattice) / scale).tolist())
         if planar is not None:
             self._set_planar(planar, maps, scale, shift)
         if planar is not None and cut is not None:

@@ -8,6 +8,8 @@ import numpy as np
 
 from deformnb.widgets.view import Image
 
+_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
+
 
 def new_plotter() -> Any:
     """A ``pyvista.Plotter`` without a screen, with the light of the stills; its thread is the only one to use it."""
@@ -30,3 +32,16 @@ def pixels(window: Any) -> Image:
     window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
     rgb: Image = vtk_to_numpy(data).reshape(height, width, 3)  # type: ignore[no-untyped-call]
     return np.ascontiguousarray(rgb[::-1])
+
+
+def has_overlay(plotter: Any, usual: int) -> bool:
+    """Whether something lies on the picture instead of in space: it would be drawn once in every part.
+
+    Parameters
+    ----------
+    usual : renderers that the window had at first.
+    """
+    if plotter.render_window.GetRenderers().GetNumberOfItems() > usual:
+        return True  # the corner with axes has one of its own
+    return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
+               for renderer in plotter.renderers for prop in renderer.GetViewProps())
