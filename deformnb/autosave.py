@@ -118,7 +118,7 @@ class Autosave:
         Raises
         ------
         TimeoutError
-            If it takes longer.
+            If it takes longer, or the volume cannot be told from others, so that nothing is written at all.
         """
         if not self._job.flushed(timeout):
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
@@ -151,6 +151,7 @@ class _Job:
         self.saved: Deformation | None = None
         self.changed = threading.Condition()
         self.waiting: _Snapshot | None = None
+        self.unwritten: _Snapshot | None = None  # the last, if something stood in its way
         self.edited = datetime.now(UTC)
         self.since = self.due = 0.0
         self.is_urgent = self.is_busy = False
@@ -187,11 +188,12 @@ class _Job:
             done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.ended == "done",
                                          timeout)
             self.is_urgent = False
-            return done
+            return done and self.waiting is None
 
     def end(self, state: str) -> None:
         with self.changed:
             self.ended = self.ended or state
+            self.waiting, self.unwritten = self.waiting or self.unwritten, None  # the disk may have room again
             self.changed.notify_all()
 
     # -- in the thread -------------------------------------------------------------------------------------------------
@@ -281,15 +283,17 @@ def _run(job: _Job) -> None:
         while (snapshot := job.take()) is not None:
             try:
                 job.write(snapshot)
-                job.has_trouble = False
+                job.unwritten, job.has_trouble = None, False
                 if not is_pruned and job.entry is not None:
                     is_pruned = True
                     prune(job.folder)
             except Exception as error:  # a full disk, a folder that is gone or read-only
+                job.unwritten = snapshot
                 _safely(lambda error=error: job.say(error))  # type: ignore[misc]
             del snapshot
-    except Exception:
+    except Exception as error:  # the volume cannot be read for its checksum
         _LOG.exception("a session is not written by itself")
+        _safely(lambda error=error: job.say(error))  # type: ignore[misc]
     finally:
         _safely(job.leave)
         _RUNNING.pop(threading.current_thread(), None)

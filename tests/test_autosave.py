@@ -203,3 +203,39 @@ def test_the_file_is_text_that_can_be_read_without_the_program(session: Session)
     assert json.loads(document)["steps"][0]["strength"] == 0.5
     assert entry.path.stat().st_mode & 0o077 in (0o000, 0o044, 0o066)
     assert entry.path.parent.stat().st_mode & 0o077 == 0
+
+
+def test_what_could_not_be_written_is_tried_once_more_at_the_end(session: Session, state_folder: Path,
+                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    saving = Autosave(session, delay=0.01, on_trouble=told.append)
+
+    def full(*_given: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(module, "write_session", full)
+        session.change(strength=0.25)
+        saving.flush()
+        assert len(told) == 1
+        assert entries(session.volume) == []
+    saving.close(orderly=False)
+    wait_for(lambda: entries(session.volume, every=False))
+    [entry] = entries(session.volume)
+    assert restore(entry).steps[0].strength == 0.25
+
+
+def test_a_volume_without_a_checksum_is_trouble_and_flushes_nothing(session: Session) -> None:
+    told: list[str] = []
+
+    def unreadable() -> Any:
+        raise OSError(5, "Input/output error")
+
+    session.reference = unreadable  # type: ignore[assignment]
+    saving = Autosave(session, delay=0.01, on_trouble=told.append)
+    wait_for(lambda: told)
+    assert "Nothing is kept by itself for now" in told[0]
+    session.change(strength=0.25)
+    with pytest.raises(TimeoutError):
+        saving.flush(5)
+    saving.close()
