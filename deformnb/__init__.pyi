@@ -17,6 +17,8 @@ from .easing import EASINGS as EASINGS
 from .easing import LOOPS as LOOPS
 from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
+from .errors import FileChangedError as FileChangedError
+from .errors import OtherVolumeError as OtherVolumeError
 from .extrusion import EXTRUSIONS as EXTRUSIONS
 from .extrusion import Extrusion as Extrusion
 from .extrusion import extrude as extrude
@@ -92,6 +94,8 @@ from .script import as_python as as_python
 from .session import Session as Session
 from .session_store import restore as restore
 from .session_store import saved_sessions as saved_sessions
+from .staged import Staged as Staged
+from .staged import fit_points as fit_points
 from .strain import Stretches as Stretches
 from .strain import stretches as stretches
 from .surfaces import Mesh as Mesh

@@ -92,7 +92,7 @@ HELD_BY: dict[int, str] = {
         "test_worker: everything_is_done_by_one_thread_in_the_order_in_which_it_came",
     70: "test_faults: edits_go_on_while_a_movie_is_written; "
         "test_control_points: a_place_that_is_none_is_refused_and_not_spread",
-    71: "test_history: ten_thousand_edits_take_the_memory_of_two_hundred, "
+    71: "test_history: thousands_of_edits_take_the_memory_of_two_hundred, "
         "an_edit_after_undo_makes_a_branch_and_the_old_one_stays",
     72: "browser/test_editor_page: two_fingers_zoom_and_one_drags_a_point, nothing_is_clipped; "
         "browser/test_live_view_page: without_webgl_the_page_says_so_and_shows_a_still; "

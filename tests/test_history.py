@@ -185,17 +185,17 @@ def test_a_document_weighs_its_points_and_masks() -> None:
     assert 10 * own <= history.bytes - first <= 10 * (own + 10_000)
 
 
-def test_ten_thousand_edits_take_the_memory_of_two_hundred() -> None:
+def test_thousands_of_edits_take_the_memory_of_two_hundred() -> None:
     history = History()
     points = ControlPoints.from_arrays(np.random.default_rng(1).random((50, 2)))
     held, rng = [], np.random.default_rng(2)
     tracemalloc.start()
     try:
-        for k in range(10_000):
+        for k in range(2_500):
             history.record(Deformation((Step((points.move(k % 50, rng.random(2)),), PLANE),)), f"edit {k}")
             if k % 7 == 0:
                 history.step("undo", Deformation())
-            if k in (999, 9_999):
+            if k in (499, 2_499):
                 gc.collect()
                 held.append((tracemalloc.get_traced_memory()[0], history.bytes, len(history)))
     finally:
