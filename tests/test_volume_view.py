@@ -329,3 +329,56 @@ def test_stills_screenshots_and_previews_need_no_page(opened: Any) -> None:
     view.shows = "flicker"
     view.see_all()
     assert len(view.frames[-1][1]) == 2
+
+
+def folding(by: float) -> Deformation:
+    """A point that is taken to the right, past one that stays."""
+    source = np.array([[1.0, 1.0], [20.0, 1.0], [1.0, 17.0], [20.0, 17.0], [7.0, 9.0], [13.0, 9.0]])
+    moved = source + by * np.eye(6)[:, 4:5] * np.array([1.0, 0.0])
+    return Deformation.on_picture(GRID, PLANE, ControlPoints.from_arrays(source, moved))
+
+
+def red(image: np.ndarray) -> int:
+    r, g, b = np.moveaxis(image.astype(int), -1, 0)
+    return int(((r > g + 30) & (r > b + 30)).sum())
+
+
+def badges(view: Recorded) -> list[str]:
+    return [content["text"] for content, _ in view.out if content["type"] == "badge"]
+
+
+@pytest.mark.needs_gl
+def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
+    matter = Volume(np.full(GRID.shape, 200, np.uint8), GRID)
+    view = opened(matter, method="texture", projection="composite", transfer="bone")
+    view.set_camera(PLANE.normal, [-c for c in PLANE.v])
+    view.say(type="hello", **PAGE)
+    view.show_deformation(folding(2.0))
+    view.see_all()
+    assert (red(view.still()), badges(view), view.badge) == (0, [], "")
+    view.show_deformation(folding(12.0))
+    view.see_all()
+    assert red(view.still()) > 100
+    assert red(picture(view.frames[-1][1][0])) > 50
+    assert badges(view) == ["red: where the map folds"]
+    view.say(type="hello", **{**PAGE, "view": "b"})  # a second page is told too
+    assert badges(view) == 2 * ["red: where the map folds"]
+    view.shows = "original"
+    assert (red(view.still()), view.badge) == (0, "")
+    view.shows = "deformed"
+    view.show_folds = False
+    assert (red(view.still()), view.badge) == (0, "")
+    view.show_folds = True
+    assert red(view.still()) > 100
+    assert badges(view)[-1] == "red: where the map folds"
+    assert view.get_state(["show_folds"]) == {"show_folds": True}
+
+
+def test_where_folds_are_not_shown_it_is_said(opened: Any) -> None:
+    view = opened(method="core")
+    view.show_deformation(folding(12.0))
+    view.still((64, 48))
+    assert view.badge == "the map folds; this way of drawing does not show where"
+    view.show_folds = False
+    view.still((64, 48))
+    assert view.badge == ""

@@ -5,7 +5,7 @@ stands; the newest of all changes is drawn, at most two pictures are on their wa
 
 Messages by the page (each with ``view``, the page's own name): ``hello`` and ``size`` (width, height in pixels,
 background), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera:
-the newest number that it shows, with one JPEG, or two that are shown in turn) and ``notice`` (text).
+the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from deformnb.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.core_scene import METHODS, make_scene
+from deformnb.widgets.fold_badge import TellsFolds
 from deformnb.widgets.frames import FrameSender, drawn, preview_png
 from deformnb.widgets.pages import LARGEST, Pages, about
 from deformnb.widgets.refit import Refit, follow_editor
@@ -46,7 +47,7 @@ _Result = TypeVar("_Result")
 _OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height"})
 
 
-class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, TellsFolds, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters
@@ -60,6 +61,7 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
     fill : True takes the size of the box it stands in instead.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
+    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
     method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
         first that works.
     map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
@@ -119,7 +121,8 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
-        self.observe(self._look, ["camera", "shows", "projection", "background", "target_ms", "settle_ms"])
+        self.observe(self._look, ["camera", "shows", "projection", "background", "show_folds", "target_ms",
+                                  "settle_ms"])
         if volume is not None:
             self.show(volume)
 
@@ -236,6 +239,7 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
         if scene.volume is not volume:
             scene.set_volume(volume)
         scene.set_field(field(), output)
+        self._tell_folds(scene)
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         loop = self._awake() if self._pages and self._content is not None else self._loop
@@ -251,9 +255,12 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
             self._change("projection", lambda scene: scene.set_projection(value))
         elif name == "background":
             self._change_page()
+        elif name == "show_folds":
+            self._change("folds", self._tell_folds)
         elif loop is not None and name == "shows":
             loop.set_shows(value)
             self._change("shows", lambda scene: scene.set_shows(value))
+            self._change("folds", self._tell_folds)
         elif loop is not None:
             setattr(loop, name, value)
 
@@ -351,8 +358,9 @@ class VolumeView(ShowsPoints, AbstractView, anywidget.AnyWidget, metaclass=ViewM
     def _resized(self, view: str, content: dict[str, Any]) -> None:
         self._pages.put(view, content)
         self._change_page()
-        if content["type"] == "hello" and self._notice:
-            self.send({"type": "notice", "text": self._notice})
+        for kind, words in (("notice", self._notice), ("badge", self.badge)):
+            if content["type"] == "hello" and words:
+                self.send({"type": kind, "text": words})
 
     def _bye(self, view: str, content: dict[str, Any]) -> None:
         self._pages.drop(view)

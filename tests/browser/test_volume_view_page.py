@@ -168,3 +168,26 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
     assert page.page.text_content(".dnb-notice") == "something is wrong"
     assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
     assert page.errors == []
+
+
+def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
+    view = opened(page, projection="composite", transfer="bone")
+    plane = Plane.along(GRID, "-z")
+    changed(page, lambda: view.show(Volume(np.full(GRID.shape, 200, np.uint8), GRID, "block")))
+    changed(page, lambda: view.set_camera(plane.normal, [-c for c in plane.v]))
+    corners = plane.to_plane(GRID.corners())[:, :2]
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    at = low + size * np.array([[0.05, 0.05], [0.95, 0.05], [0.05, 0.95], [0.95, 0.95], [0.3, 0.5], [0.6, 0.5]])
+    far = ControlPoints.from_arrays(at, at + np.eye(6)[:, 4:5] * [0.5 * size[0], 0.0])
+    changed(page, lambda: view.show_deformation(Deformation.on_picture(GRID, plane, far)))
+    r, g, b = np.moveaxis(pixels(page), -1, 0)
+    painted = (r > g + 30) & (r > b + 30)
+    rows, columns = np.nonzero(painted)
+    assert painted.sum() > 300
+    assert columns.mean() > SIZE[0] / 2 + 5  # ahead of the point, on its way to the right
+    assert abs(rows.mean() - SIZE[1] / 2) < 15
+    assert page.page.locator(".dnb-badge").inner_text() == "red: where the map folds"
+    changed(page, lambda: setattr(view, "show_folds", False))
+    r, g, _ = np.moveaxis(pixels(page), -1, 0)
+    assert not (r > g + 30).any()
+    assert page.page.locator(".dnb-badge").inner_text() == ""

@@ -1,6 +1,6 @@
 // The volume view's page: pictures that Python draws, and where the viewer stands. Joined behind the files that
 // deformnb/widgets/volume_view.py names.
-// To Python: hello, size, camera, seen, bye. From Python: frame, notice.
+// To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge.
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
@@ -28,6 +28,7 @@ class VolumeViewPage {
     this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
+    this.badge = pageElement("div", "dnb-badge", this.root);
     this.theme = new PageTheme(this.root, () => this.size());
     this.flicker = new Flicker(this.root, () => { this.caption(); this.paint(); });
     this.wait("Preparing the picture \u2026");
@@ -91,6 +92,7 @@ class VolumeViewPage {
 
   receive(content, buffers) {
     if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "badge") this.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
