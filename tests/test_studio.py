@@ -336,6 +336,21 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
 
 
+def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
+    panel = studio._panels[-1]
+    assert panel.name.value == "ball_deformed.nii.gz"
+    (tmp_path / "ball.nrrd").write_bytes(b"the scan")
+    panel.name.value = "ball.nrrd"
+    panel.write.click()
+    assert "already there" in panel.question.text.value
+    assert not panel.write.disabled
+    assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
+    panel.question.agree.click()
+    wait_for(lambda: panel.said.value.startswith("Wrote"))
+    panel.write.click()  # its own file
+    wait_for(lambda: not panel.write.disabled and panel.said.value.startswith("Wrote"))
+
+
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
     panel = studio._panels[-1]
     panel.name.value = "ball.gif"

@@ -11,7 +11,7 @@ _SAFETY = (
     ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
 )
 _SUSPECT_HINT = "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"
-_GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, moved in."
+_GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
 _STATE = [
     'v-for="s in states"', ':key="s.id"', 'type="button"', ':title="s.tip"', ':aria-current="s.id === state_shown"',
     """@click="trigger('go_to', [s.id])" """, """:style="{ paddingLeft: (6 + 12 * s.indent) + 'px' }" """,

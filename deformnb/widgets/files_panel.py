@@ -48,9 +48,11 @@ class FilesPanel(Panel):
         self._write_page = write_page
         self._stop = threading.Event()
         self._writing = ""
+        self._own: set[Path] = set()  # volumes and other files written here
         self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
+        kinds[0] = (kinds[0][0], f"{stem}_deformed{EXPORTS['volume'].suffixes[0]}")  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
         self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
         self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
@@ -84,7 +86,13 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        self._begin(path, Frozen.of(self.session, dict(self._view.camera)), downloads)
+        frozen = Frozen.of(self.session, dict(self._view.camera))
+        if path.name.lower().endswith(EXPORTS["volume"].suffixes) and path.exists() and path not in self._own:
+            self.said.value = ""  # it may be the scan itself
+            self.question.ask(f"{path.name} is already there, and may be the original. Write over it?",
+                              "Write over it", lambda: self._begin(path, frozen, downloads))
+            return
+        self._begin(path, frozen, downloads)
 
     def _begin(self, path: Path, frozen: Frozen, downloads: bool) -> None:
         self.question.forget()
@@ -102,6 +110,7 @@ class FilesPanel(Panel):
                 self._write_page(path)
             else:
                 export(frozen, path, progress=self._progress)
+            self._own.add(path)
             said = f"Wrote {path.name} ({_size(path)})."
             if downloads:
                 self.hand_over.download(path.name, path.read_bytes())

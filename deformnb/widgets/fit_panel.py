@@ -37,7 +37,7 @@ from deformnb.widgets.worker import Worker
 _MEASURES = {"ncc": "Correlation (brightness does not count)", "ssd": "Squared difference (one grey scale)",
              "mi": "Mutual information (any grey scale)"}
 _STYLE = {"description_width": "initial"}
-_HINT = "Choose what the volume shall look like. Points in even places hold still best if they are locked."
+_HINT = "Choose what the volume shall look like. Lock points where the picture shows nothing to go by."
 _SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
 _ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
 _SLIDE_TIP = ("The selected points, or all that were put on the outline, slide along the target's outline to where the "

@@ -13,7 +13,7 @@ from deformnb.widgets.controls import Guard, Panel
 from deformnb.widgets.history_rows import go_to, history_rows
 from deformnb.widgets.item_list import ItemList
 
-_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, moved in."
+_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
 
 
 class HistoryPanel(Panel):
