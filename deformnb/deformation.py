@@ -243,14 +243,6 @@ class VolumeReference:
         """True if the voxels are the same; the name does not count."""
         return self.shape == volume.shape and self.sha256 == VolumeReference.of(volume).sha256
 
-    def lay_at(self, grid: Grid) -> bool:
-        """True if the voxels lay where those of a grid lie, as far as is known: points are places."""
-        known, close = self.grid, 1e-5 * min(grid.spacing)
-        if known is None:
-            return self.shape == grid.shape and np.allclose(self.spacing, grid.spacing, rtol=0, atol=close)
-        return known.shape == grid.shape and np.allclose(known.matrix, grid.matrix, rtol=0, atol=close) and np.allclose(
-            known.origin, grid.origin, rtol=1e-9, atol=1e-3 * min(grid.spacing))
-
     def has_labels(self, volume: Volume) -> bool:
         """True for labels as large as the volume: they have other voxels and may well belong to it."""
         return volume.is_labels and self.shape == volume.shape

@@ -230,9 +230,10 @@ class Session(EditedSteps):
             return ""
         if made_on.shape == self.volume.shape and (
                 made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume)):
-            if made_on.lay_at(self.volume.grid):
+            here = self.volume.grid
+            if (made_on.grid or replace(here, spacing=made_on.spacing)).is_like(here):  # before 1.2 it told no place
                 return ""
-            then, now = (" x ".join(f"{s:.6g}" for s in grid.spacing) for grid in (made_on, self.volume.grid))
+            then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made_on.spacing, here.spacing))
             return ("This document was made on the same voxels at another place or of another size "
                     f"({then} then, {now} now); its points may lie elsewhere.")
         return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "

@@ -186,7 +186,8 @@ def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None,
 
 def _same(one: VolumeReference, other: VolumeReference) -> bool:
     """The same voxels at the same places: points are places."""
-    return one.sha256 == other.sha256 and one.grid is not None and other.grid is not None and one.lay_at(other.grid)
+    a, b = one.grid, other.grid
+    return one.sha256 == other.sha256 and a is not None and b is not None and a.is_like(b)
 
 
 def restore(entry: SavedSession) -> Deformation:

@@ -151,6 +151,12 @@ class Grid:
         """True if every index axis is parallel to x, y or z of space (flips and swaps count as aligned)."""
         return bool(np.isclose(np.abs(np.asarray(self.direction)).max(axis=0), 1.0, atol=1e-9).all())
 
+    def is_like(self, other: Grid) -> bool:
+        """True if the voxels of both lie at the same places, as far as files keep digits."""
+        close = 1e-5 * min(other.spacing)
+        return self.shape == other.shape and np.allclose(self.matrix, other.matrix, 0, close) and np.allclose(
+            self.origin, other.origin, 1e-9, 100 * close)
+
     def index_to_point(self, index: ArrayLike) -> NDArray[np.float64]:
         """Points (..., 3) in space of (fractional) indices (..., 3) given as (i, j, k) along x, y, z."""
         return np.asarray(index, dtype=np.float64) @ self.matrix.T + np.asarray(self.origin)
