@@ -288,6 +288,8 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     DeformError
         Where the fit does, and if there are too few points to tell a scale from.
     """
+    if sigma is not None and not 0 <= sigma < np.inf:
+        raise DeformError(f"sigma must be 0 or a positive length, got {sigma}.")
     if points.has_own_radii:
         points = replace(points, radius=np.full(len(points), np.nan))
     system = fit_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)

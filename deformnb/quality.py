@@ -51,8 +51,8 @@ class FitQuality:
     ids : of the active points, in order.
     residual : (N, dim) D(target) - (source - target): what smoothing left; zero but for rounding without it.
     leave_one_out : (N, dim) source - target less what the fit of all other points displaces the target by.
-    disagreement : (N,) length of that over the distance to the nearest other target: the strain that this point alone
-        asks for. Zero for a single point.
+    disagreement : (N,) length of that over the distance to the nearest target at another place: the strain that this
+        point alone asks for. Zero for a single point.
     suspects : ids of points that disagree with their neighbours; see :func:`fit_quality`.
     energy : alpha^T Phi alpha of all components, in squared lengths: the squared norm of the bending part in the
         kernel's own space. Comparable between fits of one kernel and support. NaN beside radii of their own.
@@ -113,7 +113,9 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
         rest = fit_rbf(active.remove(active.ids[k]), support=unit, **options)
         errors[k] = active.displacement[k] - rest.displacement(active.target[k])
     share, non_affine = affine_split(active)
-    return FitQuality(active.ids, _residual(system, active), errors, _lengths(errors) / _gaps(active.target),
+    nearest = scipy.spatial.cKDTree(system.x).query((active.target - system.ready.origin) / unit)[1]
+    gaps = unit * _gaps(system.x)[nearest]  # to another place: points that share one would lie infinitely close
+    return FitQuality(active.ids, _residual(system, active), errors, _lengths(errors) / gaps,
                       _suspects(system, active), _energy(system), process_scale(system), share, non_affine)
 
 

@@ -80,7 +80,7 @@ def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
     In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
     matter together; only where a curve of depth weakens it must it be looked at too, and have none.
     """
-    if least > 1:
+    if not least <= 1:
         raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; ask for less than 1.")
     try:
         lattice = fold_lattice(step, grid)
@@ -131,7 +131,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
     ------
     DeformError
         If that many do not do: points that pass through one another on their straight ways, such as two that are
-        swapped, fold in any number of stages.
+        swapped, fold in any number of stages. If the step cannot be fitted at all.
 
     Examples
     --------
@@ -141,6 +141,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
     >>> stages_needed(Step((points,), Plane.along(grid, "+z"), support=30.0, trend="none"), grid)
     4
     """
+    replace(step, stages=1).field(grid)  # what stands in its way is no fold, and says itself what it is
     count = 1
     while count <= most:
         try:

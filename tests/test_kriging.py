@@ -97,6 +97,9 @@ def test_what_says_nothing() -> None:
     few = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [12, 0], [0, 11]])
     with pytest.raises(DeformError, match="have at least 4"):
         uncertainty(few)
+    for sigma in (-1.0, np.nan, np.inf):
+        with pytest.raises(DeformError, match="sigma must be 0 or a positive length"):
+            uncertainty(few, sigma=sigma)
     assert uncertainty(few, sigma=2.0).at([[5.0, 5.0]])[0] > 0
     still = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10], [10, 10]])
     assert uncertainty(still).at([[5.0, 5.0]])[0] == 0.0

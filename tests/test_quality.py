@@ -298,3 +298,12 @@ def test_a_point_within_that_was_forgotten_is_still_named() -> None:
     target = source + 20 * np.column_stack([np.sin(source[:, 1] / 40), np.cos(source[:, 0] / 60)])
     target[12] = source[12]
     assert fit_quality(ControlPoints.from_arrays(source, target)).suspects == (12,)
+
+
+def test_points_at_one_place_are_compared_with_the_next_place() -> None:
+    square = [[0, 0], [9, 0], [0, 9], [9, 9], [4, 4]]
+    once = ControlPoints.from_arrays(square, [*square[:4], [5, 4]])
+    twice = once.add([4, 4], [5, 4])
+    found = fit_quality(twice)
+    assert found.disagreement[:4] == pytest.approx(fit_quality(once).disagreement[:4], rel=1e-9)
+    assert found.disagreement[4:] == pytest.approx([0, 0], abs=1e-9)  # each says what the other says

@@ -91,6 +91,8 @@ def test_what_is_safe() -> None:
     assert not is_safe(a_step(([1, 1], [30, 30]), ([2, 9], [30, 30])), GRID)  # cannot even be fitted
     with pytest.raises(DeformError, match="less than 1"):
         is_safe(a_step(NEAR), GRID, 1.5)
+    with pytest.raises(DeformError, match="less than 1"):
+        is_safe(a_step(NEAR), GRID, np.nan)
 
 
 @pytest.mark.parametrize("options", [{}, {"trend": "affine"}, {"kernel": "gaussian", "trend": "rigid"}])
@@ -127,6 +129,8 @@ def test_points_that_are_swapped_fold_in_any_number_of_stages() -> None:
     swapped = a_step(([20, 32], [40, 32]), ([40, 32], [20, 32]))
     with pytest.raises(DeformError, match="through one another"):
         stages_needed(swapped, GRID, most=8)
+    with pytest.raises(DeformError, match="control point 4 and control point 5 are at the same place"):  # no fold
+        stages_needed(a_step(NEAR, ([24.0, 30.0], NEAR[1])), GRID)
     part = RigidPart(Polygon([(40, 50), (50, 50), (50, 60)]), RigidMotion.turn(0.3, (45, 55)))
     with pytest.raises(DeformError, match="more stages do not help"):
         stages_needed(a_step(FAR, parts=(part,)), GRID)
