@@ -134,7 +134,7 @@ class Desk:
 
     def act(self, name: str, *number: int) -> None:
         """Do one of the actions of :mod:`~deformnb.app.controls` that give nothing back."""
-        if name not in (*ACTIONS, *NUMBERED) or name == "save":
+        if name not in (*ACTIONS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
         actions: dict[str, Callable[[], Any]] = {
             "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
