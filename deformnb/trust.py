@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Sides, sides_of
-from deformnb.deformation import Step, lone_support
+from deformnb.deformation import Deformation, Step, lone_support
 from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, grid_lines, raster_lines
-from deformnb.folds import folds_of, jacobian_determinant, largest_share
+from deformnb.folds import Folds, folds_of, jacobian_determinant, largest_share
 from deformnb.kriging import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.plane import Plane, Raster
 from deformnb.quality import STRAIN, FitQuality, affine_split, fit_quality
@@ -34,6 +34,9 @@ LEAST = 0.05
 """The smallest determinant that counts as safe: matter is shown at most twenty times its size."""
 
 _ON_PLANE, _SLICES, _IN_SPACE = 97, 9, 33
+
+# Around the worst node: so many nodes a side, and lattices finer and finer, down to a hundredth of the first step.
+_AROUND, _FINER = 7, 4
 
 
 # ---- where folds are looked for --------------------------------------------------------------------------------------
@@ -74,6 +77,43 @@ def _covering(grid: Grid, most: int) -> Grid:
     return Grid(shape, tuple(spacing.tolist()), grid.origin, grid.direction)
 
 
+def step_folds(step: Step, grid: Grid, field: AbstractField | None = None) -> Folds:
+    """The folds of a step at the nodes of :func:`fold_lattice`, the smallest determinant followed between them.
+
+    Parameters
+    ----------
+    field : of the step on this grid, if it is there already.
+    """
+    lattice = fold_lattice(step, grid)
+    found = step.field(grid) if field is None else field
+    return _followed(found, lattice, folds_of(found, lattice))
+
+
+def document_folds(deformation: Deformation, grid: Grid) -> Folds:
+    """The folds of a whole document: of its step on that step's lattice, or of several in space, 33 nodes a side."""
+    steps = [step for step in deformation.steps if step.enabled]
+    if len(steps) == 1:
+        return step_folds(steps[0], grid)
+    field, lattice = deformation.field(grid), _covering(grid, _IN_SPACE)
+    return _followed(field, lattice, folds_of(field, lattice))
+
+
+def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
+    """The smallest determinant near the worst node, on ever finer lattices around it that stay within the first one."""
+    axes = lattice.matrix.T
+    last = np.array(lattice.shape[::-1]) - 1
+    best, least = lattice.point_to_index(folds.place), folds.least
+    for turn in range(_FINER):
+        sides = [np.linspace(-1, 1, _AROUND) / (_AROUND / 2) ** turn if n else np.zeros(1) for n in last]
+        index = np.clip(best + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3), 0, last)
+        values = jacobian_determinant(field, np.asarray(lattice.origin) + index @ axes)
+        k = int(np.argmin(values))
+        if values[k] < least:
+            best, least = index[k], float(values[k])
+    place = np.asarray(lattice.origin) + best @ axes
+    return Folds(least, tuple(place.tolist()), folds.share)
+
+
 def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
     """Whether the determinant of a step stays at ``least`` or more at every node; False too if it cannot be fitted.
 
@@ -85,10 +125,10 @@ def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
     try:
         lattice = fold_lattice(step, grid)
         if step.stages == 1:
-            return folds_of(step.field(grid), lattice).least >= least
+            return step_folds(step, grid).least >= least
         if not all(_least(fit, within, step, lattice) >= least for fit, within in _stages(step, grid)):
             return False
-        return folds_of(step.field(grid), lattice).least > 0
+        return step_folds(step, grid).least > 0
     except DeformError:
         return False
 

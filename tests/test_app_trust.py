@@ -15,9 +15,8 @@ from running_app import PATIENCE, RunningApp, connected
 from deformnb.app.desk import Desk
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
-from deformnb.folds import folds_of
 from deformnb.session import Session
-from deformnb.trust import fold_lattice
+from deformnb.trust import step_folds
 
 
 @pytest.fixture
@@ -66,7 +65,7 @@ def put(desk: Desk, name: str, value: Any) -> dict[str, Any]:
 
 def least(desk: Desk) -> float:
     step, grid = desk.session.step, desk.session.volume.grid
-    return folds_of(step.field(grid), fold_lattice(step, grid)).least
+    return step_folds(step, grid).least
 
 
 FAR = 12.0  # of a drag that folds

@@ -14,11 +14,10 @@ from numpy.testing import assert_array_equal
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
-from deformnb.folds import folds_of
 from deformnb.inversion import RoundTrip
 from deformnb.plane import Raster
 from deformnb.session import Session
-from deformnb.trust import fold_lattice, is_safe, step_uncertainty
+from deformnb.trust import is_safe, step_folds, step_uncertainty
 from deformnb.volume import Grid
 from deformnb.widgets import Studio
 from deformnb.widgets.judgement import facts_html, haze_of, judge, judgement_of, unit_of
@@ -40,7 +39,7 @@ def settle(studio: Studio) -> None:
 
 def least(studio: Studio) -> float:
     step, grid = studio.session.step, studio.volume.grid
-    return folds_of(step.field(grid), fold_lattice(step, grid)).least
+    return step_folds(step, grid).least
 
 
 FAR = 12.0  # of a drag that folds

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.folds import Folds, folds_of
+from deformnb.folds import Folds
 from deformnb.inversion import RoundTrip, round_trip
 from deformnb.plane import Raster
 from deformnb.quality import FitQuality, bending_energy
 from deformnb.session import Session
-from deformnb.trust import LEAST, fold_lattice, picture_raster, step_quality, step_uncertainty
+from deformnb.trust import LEAST, picture_raster, step_folds, step_quality, step_uncertainty
 from deformnb.volume import Grid
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
@@ -80,7 +80,7 @@ def judge(step: Step, key: int, grid: Grid) -> Judgement:
     folds = trip = quality = bending = None
     try:
         field = step.field(grid)
-        folds, trip = folds_of(field, fold_lattice(step, grid)), round_trip(field, _places(step, grid))
+        folds, trip = step_folds(step, grid, field), round_trip(field, _places(step, grid))
     except DeformError as error:
         reasons.append(str(error))
     points = step.maps[min(key, len(step.maps) - 1)]

@@ -176,13 +176,15 @@ class ThompsonPanel(Panel):
         for writer in self.writers:
             writer.disabled = True
         self.said.value = f"Writing {path.name} ..."
-        self._thread.call(lambda: self._do(lambda: draw_grids(named, session.picture(), **given), path, downloads))
+        missing = " The haze is shown here only." if editor.overlay == "uncertainty" else ""
+        self._thread.call(lambda: self._do(lambda: draw_grids(named, session.picture(), **given), path, downloads,
+                                           missing))
 
-    def _do(self, draw: Callable[[], Any], path: Path, downloads: bool) -> None:
+    def _do(self, draw: Callable[[], Any], path: Path, downloads: bool, missing: str) -> None:
         said = ""
         try:
             draw()
-            said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB)."
+            said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
             if downloads:
                 self.hand_over.download(path.name, path.read_bytes())
         except Exception as error:

@@ -178,7 +178,8 @@ def _work(queue: _Queue) -> None:
         try:
             work()
         except Exception:  # of a job, whose owner should have caught it: the next one must still be done
-            _LOG.exception("a job of a worker failed")
+            if not _ENDING.is_set():  # at the end of the process JAX has put away what a job still needs
+                _LOG.exception("a job of a worker failed")
         del work  # else the thread holds the owner of its last job while it waits
     if queue.at_end is not None:
         try:
@@ -199,10 +200,12 @@ def _settle(future: Future[Any], function: Callable[[], Any]) -> None:
 
 
 _RUNNING: dict[threading.Thread, _Queue] = {}
+_ENDING = threading.Event()
 
 
 @atexit.register
 def _end_all() -> None:
+    _ENDING.set()
     running = list(_RUNNING.items())
     for _, queue in running:
         queue.close()

@@ -16,8 +16,8 @@ SETUP = """
 import json
 import numpy as np
 from ipywidgets import Label
-from deformnb import Grid, Volume, folds_of
-from deformnb.trust import fold_lattice
+from deformnb import Grid, Volume
+from deformnb.trust import step_folds
 from deformnb.widgets import Studio
 z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 22 ** 2
@@ -26,7 +26,7 @@ told = Label().add_class("told")
 studio = Studio(volume, side="+y", height=300)
 def tell(change=None):
     step = studio.session.step
-    least = folds_of(step.field(volume.grid), fold_lattice(step, volume.grid)).least
+    least = step_folds(step, volume.grid).least
     told.value = json.dumps({"least": least, "stages": step.stages, "overlay": studio.editor.overlay,
                              "haze": len(studio.editor.haze), "target": step.points.target[-1].tolist()})
 studio.observe(tell, "deformation")

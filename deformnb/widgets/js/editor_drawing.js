@@ -72,6 +72,7 @@ class EditorDrawing {
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
     this.#keepInSight();
     this.moving();
+    this.stage.scrollIntoView({ block: "nearest" }); // who asks from a table below may not see the picture
     this.handles.blink([id]);
   }
 

@@ -87,8 +87,8 @@ function probesOf(layered, most = 2e5) {
   return found;
 }
 
-// The smallest det J over a lattice in a box and beside the points, followed downhill from there, and the share of the
-// lattice that folds (<= 0). With cuts, only what is seen counts, and points.
+// The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, and the share of
+// the lattice that folds (<= 0). With cuts, only what is seen counts, and points. What lies outside is nobody's picture.
 function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
   const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
@@ -97,14 +97,16 @@ function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
     if (dets[n] <= 0) folded += 1;
     if (dets[n] < least) { least = dets[n]; place = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db]; }
   }
-  for (const [a, b, det] of probes) if (det < least) { least = det; place = [a, b]; }
+  for (const [a, b, det] of probes) {
+    if (det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1) { least = det; place = [a, b]; }
+  }
   if (least !== 1 && Number.isFinite(least)) [least, place] = downhill(layered, box, least, place, Math.max(da, db) / 2);
   return { least: Number.isFinite(least) ? least : 1, place, share: folded / (nodes * nodes) };
 }
 
-// From a place to where det J is least nearby; never out of the box, unless the place is.
+// From a place in a box to where det J is least nearby, never out of the box.
 function downhill(layered, [a0, a1, b0, b1], least, place, step) {
-  const [a, b] = place, low = [Math.min(a0, a), Math.min(b0, b)], high = [Math.max(a1, a), Math.max(b1, b)];
+  const low = [a0, b0], high = [a1, b1];
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
     let better = null;
     for (const [u, v] of [[h, 0], [-h, 0], [0, h], [0, -h]]) {
