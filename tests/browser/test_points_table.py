@@ -159,7 +159,7 @@ def test_rows_and_picture_share_the_selection(table: TableOnPage) -> None:
     x, y = table.on_page.on_screen((30.0, -10.0))
     table.page.mouse.click(x, y)
     table.on_page.wait(f"[...{TABLE}.selected].join() === '0'")
-    assert table.page.locator(".dnb-pt-facts").inner_text().startswith("5 points \u00b7 1 selected")
+    table.on_page.wait("document.querySelector('.dnb-pt-facts').innerText.startsWith('5 points \u00b7 1 selected')")
 
 
 def test_rows_follow_a_drag_before_python_has_heard_of_it(table: TableOnPage) -> None:
