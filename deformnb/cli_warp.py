@@ -63,6 +63,9 @@ def _warp(options: argparse.Namespace) -> None:
         _check_output(target, force=options.force)
     else:
         _check_follower(options, target)
+    if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
+        raise DeformError(f"the session comes first: deformnb warp {given.name} {Path(options.session).name} "
+                          f"{target.name}.")
     document = read_deformation(options.session)
     with stages() as stage:
         if options.strength != 1:

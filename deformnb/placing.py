@@ -71,7 +71,7 @@ def placed(deformation: Deformation, grid: Grid, place: str = "as it is") -> Def
     >>> made = VolumeReference("small", small.shape, small.spacing, "0" * 64, small.origin, small.direction)
     >>> document = replace(Deformation.on_picture(small, "+z", points), volume=made)
     >>> placed(document, large, "by the box").steps[0].points.source.tolist()
-    [[9.5, 4.0]]
+    [[8.0, 4.0]]
     """
     if place not in PLACES:
         raise DeformError(f"unknown place {place!r}; choose one of {', '.join(PLACES)}.")

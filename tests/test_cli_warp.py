@@ -238,3 +238,9 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
     order = np.lexsort((moved.points + field.displacement(moved.points)).round(3).T)
     wanted = corners[np.lexsort(corners.T)]
     oracle.assert_close((moved.points + field.displacement(moved.points))[order], wanted, atol=1e-4)
+
+
+def test_a_session_that_does_not_come_first_is_told_so(small: Path, monkeypatch: pytest.MonkeyPatch,
+                                                       capsys: Any) -> None:
+    code = run(small, "warp tiny.nrrd pull.json out.nrrd", monkeypatch)
+    assert "the session comes first: deformnb warp pull.json tiny.nrrd out.nrrd" in refused(capsys.readouterr(), code)

@@ -118,7 +118,7 @@ def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
 def status_text(session: Session, edit_ms: float | None, found: Judgement | None = None) -> str:
     """How many points there are, what is edited, whether it folds and comes back, and how long the last edit took."""
     step = session.step
-    moved = int(np.count_nonzero(session.points.displacement.any(axis=1)))
+    moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
     facts = [f"{len(session.points)} points, {moved} dragged"]
     if len(session.deformation.steps) > 1:
         facts.append(f"step {session.index + 1} of {len(session.deformation.steps)}")
