@@ -7,6 +7,7 @@ It may be called from any thread; observers are called in the thread of the edit
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
@@ -74,6 +75,7 @@ class Session(EditedSteps):
                  **traits: Any) -> None:
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
+        self._drawing = threading.Lock()
         self._transfer: tuple[Any, TransferFunction] | None = None
         self.reference = LazyReference(volume)
         self._files = KnownFiles()
@@ -130,7 +132,9 @@ class Session(EditedSteps):
 
     def base(self) -> Volume:
         """The volume as the steps before the one being edited have made it: what the picture shows."""
-        earlier = self._earlier()
+        return self._base_of(self._earlier())
+
+    def _base_of(self, earlier: Deformation) -> Volume:
         if not earlier.steps:
             return self.volume
         kept = self._base
@@ -150,15 +154,23 @@ class Session(EditedSteps):
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, before the step that is edited; kept until something else is asked for."""
-        base, plane = self.base(), self.plane
-        colours = self.transfer_function if self.method in ("composite", "shaded") else None
-        asked = (id(base), plane, self.method, self.depth if self.method == "slice" else 0.0, colours)
-        kept = self._picture
-        if kept is None or kept[0] != asked:
-            depth = self.depth if self.method == "slice" else None
-            made = project(base, plane, self.method, transfer=colours, depth=depth, progress=progress)
-            kept = self._picture = (asked, made)
-        return kept[1]
+        with self._drawing:  # one thread after the other, each for the document of one moment
+            asked = self._asked()
+            kept = self._picture
+            if kept is not None and kept[0] == asked:
+                return kept[1]
+            earlier, plane, method, depth, colours = asked
+            made = project(self._base_of(earlier), plane, method, transfer=colours,
+                           depth=depth if method == "slice" else None, progress=progress)
+            if asked == self._asked():  # else another one is wanted by now
+                self._picture = (asked, made)
+            return made
+
+    def _asked(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
+        """What the picture depends on."""
+        with self._lock:
+            colours = self.transfer_function if self.method in ("composite", "shaded") else None
+            return self._earlier(), self.plane, self.method, self.depth if self.method == "slice" else 0.0, colours
 
     @property
     def depth_range(self) -> tuple[float, float]:
