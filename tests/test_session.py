@@ -406,3 +406,21 @@ def test_edits_from_many_threads_all_count(session: Session) -> None:
         count += 1
     assert count == 40
     assert session.step.strength == 1.0
+
+
+def test_a_picture_that_an_edit_overtakes_is_of_its_own_moment_and_not_kept(session: Session,
+                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    from deformnb import session as module
+
+    before, made = session.plane, []
+
+    def slowly(*given: Any, **options: Any) -> Any:
+        if not made:  # another thread turns the picture while this one draws it
+            made.append(given)
+            session.set_view("-x")
+        return project(*given, **options)
+
+    monkeypatch.setattr(module, "project", slowly)
+    assert session.picture().plane == before
+    assert session.picture().plane == session.plane != before
+    assert session.picture() is session.picture()
