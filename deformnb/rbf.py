@@ -287,6 +287,9 @@ def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[s
     spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
     if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
         notes.append(f"the sources nearly coincide: {_COLLAPSES[ready.trend]}")
+    elif ready.trend == "affine" and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
+        notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
+                     "everything flat")
     return tuple(notes)
 
 

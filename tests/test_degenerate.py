@@ -349,3 +349,10 @@ def test_every_kernel_survives_the_closest_points_it_lets_in() -> None:
             assert "control point 0 and control point 5" in str(error)  # noqa: PT017 (some kernels can)
         else:
             oracle.assert_close(fit.displacement(x), 4 * np.repeat(x[:, :1] > 50, 2, axis=1), atol=1e-5)
+
+
+def test_sources_on_one_line_whose_targets_are_not_press_everything_flat_and_say_so() -> None:
+    points = ControlPoints.from_arrays([[0, 0], [3, 0], [6, 0], [9, 0]], [[0, 0], [4, 0], [6, 0], [9, 1]])
+    assert any("presses everything flat" in note for note in fit_rbf(points).notes)
+    assert not any("flat" in note for note in fit_rbf(points, trend="similarity").notes)
+    assert not any("flat" in note for note in fit_rbf(points.reset()).notes)

@@ -309,6 +309,12 @@ function rbfWarnings(ready, map) {
   const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
   if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
     notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
+  } else if (ready.trend === "affine") {
+    const largest = rbfSpectralNorm(map), det = map[0][0] * map[1][1] - map[0][1] * map[1][0];
+    if (!(Math.abs(det) >= RBF_NO_ANGLE * largest * largest)) {
+      notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
+        "everything flat");
+    }
   }
   return notes;
 }
