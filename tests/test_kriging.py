@@ -123,12 +123,12 @@ def test_single_radii_are_left_aside() -> None:
 
 
 def test_the_scale_is_the_one_that_makes_the_data_likeliest() -> None:
-    # Draws from the process itself: the estimate scatters about the truth by 1 / sqrt(2 x 2 x 47).
+    # Draws from the process itself: the estimate scatters about the truth by 1 / sqrt(2 x 2 x 47), their mean by 0.026 of it.
     rng = np.random.default_rng(3)
     x = np.stack(np.meshgrid(*[np.arange(7) * 20.0] * 2), axis=-1).reshape(-1, 2)
     phi = KERNELS["wendland_c2"](SUPPORT)(np.linalg.norm(x[:, None] - x[None], axis=-1))
     found = [
         process_scale(fit_system(ControlPoints.from_arrays(x + d, x), support=SUPPORT, trend="translation"))
-        for d in 1.7 * np.linalg.cholesky(phi) @ rng.normal(size=(20, 49, 2))
+        for d in 1.7 * np.linalg.cholesky(phi) @ rng.normal(size=(8, 49, 2))
     ]
-    assert np.mean(found) == pytest.approx(1.7, rel=0.05)
+    assert np.mean(found) == pytest.approx(1.7, rel=0.08)

@@ -251,7 +251,7 @@ def test_bending_energy_in_space_is_that_of_the_biharmonic_spline() -> None:
     points = ControlPoints.from_arrays([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]],
                                        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.3, 0, 0]])
     rng = np.random.default_rng(0)
-    directions = rng.normal(size=(1000, 3))
+    directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     edges = np.geomspace(0.02, 60, 90)
     r = np.sqrt(edges[1:] * edges[:-1])
