@@ -58,7 +58,7 @@ def shown(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tu
 def _told(page: Any, wanted: Any) -> dict[str, Any]:
     for _ in range(1200):
         page.wait_for_function("document.querySelector('.told').innerText.length > 1")  # empty while it is drawn anew
-    state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
+        state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
         if wanted(state):
             break
         page.wait_for_timeout(100)
