@@ -123,7 +123,8 @@ def test_single_radii_are_left_aside() -> None:
 
 
 def test_the_scale_is_the_one_that_makes_the_data_likeliest() -> None:
-    # Draws from the process itself: the estimate scatters about the truth by 1 / sqrt(2 x 2 x 47), their mean by 0.026 of it.
+    # Draws from the process itself: the estimate scatters about the truth by 1 / sqrt(2 x 2 x 47),
+    # the mean of eight by 0.026.
     rng = np.random.default_rng(3)
     x = np.stack(np.meshgrid(*[np.arange(7) * 20.0] * 2), axis=-1).reshape(-1, 2)
     phi = KERNELS["wendland_c2"](SUPPORT)(np.linalg.norm(x[:, None] - x[None], axis=-1))
