@@ -113,3 +113,13 @@ def test_the_oldest_state_tells_that_there_was_more() -> None:
     from deformnb.widgets.history_rows import _row
 
     assert "no longer kept" in _row(HistoryNode(5, None, "bend", 0.0, False, True), 0, True)["title"]
+
+
+def test_a_tab_that_is_not_seen_sends_no_rows_and_catches_up(session: Session) -> None:
+    panel = HistoryPanel(session, Guarded())
+    panel.opened(False)
+    session.change(trend="none")
+    assert [title for title, _, _ in titles(panel)] == ["the beginning"]
+    panel.opened(True)
+    assert [title for title, _, _ in titles(panel)] == ["the beginning", "change trend"]
+    panel.close()

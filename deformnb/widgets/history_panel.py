@@ -37,6 +37,7 @@ class HistoryPanel(Panel):
         super().__init__(session, guard)
         self._shown: tuple[HistoryNode, ...] = ()
         self._order: list[int] = []
+        self._is_seen = True  # until somebody says that another tab is
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
         self.box = ipw.VBox([self.items, ipw.Label(_HINT)])
@@ -54,7 +55,13 @@ class HistoryPanel(Panel):
             self.guard(lambda: go_to(self.session, state))
             self.refresh()
 
+    def opened(self, is_open: bool) -> None:
+        self._is_seen = is_open
+        self.refresh()
+
     def arrange(self) -> None:
+        if not self._is_seen:  # hundreds of rows would go to the page after every edit
+            return
         nodes = self.session.history_tree()
         if nodes == self._shown:
             return

@@ -97,7 +97,9 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: l
     head, *others = panels
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
                    layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
-    tabs.observe(_tell_opened(others), "selected_index")
+    tell = _tell_opened(others)
+    tell({"new": tabs.selected_index})
+    tabs.observe(tell, "selected_index")
     words = ipw.HBox(line, layout=ipw.Layout(width="100%", flex_flow="row wrap", align_items="center",
                                              grid_gap="0 24px"))
     return [pictures, head.box, tabs, words]
