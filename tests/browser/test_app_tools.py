@@ -111,6 +111,7 @@ def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
     tab.page.keyboard.press("Escape")
     tab.page.keyboard.press("Control+z")
     tab.says("4 points, 0 moved")
+    tab.page.wait_for_function(f"{EDITOR}.points.length === 4")  # drawn anew, a point loses the focus
     tab.page.locator("[data-id='1']").focus()
     tab.page.keyboard.press("Enter")
     tab.page.keyboard.press("l")

@@ -190,7 +190,8 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     slider.focus()
     page.page.keyboard.press("End")
     page.wait(f"Math.abs(models.editor.get('brush_radius') - 400 / {k}) < 1e-6")
-    page.wait("models.editor.saved.some((s) => 'brush_radius' in s)")
+    page.wait(f"models.editor.saved.some((s) => Math.abs(s.brush_radius - 400 / {k}) < 1e-6)")
+    page.settled()
     assert page.editor.brush_radius == pytest.approx(400 / k)
     page.page.get_by_role("button", name="put the brush away").click()
     assert page.js(f"{PAGE}.brush.isOn") is False
