@@ -1,17 +1,13 @@
 """The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
 
 One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
-stands; the newest of all changes is drawn, at most two pictures are on their way.
-
-Messages by the page (each with ``view``, the page's own name): ``hello`` and ``size`` (width, height in pixels,
-background), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera:
-the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text).
+stands; the newest of all changes is drawn, at most two pictures are on their way. The messages are described in
+:mod:`~deformnb.widgets.volume_pages`.
 """
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -29,25 +25,22 @@ from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.core_scene import METHODS, make_scene
 from deformnb.widgets.fold_badge import TellsFolds
-from deformnb.widgets.frames import FrameSender, drawn, preview_png
-from deformnb.widgets.pages import LARGEST, Pages, about
+from deformnb.widgets.frames import drawn, preview_png
+from deformnb.widgets.pages import LARGEST, about
 from deformnb.widgets.refit import Refit, follow_editor
-from deformnb.widgets.scene_loop import Frame, SceneLoop
+from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, checked_camera, turned
-from deformnb.widgets.view_messages import dropping, take_traits, text, whole
+from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
+from deformnb.widgets.volume_pages import ServesPages
 
 _FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
           "volume_view.js")
 
-_LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
-_OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height"})
 
-
-class VolumeView(ShowsPoints, TellsFolds, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters
@@ -112,10 +105,6 @@ class VolumeView(ShowsPoints, TellsFolds, AbstractView, anywidget.AnyWidget, met
         self._loop: SceneLoop | None = None
         self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
-        self._pages = Pages()
-        self._notice = ""
-        self._shown_camera: tuple[str, int] = ("", 0)
-        self._frames = FrameSender()
         self._unfollow: Callable[[], None] | None = None
         super().__init__(**traits)
         if method not in METHODS:
@@ -264,21 +253,9 @@ class VolumeView(ShowsPoints, TellsFolds, AbstractView, anywidget.AnyWidget, met
         elif loop is not None:
             setattr(loop, name, value)
 
-    def _shade(self) -> str:
-        return self._pages.theme if self.background == "auto" else self.background
-
-    def _size(self) -> tuple[int, int]:
-        """The largest of what the pages show, or what the traits say."""
-        return self._pages.size((self.width, self.height))
-
-    def _change_page(self) -> None:
-        size, background = self._size(), self._shade()
-
-        def resize(scene: Any) -> None:
-            scene.set_size(size)
-            scene.set_background(background)
-
-        self._change("page", resize)
+    def _left(self) -> None:
+        if not self._has_guests:
+            self._rest()
 
     def _rest(self) -> None:
         with self._lock:
@@ -332,60 +309,6 @@ class VolumeView(ShowsPoints, TellsFolds, AbstractView, anywidget.AnyWidget, met
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
         return bundle if self._content is None else with_png(bundle, self.preview_png)
-
-    # -- messages ------------------------------------------------------------------------------------------------------
-
-    def _deliver(self, frame: Frame) -> None:
-        view, number = self._shown_camera
-        self.send(*self._frames.pack(frame, camera=number, by=view))
-
-    def _say(self, notice: str) -> None:
-        self._notice = notice
-        self.send({"type": "notice", "text": notice})
-
-    def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
-        take_traits(sync_data, _OF_PAGE, super().set_state)
-
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        with dropping("a message"):
-            kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content)
-
-    def _resized(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.put(view, content)
-        self._change_page()
-        for kind, words in (("notice", self._notice), ("badge", self.badge)):
-            if content["type"] == "hello" and words:
-                self.send({"type": kind, "text": words})
-
-    def _bye(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.drop(view)
-        if not self._pages and not self._has_guests:
-            self._rest()
-
-    def _camera(self, view: str, content: dict[str, Any]) -> None:
-        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
-
-        def turn(scene: Any) -> None:
-            scene.set_camera(camera)
-            self._shown_camera = (view, number)
-
-        self._change("camera", turn)
-
-    def _seen(self, view: str, content: dict[str, Any]) -> None:
-        if self._frames.seen(whole(content.get("seq"), 1, 2**53)) and self._loop is not None:
-            self._loop.touch()
-
-
-_ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
-    "hello": VolumeView._resized, "size": VolumeView._resized, "camera": VolumeView._camera, "seen": VolumeView._seen,
-    "bye": VolumeView._bye,
-}
-"""What is done about each kind of message."""
 
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
