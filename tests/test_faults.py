@@ -266,7 +266,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
         studio.save(tmp_path / "work" / "a.json")
     files.name.value = "ball.nrrd"
     files.write.click()
-    wait_for(lambda: "there is no folder" in studio._notice.value)
+    wait_for(lambda: "there is no folder" in studio._words.notice.value)
     wait_for(lambda: not files.write.disabled)
     drag(studio, a_drag(studio, 3.0))
     assert len(studio.editor.points) == 5

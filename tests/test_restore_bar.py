@@ -67,7 +67,7 @@ def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
     studio = studio_of()
     drag(studio, a_drag(studio))
     studio._bar.recovery.autosave.flush()
-    wait_for(lambda: "save the session yourself" in studio._notice.value)
+    wait_for(lambda: "save the session yourself" in studio._words.notice.value)
     assert len(studio.editor.points) == 5
     studio.close()
 

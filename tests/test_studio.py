@@ -73,10 +73,10 @@ def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) ->
     wrong = before.add([3.0, 3.0], [5.0, 5.0]).add([9.0, 9.0], [5.0, 5.0])
     drag(studio, wrong)
     assert studio.editor.points == before
-    assert "control point 4" in studio._notice.value
+    assert "control point 4" in studio._words.notice.value
     assert studio.stats()["refused"] == 1
     drag(studio, a_drag(studio))  # and the studio goes on
-    assert "control point" not in studio._notice.value
+    assert "control point" not in studio._words.notice.value
 
 
 def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
@@ -95,7 +95,7 @@ def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None
         raise ZeroDivisionError("of a cell")
     studio.observe(fails, "deformation")
     drag(studio, a_drag(studio))
-    said = studio._notice.value + str(sent)
+    said = studio._words.notice.value + str(sent)
     assert "ZeroDivisionError" in said
     studio.unobserve(fails, "deformation")
 
@@ -285,7 +285,7 @@ def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     controls(studio)["Side"].value = "+z"
     studio.wait()
-    assert "Step 2 begins" in studio._notice.value
+    assert "Step 2 begins" in studio._words.notice.value
     for _ in range(3):  # each changes the words of the menu of steps
         drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
         drag(studio, a_drag(studio))
@@ -309,11 +309,11 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
-    assert "corners" in studio._notice.value
-    studio._say("<img src=x onerror=alert(1)>", is_error=True)
-    assert "<img" not in studio._notice.value
+    assert "corners" in studio._words.notice.value
+    studio._words.say("<img src=x onerror=alert(1)>", is_error=True)
+    assert "<img" not in studio._words.notice.value
     drag(studio, a_drag(studio))
-    assert "img" not in studio._notice.value
+    assert "img" not in studio._words.notice.value
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
@@ -326,12 +326,12 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
         panel.name.value = name
         panel.write.click()
         wait_for(lambda: not panel.write.disabled)
-        assert (tmp_path / name).stat().st_size > 0, studio._notice.value
+        assert (tmp_path / name).stat().st_size > 0, studio._words.notice.value
         assert name in panel.said.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
         panel.name.value = wrong
         panel.write.click()
-        assert studio._notice.value
+        assert studio._words.notice.value
         assert not panel.write.disabled
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
 
@@ -369,7 +369,7 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     panel._open([{"name": "s.json", "content": memoryview(saved)}])
     assert studio.session.points.displacement.any()
     panel._open([{"name": "s.json", "content": b"{nonsense"}])
-    assert "JSON" in studio._notice.value
+    assert "JSON" in studio._words.notice.value
 
 
 # -- display and the end -----------------------------------------------------------------------------------------------

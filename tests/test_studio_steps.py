@@ -79,7 +79,7 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     around = {"name": "stone", "enabled": True, "motion": None, "weight": "saturated", "reach": None,
               "region": {"kind": "polygon", "vertices": corners}}
     draws(studio, "parts", "add part", around)
-    assert "stone" in studio._notice.value
+    assert "stone" in studio._words.notice.value
     assert studio.editor.parts == []
     assert studio.session.step.parts == ()
     assert studio.stats()["refused"] == 1

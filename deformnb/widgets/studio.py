@@ -7,10 +7,7 @@ document, and does whatever takes time in one thread of its own, the newest firs
 
 from __future__ import annotations
 
-import html
-import logging
 import threading
-import time
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -22,7 +19,6 @@ import traitlets
 from numpy.typing import NDArray
 
 from deformnb.deformation import Deformation
-from deformnb.errors import DeformError
 from deformnb.exports import export
 from deformnb.opening import as_deformation, as_volume, best_view
 from deformnb.plane import Plane
@@ -32,19 +28,18 @@ from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.judgement import judgement_of
-from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.restore_bar import RestoreBar
-from deformnb.widgets.shape_messages import checked_shapes, shapes_of
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_editors import StudioEditors
+from deformnb.widgets.studio_edits import StudioEdits
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.studio_panels import PanelParts, make_panels
+from deformnb.widgets.studio_picture import StudioPicture
+from deformnb.widgets.studio_words import StudioWords
 from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
-
-_LOG = logging.getLogger(__name__)
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -100,26 +95,26 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
         self._worker = Worker("deformnb-studio")
-        self._times: dict[str, float] = {}
-        self._count = {"edits": 0, "refused": 0, "late": 0}
+        self._words = StudioWords()
+        self._edits = StudioEdits(self.session, self._words)
         self.view = parts.make_view(view, given, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
-        self._pictured = self._picture_key()
         self._link = StudioLink(self.session, self.view, self._worker)
-        self._status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
-        self._notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
+        self._picture = StudioPicture(self.session, self._editors, self._link, self._worker, self._words)
+        self._edits.stand_on(self._editors, self._picture)
         self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names,
                                          parts.as_target(target, given))
-        self._bar = RestoreBar(self.session, self._edited, self._weakly(Studio._say))
-        arranged = parts.arranged(self._editors, self.view, self._panels, [self._status, self._notice])
+        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)
+        arranged = parts.arranged(self._editors, self.view, self._panels,
+                                  [self._words.status, self._words.notice])
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
         self._link.turn()
         self._link.show(self._editors.current)
-        self._status.value = parts.status_text(self.session, None)
+        self._words.status.value = parts.status_text(self.session, None)
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
-            self._say(parts.WELCOME)
+            self._words.say(parts.WELCOME)
         self._worker.latest("warm up", self.session.warm_up)
         self._worker.latest("status", self._weakly(Studio._show_status))
 
@@ -128,8 +123,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
                      names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer)
-        return make_panels(PanelParts(self.session, self._edited, self.view, self._editors, self._worker, self._opacity,
-                                      folder, self.export_html, labels, names, target))
+        return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
+                                      self._opacity, folder, self.export_html, labels, names, target))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -154,81 +149,29 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
         return weakly(self, method, lambda studio: not studio._worker.is_closed)
 
-    def _edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user asked for; what was said of the edit before goes."""
-        self._say("")
-        return self._guarded(action)
-
-    def _guarded(self, action: Callable[[], None]) -> bool:
-        """Do something that may go wrong, and say it in the page if it does."""
-        try:
-            action()
-        except DeformError as error:
-            self._say(str(error), is_error=True)
-            return False
-        except Exception as error:
-            _LOG.exception("an action of the studio failed")
-            self._say(f"{type(error).__name__}: {error}", is_error=True)
-            return False
-        return True
-
-    def _say(self, text: str, *, is_error: bool = False) -> None:
-        colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
-        shown = f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>'
-        self._notice.value = shown if text else ""
-
     def _points_changed(self, change: Any) -> None:
-        editor, points = change["owner"], change["new"]
-        if points == self.session.points:
-            return
-        made = editor.edit_under_way
-        done = made.kind if made is not None else ""
-        kind = done if done in JOINING else None
-        label = edit_label(self.session.points, points, done) if points.dim == self.session.points.dim else ""
-        self._take(editor, lambda: self.session.edit_points(points, label, kind))
+        self._edits.points_changed(change["owner"], change["new"])
 
     def _shapes_changed(self, change: Any) -> None:
-        editor, what = change["owner"], change["name"]
-        if checked_shapes(what, getattr(self.session.step, what)) == change["new"]:
-            return
-        made, shapes = editor.edit_under_way, shapes_of(what, change["new"])
-        label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
-        edit = self.session.edit_cuts if what == "cuts" else self.session.edit_parts
-        self._take(editor, lambda: edit(shapes, label))
-
-    def _take(self, editor: Any, edit: Callable[[], None]) -> None:
-        """Do what was done in an editor; if it cannot be, the editor shows again what the session holds."""
-        if self._pictured != self._picture_key() or editor is not self._editors.current:
-            self._count["late"] += 1  # a drag on a picture that is being replaced
-            self._ask_for_picture()
-            return
-        start = time.perf_counter()
-        if not self._edited(edit):
-            self._count["refused"] += 1
-            self._editors.show_step()
-        self._count["edits"] += 1
-        self._times["edit_ms"] = (time.perf_counter() - start) * 1e3
+        self._edits.shapes_changed(change["owner"], change["name"], change["new"])
 
     def _travel(self, way: str) -> None:
-        self._say("")
-        what = self.session.undo() if way == "undo" else self.session.redo()
-        if what:
-            self._say(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
+        self._edits.travel(way)
 
     def _document_changed(self, _change: Any) -> None:
         now = (self.session.deformation, self.session.index, self.session.key)
         if now == self._shown:  # the session tells of each of the three
             return
         self._shown = now
-        self._say(self.session.notice)
-        if self._pictured != self._picture_key():
-            self._ask_for_picture()
+        self._words.say(self.session.notice)
+        if not self._picture.is_shown:
+            self._picture.ask()
         else:
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._refresh_panels()
         self._worker.latest("status", self._weakly(Studio._show_status))
-        self._guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
+        self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
 
     @traitlets.validate("deformation")
     def _valid_deformation(self, proposal: Any) -> Deformation:
@@ -236,44 +179,17 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self.session.deformation = proposal["value"]
         return self.session.deformation
 
-    def _picture_key(self) -> Any:
-        """What the picture depends on: the steps before the one being edited, its plane, and how it is projected."""
-        s = self.session
-        return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
-                s.depth if s.method == "slice" else 0.0, s.deformation.mode,
-                s.transfer if s.method in ("composite", "shaded") else None)
-
     def _picture_changed(self, _change: Any = None) -> None:
         self._refresh_panels()
-        if self._pictured != self._picture_key():
-            self._ask_for_picture()
-
-    def _ask_for_picture(self) -> None:
-        self._editors.tell(waiting="The picture is being made")  # no gesture shall be made on the old one
-        self._worker.latest("picture", self._weakly(Studio._show_picture))
-
-    def _show_picture(self) -> None:
-        key = self._picture_key()
-        self._guarded(lambda: self._set_picture(key))
-        if key == self._picture_key():
-            self._editors.tell(waiting="")
-
-    def _set_picture(self, key: Any) -> None:
-        start = time.perf_counter()
-        made = self._editors.make_picture()
-        if self._pictured is not None and self._pictured[2] != key[2]:
-            self._link.turn()
-        self._link.show(self._editors.current)
-        self._pictured = key
-        self._editors.show_picture(made)
-        self._times["picture_ms"] = (time.perf_counter() - start) * 1e3
+        if not self._picture.is_shown:
+            self._picture.ask()
 
     def _tell_history(self, _change: Any) -> None:
         self._editors.tell(history=dict(self.session.history))
 
     def _tell_notice(self, _change: Any) -> None:
         if self.session.notice:
-            self._say(self.session.notice)
+            self._words.say(self.session.notice)
 
     def _transfer_changed(self, _change: Any) -> None:
         function = self.session.transfer_function
@@ -282,14 +198,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._opacity.set_transfer(self.session.transfer)
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
-        self._guarded(lambda: self.session.set_trait("transfer", transfer))
+        self._words.guarded(lambda: self.session.set_trait("transfer", transfer))
 
     def _refresh_panels(self, _change: Any = None) -> None:
         for panel in self._panels:
             panel.refresh()
 
     def _show_status(self) -> None:
-        self._status.value = parts.status_text(self.session, self._times.get("edit_ms"), judgement_of(self.session))
+        self._words.status.value = parts.status_text(self.session, self._edits.milliseconds,
+                                                     judgement_of(self.session))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 
@@ -346,7 +263,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
         ``previews`` counts the displacements that Python made while something was dragged.
         """
-        return {**self._times, **self._count, "previews": self._link.previews, "view": self.view.stats()}
+        times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
+        return {**times, **self._edits.counts, "previews": self._link.previews, "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
         """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
