@@ -1,0 +1,53 @@
+"""What a studio says: a line of facts that always stands there, and beside it what has just happened or gone wrong."""
+
+from __future__ import annotations
+
+import html
+import logging
+from collections.abc import Callable
+
+import ipywidgets as ipw
+
+from deformnb.errors import DeformError
+
+_LOG = logging.getLogger(__name__)
+
+
+class StudioWords:
+    """The two texts below a studio, and the guard that no error gets past without being said.
+
+    Attributes
+    ----------
+    status : the line of facts; notice : what has happened.
+
+    Examples
+    --------
+    >>> words = StudioWords()
+    >>> words.guarded(lambda: print(1 / 0))
+    False
+    >>> "ZeroDivisionError" in words.notice.value
+    True
+    """
+
+    def __init__(self) -> None:
+        self.status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
+        self.notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
+
+    def say(self, text: str, *, is_error: bool = False) -> None:
+        """Show a text in the place of the one before; an empty text shows nothing."""
+        colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
+        shown = f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>'
+        self.notice.value = shown if text else ""
+
+    def guarded(self, action: Callable[[], None]) -> bool:
+        """Do something that may go wrong, and say it in the page if it does; returns whether it went well."""
+        try:
+            action()
+        except DeformError as error:
+            self.say(str(error), is_error=True)
+            return False
+        except Exception as error:
+            _LOG.exception("an action of the studio failed")
+            self.say(f"{type(error).__name__}: {error}", is_error=True)
+            return False
+        return True
