@@ -2,22 +2,10 @@
 
 The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
 of a ray, as the paper does on its graphics card.
-
-Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, renderer, background: the
-page's), ``chunk`` (id, index: asks for a piece), ``still`` (width, height, background: asks for a picture), ``seen``
-(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``. Messages to the page: ``chunk`` (id,
-index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow: the
-index of the map that an editor moves, and points, cuts and parts that the maps are of, or null), ``still`` (with a
-PNG), ``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
 """
 
 from __future__ import annotations
 
-import asyncio
-import itertools
-import logging
-import threading
-from collections.abc import Callable
 from typing import Any
 
 import anywidget
@@ -34,30 +22,24 @@ from deformnb.time_maps import TimeMaps
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
-from deformnb.widgets.card_maps import CardMaps, card_maps, count_maps, differ_only_in
-from deformnb.widgets.card_times import card_frames
-from deformnb.widgets.live_moments import AbstractMoments
-from deformnb.widgets.pacing import Pacer
+from deformnb.widgets.card_maps import count_maps, differ_only_in
+from deformnb.widgets.live_pages import OF_PAGE, AnswersPages
 from deformnb.widgets.refit import check_map, state_followed
-from deformnb.widgets.shown_volume import ShownVolume, shown_volume
-from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
+from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume
+from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.stills import Scene, as_png, from_png, preview_png, render_scene
+from deformnb.widgets.stills import Scene, preview_png, render_scene
 from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
-from deformnb.widgets.view_messages import measured, picture, take_traits, text, whole
+from deformnb.widgets.view_messages import take_traits
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
           "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js", "raycast_glsl.js",
           "programs.js", "raycast.js", "camera.js", "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js",
-          "orientation.js", "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "live_view.js")
-
-_LOG = logging.getLogger(__name__)
-
-# Traits that a page may change: the camera by hand, the others by links of one widget with another in the page.
-_OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
+          "orientation.js", "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "still_picture.js",
+          "live_page.js", "live_view.js")
 
 
-class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters
@@ -114,28 +96,11 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
 
     def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
                  limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
-        self._lock = threading.RLock()  # callbacks run in another thread than cells
+        self._meet_pages()
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
-        self._largest = 2048  # along an axis of a texture, until a page says less
-        self._volume: Volume | None = None
-        self._window: tuple[float, float] | None = None
-        self._shown: ShownVolume | None = None
-        self._chunks: dict[int, tuple[int, bytes]] = {}
-        self._field: AbstractField | None = None
-        self._output: Grid | None = None
-        self._followed: dict[str, Any] | None = None
-        self._maps: CardMaps | None = None  # of the field, made when a page wants them
-        self._sent_cut: str | None = None  # whose distances all pages have
-        self._pacer = Pacer(self._send_field)
-        self._has_page = False
-        self._page_theme = "dark"
         self._preview: tuple[Scene, bytes] | None = None
         self._transfer: TransferFunction | None = None
         self._wanted_transfer = transfer
-        self._waiting: dict[int, Callable[[bytes], None]] = {}
-        self._numbers = itertools.count(1)
-        self._page_stats: dict[str, float] = {}
-        self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
         super().__init__(**traits)
         self.on_msg(self._receive)
         if volume is not None:
@@ -156,19 +121,19 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
 
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
-        shown = shown_volume(volume, self._limit, self._largest, window)
-        with self._lock:
-            self._volume, self._window, self._shown = volume, window, shown
-            self._chunks = {}
+        with self._lock:  # throughout: of two that are shown at once, one is shown whole
+            shown = shown_volume(volume, self._limit, self._largest, window)
+            self._volume, self._window, self._pieces = volume, window, Pieces(shown)
             self._hold(field, output, followed)
-        self.set_transfer(self._wanted_transfer)
-        self.label = f"Volume {volume.name}".strip()
-        self.volume_info = shown.info()
+            self.set_transfer(self._wanted_transfer)
+            self.label = f"Volume {volume.name}".strip()
+            self.volume_info = shown.info()
 
     def _ready(self) -> ShownVolume:
-        if self._shown is None:
+        shown = self._shown
+        if shown is None:
             raise DeformError("the view shows no volume yet; call show(volume) first.")
-        return self._shown
+        return shown
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
         self._take(deformation, output, None)
@@ -256,29 +221,6 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
         bundle = super()._repr_mimebundle_(**options)
         return bundle if self._shown is None else with_png(bundle, self.preview_png)
 
-    async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
-
-        Parameters
-        ----------
-        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
-            while this is awaited, and the still is returned.
-        """
-        loop, number = asyncio.get_running_loop(), next(self._numbers)
-        answer: asyncio.Future[bytes] = loop.create_future()
-
-        def deliver(png: bytes) -> None:
-            loop.call_soon_threadsafe(_settle, answer, png)
-
-        self._waiting[number] = deliver
-        try:
-            self._post({"type": "screenshot", "id": number}, [])
-            return from_png(await asyncio.wait_for(answer, timeout))
-        except TimeoutError:
-            return self.still()
-        finally:
-            self._waiting.pop(number, None)
-
     def stats(self) -> dict[str, Any]:
         """What the page measured last, and what was sent.
 
@@ -290,106 +232,6 @@ class LiveView(ShowsPoints, AbstractMoments, AbstractView, anywidget.AnyWidget, 
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
         return {**self._page_stats, **self._sent, **own}
 
-    # -- messages ------------------------------------------------------------------------------------------------------
-
-    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
-        self._sent["messages"] += 1
-        self.send(content, buffers)
-
-    def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
-            self._pacer.offer()
-
-    def _send_field(self, number: int, view: str | None = None) -> None:
-        with self._lock:
-            shown, followed = self._shown, self._followed
-            if shown is None:
-                return
-            maps = self._maps = self._maps or self._made_maps(shown)
-        cut = (maps.content["planar"] or {}).get("cut")
-        if number and cut and cut["id"] == self._sent_cut:
-            maps = maps.without("distances")
-        elif view is None:
-            self._sent_cut = cut and cut["id"]
-        self._sent["field_bytes"] += maps.size
-        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
-
-    def _made_maps(self, shown: ShownVolume) -> CardMaps:
-        if self._moments is not None:
-            return card_frames(self._moments, shown, self._output, self._map_size)
-        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-        return card_maps(self._field, shown, self._output, self._map_size, nodes)
-
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        take_traits(sync_data, _OF_PAGE, super().set_state)
-
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
-        try:
-            kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content, buffers or [])
-        except (ValueError, TypeError, KeyError, DeformError) as error:
-            _LOG.warning("a message of the page was dropped: %s", error)
-
-    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
-        largest = whole(content.get("largest"), 0, 2**16)
-        self._has_page = True
-        self._take_theme(content)
-        if 0 < largest < self._largest:
-            self._largest = largest
-            if self._volume is not None and self._shown is not None and max(self._shown.volume.shape) > largest:
-                moments = self._moments
-                self._put(self._volume, self._window, self._field, self._output, self._followed)
-                self._moments = moments
-                view = None  # for all pages: what they have is of a finer volume
-        self._send_field(0, view)
-
-    def _take_theme(self, content: dict[str, Any]) -> None:
-        if content.get("background") in ("dark", "light"):
-            self._page_theme = content["background"]
-
-    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
-
-    def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        shown = self._ready()
-        if content.get("id") != shown.id:
-            return  # of a volume that was shown before: the page will notice
-        index = whole(content.get("index"), 0, shown.chunks - 1)
-        with self._lock:
-            if index not in self._chunks:
-                self._chunks[index] = shown.chunk(index)
-            start, packed = self._chunks[index]
-        self._sent["volume_bytes"] += len(packed)
-        self._post({"type": "chunk", "view": view, "id": shown.id, "index": index, "start": start}, [packed])
-
-    def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        size = (whole(content.get("width"), 16, 2048), whole(content.get("height"), 16, 2048))
-        self._take_theme(content)
-        if self._shown is not None:
-            self._post({"type": "still", "view": view}, [as_png(self.still(size))])
-
-    def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
-        if deliver is None:
-            raise ValueError("a picture that nobody waits for")
-        deliver(picture(buffers))
-
-    def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._page_stats = measured(content)
-
-
-_ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
-    "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
-    "seen": LiveView._seen, "screenshot": LiveView._screenshot, "stats": LiveView._stats,
-}
-"""What is done about each kind of message."""
-
-
-def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
-    if not answer.done():
-        answer.set_result(png)
+        take_traits(sync_data, OF_PAGE, super().set_state)

@@ -2,99 +2,14 @@
 // names.
 // To Python: hello, chunk, still, screenshot, seen, stats. From Python: chunk, field, still, screenshot.
 
-class LiveViewPage {
+class LiveViewPage extends VolumePage {
   constructor(model, el) {
-    this.model = model;
-    this.id = Math.random().toString(36).slice(2, 12);
-    this.camera = new Camera();
-    this.field = null;
+    super(model, el);
     this.values = null;
-    this.info = null;
     this.sent = { received: 0 };
     this.cuts = {}; // distances to the cuts that came last
-    this.handlers = [];
-    this.#build(el);
     this.#listen();
     this.#start();
-  }
-
-  // -- the page ------------------------------------------------------------------------------------------------------
-
-  #build(el) {
-    this.host = el;
-    this.root = pageElement("div", "dnb-view", el);
-    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
-    this.frames = new Frames(this.root);
-    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
-    this.badge = pageElement("div", "dnb-badge", this.root);
-    this.progress = pageElement("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, () => this.setBackground());
-    this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
-    this.setBackground();
-    this.size();
-    this.observer = new ResizeObserver(() => this.size());
-    this.observer.observe(this.root);
-  }
-
-  size() {
-    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.max(1, n));
-    if (this.canvas.width === w && this.canvas.height === h) return;
-    this.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
-    if (this.loop) { this.loop.again(); this.touch(); }
-  }
-
-  get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
-  }
-
-  setBackground() {
-    this.root.dataset.background = this.background;
-    if (!this.caster || this.caster.background === this.background) return;
-    this.caster.background = this.background;
-    this.touch();
-  }
-
-  get shows() { return this.model.get("shows") || "deformed"; }
-
-  setShows() {
-    this.reframed(() => { this.shown = this.shows; });
-    this.flicker.set(this.shows === "flicker" && Boolean(this.loop));
-    this.caption();
-    if (this.loop) this.loop.flip(0);
-    this.touch();
-    if (this.still) this.askStill();
-  }
-
-  caption() {
-    this.frames.show(captionsOf(this.shows, this.still ? 0 : this.flicker.layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
-  }
-
-  flip(layer) {
-    this.caption();
-    if (this.loop) this.loop.flip(layer);
-  }
-
-  /** What is seen in a canvas of this size: see FrameLoop. */
-  pictures(width, height) {
-    return picturesOf(this.shows, width).map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
-  }
-
-  /** Width by height of one picture. */
-  get aspect() { return this.canvas.width / (this.shown === "side_by_side" ? 2 : 1) / this.canvas.height; }
-
-  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
-  reframed(change) {
-    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
-    change();
-    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
-  }
-
-  say(text) {
-    this.notice.textContent = text || "";
-    this.notice.hidden = !text;
   }
 
   // -- start, loss and return of WebGL -------------------------------------------------------------------------------
@@ -134,14 +49,10 @@ class LiveViewPage {
   /** No WebGL: a message and a picture that Python renders, anew for every button pressed. */
   fall(text) {
     this.say(text);
-    if (!this.still) this.still = pageElement("img", "dnb-still", this.root, { alt: this.model.get("label") || "Volume" });
+    this.still ??= new StillPicture(this);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
-    this.askStill();
-  }
-
-  askStill() {
-    this.send({ type: "still", width: this.model.get("width"), height: this.model.get("height"), background: this.theme.name });
+    this.still.ask();
   }
 
   lost(event) {
@@ -154,7 +65,8 @@ class LiveViewPage {
 
   restored() {
     if (this.closed) return;
-    if (this.still) { this.still.remove(); this.still = null; }
+    this.still?.close();
+    this.still = null;
     this.say("");
     this.caster = null;
     try { this.caster = new RayCaster(this.canvas); } catch (error) { this.fall(`No live view: ${error.message}.`); return; }
@@ -197,7 +109,7 @@ class LiveViewPage {
     if (content.view && content.view !== this.id) return undefined; // for another page of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
-    if (content.type === "still") return this.receiveStill(buffers[0]);
+    if (content.type === "still") return this.still?.receive(buffers[0]);
     if (content.type === "screenshot") return this.screenshot(content);
     return undefined;
   }
@@ -210,7 +122,7 @@ class LiveViewPage {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.askStill(); return; }
+    if (!this.caster) { this.still?.ask(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share));
@@ -272,7 +184,7 @@ class LiveViewPage {
   confirm(seq) {
     if (!seq) return;
     const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) { this.askStill(); this.afterStill = tell; }
+    if (this.still) { this.still.ask(); this.still.after = tell; }
     else if (this.loop && this.caster.isReady) this.loop.after.push(tell);
     else tell();
   }
@@ -297,13 +209,6 @@ class LiveViewPage {
     if (this.caster && this.caster.volume) this.touch(this.link.isMoving);
   }
 
-  receiveStill(png) {
-    if (!this.still) return;
-    URL.revokeObjectURL(this.still.src);
-    this.still.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
-    if (this.afterStill) { this.afterStill(); this.afterStill = null; }
-  }
-
   async screenshot({ id }) {
     if (!this.loop || !this.caster.isReady) return;
     this.loop.drawNow();
@@ -314,60 +219,6 @@ class LiveViewPage {
   tell() {
     this.stats = { ...measuredBy(this.loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
-  }
-
-  // -- the camera ----------------------------------------------------------------------------------------------------
-
-  get box() { return (this.field && this.field.box) || this.info.box; }
-
-  /** The corners of what is shown, from its middle, in space. */
-  corners() {
-    return boxCorners(this.box, this.info.axes);
-  }
-
-  seen(aspect) {
-    const { low, high } = this.box, middle = low.map((l, i) => (l + high[i]) / 2);
-    return this.camera.inFrame(this.info.to_frame, middle, aspect);
-  }
-
-  readCamera(force = false) {
-    // While a hand turns the picture it goes first; what it has done is said when it lets go.
-    if (!this.info || (!force && (this.writing || this.hands?.isBusy))) return;
-    const wanted = this.model.get("camera") || {};
-    this.camera.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
-    this.camera.pan = [...(wanted.pan || [0, 0])];
-    this.camera.bend = wanted.perspective ? 0.7 : 0;
-    this.camera.height = this.camera.fit(this.corners(), this.aspect) / (wanted.zoom || 1);
-    this.touch();
-  }
-
-  writeCamera() {
-    const { direction, up, pan, height } = this.camera;
-    this.writing = true; // our own change must not come back as if Python had made it
-    this.model.set("camera", { ...this.model.get("camera"), direction, up, pan: [...pan],
-      zoom: this.camera.fit(this.corners(), this.aspect) / height });
-    this.model.save_changes();
-    this.writing = false;
-    if (this.still) this.askStill();
-  }
-
-  showView(view) {
-    const { direction, up } = this.info.views[view];
-    this.camera.look(direction, up);
-    this.seeAll();
-  }
-
-  reset() {
-    const { direction, up } = this.info.views.home;
-    this.camera.look(direction, up);
-    this.seeAll();
-  }
-
-  seeAll() {
-    this.camera.pan = [0, 0];
-    this.camera.height = this.camera.fit(this.corners(), this.aspect);
-    this.touch();
-    this.writeCamera();
   }
 
   touch(held = false) {
@@ -389,7 +240,7 @@ class LiveViewPage {
     if (this.loader) this.loader.close();
     if (this.loop) this.loop.close();
     if (this.caster) this.caster.dispose();
-    if (this.still) URL.revokeObjectURL(this.still.src);
+    this.still?.close();
     this.root.remove();
   }
 }

@@ -54,7 +54,7 @@ class TimeLink {
     page.field = { ...page.field, planar: this.planarAt(time) };
     page.applyField();
     page.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying && page.still) page.askStill();
+    if (!isPlaying) page.still?.ask();
   }
 
   close() {
