@@ -24,7 +24,7 @@ from deformnb.fields import AbstractField, Composed, DisplacementField, Identity
 from deformnb.plane import VIEWS, Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
-from deformnb.widgets import stills
+from deformnb.widgets import live_pages, stills
 from deformnb.widgets.card_maps import card_maps
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
@@ -133,6 +133,29 @@ def test_a_piece_that_does_not_exist_is_refused_and_one_of_an_old_volume_ignored
     caplog.clear()
     assert view.say({"type": "chunk", "view": "a", "id": "old", "index": 0}) == []
     assert caplog.text == ""
+
+
+def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_get_into_that(monkeypatch: Any) -> None:
+    old, new = (Volume(np.full((6, 5, 4), value, np.uint8), Grid((6, 5, 4))) for value in (3, 7))
+    view, number = Recorded(old), live_pages.whole
+    view.show(old, window=(0.0, 255.0))
+    id_of_old = view.volume_info["id"]
+
+    def whole(*args: Any) -> int:  # between what the page asks for and the answer
+        monkeypatch.setattr(live_pages, "whole", number)
+        cell = threading.Thread(target=lambda: view.show(new, window=(0.0, 255.0)))
+        cell.start()
+        cell.join(30)
+        return number(*args)
+
+    monkeypatch.setattr(live_pages, "whole", whole)
+    values = []
+    for name in (id_of_old, None):
+        ((content, (packed,)),) = view.say({"type": "chunk", "view": "a", "id": name or view.volume_info["id"],
+                                            "index": 0})
+        assert content["id"] == (name or view.volume_info["id"])
+        values.append(set(gzip.decompress(packed)))
+    assert values == [{3}, {7}]
 
 
 def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:

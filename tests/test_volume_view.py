@@ -25,6 +25,7 @@ from deformnb.fields import Composed, Identity
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.editor import Editor
+from deformnb.widgets.point_messages import EditMessage
 from deformnb.widgets.refit import Refit
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.volume_view import VolumeView
@@ -217,6 +218,41 @@ def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
     view.follow(editor, field)
     editor.points = points(3.0)
     assert middle(view.still((96, 72))) > before + 4
+
+
+def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> None:
+    view, editor = opened(method="core"), Editor(None, points())
+
+    def answer(moved: float, **options: Any) -> Extrusion:
+        made = Deformation.on_picture(GRID, PLANE, points(moved), **options).field(GRID)
+        assert isinstance(made, Extrusion)
+        return made
+
+    def shown() -> float:
+        """How far matter has gone at the point that is dragged, and at half of the depth."""
+        field = view._ready()[1]()
+        return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
+
+    view.follow(editor, answer(0.0))
+    editor._take(EditMessage("a", 1, "end", "move", False, points(1.0)))
+    editor._take(EditMessage("a", 2, "move", "move", False, points(3.0)))
+    view.follow(editor, answer(1.0))  # it took its time
+    assert shown() == pytest.approx(3.0, abs=1e-6)
+    view.follow(editor, answer(1.0, extrusion="modulate", curve="0.5"))  # what else is new is seen
+    assert shown() == pytest.approx(1.5, abs=1e-6)
+    clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
+    editor._take(EditMessage("a", 3, "move", "move", False, clash))
+    assert shown() == pytest.approx(1.5, abs=1e-6)  # the last good one stays
+    editor._take(EditMessage("a", 4, "move", "move", False, points(1.0)))  # the drag is given up
+    view.follow(editor, answer(5.0))
+    assert shown() == pytest.approx(5.0, abs=1e-6)
+    editor._take(EditMessage("a", 5, "move", "move", False, points(3.0)))
+    editor.observe(lambda change: view.follow(editor, answer(2.0)), "points")  # as a studio answers the end of a drag
+    editor._take(EditMessage("a", 6, "end", "move", False, points(2.5)))
+    assert shown() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
+    view.follow(editor, answer(2.0))
+    assert shown() == pytest.approx(2.0, abs=1e-6)
+    assert len(editor._callbacks) == 1
 
 
 def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:

@@ -21,6 +21,7 @@ from deformnb.widgets.shape_messages import shapes_of
 
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts", "cut_rule",
              "stages")
+_OBSERVED = ["points", *_SETTINGS]
 
 
 def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:
@@ -89,15 +90,25 @@ class Refit:
     def __init__(self, field: AbstractField | None, index: int) -> None:
         check_map(field, index)
         assert field is not None
-        self._field, self._index = field, index
+        self.index = index
+        self._field = field
+        self._good = (field, field)  # the field with another map, behind the one that it was made of
         self._previous: Fit | None = None
         self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
 
     def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         """The field with the map of these points; the last one where they cannot be fitted, as the editor says."""
+        field, (of, good) = self._field, self._good  # another thread may put another field meanwhile
+        last = good if of is field else field
         with contextlib.suppress(DeformError):
-            self._field = with_map(self._field, self._index, self._fitted(points, settings))
-        return self._field
+            last = with_map(last, self.index, self._fitted(points, settings))
+        self._good = (field, last)
+        return last
+
+    def put(self, field: AbstractField) -> None:
+        """Go on with another field, of which the same map follows the editor."""
+        check_map(field, self.index)
+        self._field = field
 
     def _fitted(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
         cuts = [cut.region for cut in self._made("cuts", settings) if cut.enabled]
@@ -125,32 +136,46 @@ class Refit:
         return self._shapes[what][1]
 
 
-def follow_editor(editor: Any, refit: Refit,
-                  put: Callable[[Callable[[], AbstractField | None]], None]) -> Callable[[], None]:
-    """Put what makes the field of an editor's points at every movement in it; what is returned ends it.
+class Following:
+    """Puts what makes the field of an editor's points at every movement in it, until it is closed.
 
     Parameters
     ----------
     put : a method, held weakly: an editor keeps no view alive. What it gets is to be called later, in any thread.
     """
-    held = weakref.WeakMethod(put)
 
-    def tell(points: ControlPoints, phase: str) -> None:
-        taker = held()
-        if taker is not None:
-            settings = {name: getattr(editor, name) for name in _SETTINGS}
-            settings["softness"] = sum(editor.raster["spacing"]) / 2
-            taker(partial(refit, points, settings))
+    def __init__(self, editor: Any, refit: Refit, put: Callable[[Callable[[], AbstractField | None]], None]) -> None:
+        self._editor, self._refit = editor, refit
+        self._put = weakref.WeakMethod(put)
+        self._moving: tuple[ControlPoints, dict[str, Any]] | None = None
+        editor.on_edit(self._tell)
+        editor.observe(self._changed, _OBSERVED)
 
-    def changed(change: Any) -> None:
-        tell(editor.points, "end")
+    def goes_on(self, editor: Any, index: int) -> bool:
+        """Whether it is this map of this editor that is followed."""
+        return editor is self._editor and index == self._refit.index
 
-    names = ["points", *_SETTINGS]
-    editor.on_edit(tell)
-    editor.observe(changed, names)
+    def show(self, field: AbstractField) -> Callable[[], AbstractField | None]:
+        """What makes another field, as the editor has it now: what a hand is dragging does not jump back."""
+        self._refit.put(field)
+        moving = self._moving
+        if moving is None or self._editor.edit_under_way is not None or moving[0] == self._editor.points:
+            return lambda: field
+        return partial(self._refit, *moving)
 
-    def unfollow() -> None:
-        editor.on_edit(tell, remove=True)
-        editor.unobserve(changed, names)
+    def close(self) -> None:
+        """Hear the editor no more."""
+        self._editor.on_edit(self._tell, remove=True)
+        self._editor.unobserve(self._changed, _OBSERVED)
 
-    return unfollow
+    def _tell(self, points: ControlPoints, phase: str) -> None:
+        put = self._put()
+        if put is None:
+            return
+        settings = {name: getattr(self._editor, name) for name in _SETTINGS}
+        settings["softness"] = sum(self._editor.raster["spacing"]) / 2
+        self._moving = (points, settings) if phase == "move" else None
+        put(partial(self._refit, points, settings))
+
+    def _changed(self, change: Any) -> None:
+        self._tell(self._editor.points, "end")

@@ -27,7 +27,7 @@ from deformnb.widgets.core_scene import METHODS, make_scene
 from deformnb.widgets.fold_badge import TellsFolds
 from deformnb.widgets.frames import drawn, preview_png
 from deformnb.widgets.pages import LARGEST, about
-from deformnb.widgets.refit import Refit, follow_editor
+from deformnb.widgets.refit import Following, Refit
 from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
@@ -105,7 +105,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         self._loop: SceneLoop | None = None
         self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
-        self._unfollow: Callable[[], None] | None = None
+        self._following: Following | None = None
         super().__init__(**traits)
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
@@ -153,16 +153,24 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
             one. Its plane, depths and weights stay, also while points move.
         index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: what is dragged meanwhile stays where the hand is.
         """
+        following = self._following
+        if following is not None and following.goes_on(editor, index):
+            self._put(self._ready()[0], following.show(field), output)
+            return
         refit = Refit(field, index) if editor is not None else None
         self.show_deformation(field, output=output)
         if refit is not None:
-            self._unfollow = follow_editor(editor, refit, self._put_field)
+            self._following = Following(editor, refit, self._put_field)
 
     def _stop_following(self) -> None:
-        unfollow, self._unfollow = self._unfollow, None
-        if unfollow is not None:
-            unfollow()
+        following, self._following = self._following, None
+        if following is not None:
+            following.close()
 
     def _put_field(self, field: Callable[[], AbstractField | None]) -> None:
         with self._lock:
