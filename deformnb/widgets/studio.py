@@ -124,7 +124,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                      names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
-                                      self._opacity, folder, self.export_html, labels, names, target))
+                                      self._opacity, folder, self.export_html, labels, names, target, self._link.preview))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 

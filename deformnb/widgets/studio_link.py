@@ -8,10 +8,11 @@ the newest movement, whenever the one before is done.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
+from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.session import Session
@@ -40,6 +41,8 @@ class StudioLink:
         self._session, self._view, self._worker = session, view, worker
         self._lock = threading.Lock()
         self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
+        self._editor: Any = None  # that was shown last
+        self._has_previewed = False  # something that is no edit, since then
         self._heard: Any = None  # the editor whose movements come to Python
         self._in_space: Any = None  # the editor whose points are seen in the view as well
         self.previews = 0
@@ -51,6 +54,7 @@ class StudioLink:
         follows = self._page_can_follow(field)
         with self._lock:
             self._serial += 1
+            self._editor, self._has_previewed = editor, False
             if follows:
                 self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1))
             else:
@@ -60,6 +64,22 @@ class StudioLink:
             self._in_space = in_space
             self._view.edit_points(in_space, self._field_of)
         self._hear(None if follows or in_space is not None else editor)
+
+    def preview(self, step: Step | None) -> None:
+        """Show what the document would do with this in place of the step that is edited; of several the newest only.
+
+        Parameters
+        ----------
+        step : what is on its way and no edit yet, such as a curve that is being dragged. None gives it up: what the
+            session holds is shown again.
+        """
+        if step is None:
+            if self._has_previewed:
+                self.show(self._editor)
+            return
+        session, self._has_previewed = self._session, True
+        document, index = session.deformation, session.index
+        self._latest(lambda: document.with_step(index, step).field(session.volume.grid))
 
     def turn(self) -> None:
         """Look at the volume from the side of the picture, turned a little so that it looks solid."""
@@ -88,13 +108,17 @@ class StudioLink:
             editor.on_edit(self._moved)
 
     def _moved(self, points: ControlPoints, phase: str) -> None:
-        if phase == "move" and not self._worker.is_closed:
-            serial = self._serial
-            self._worker.latest("preview", lambda: self._preview(points, serial))
+        if phase == "move":
+            self._latest(lambda: self._field_of(points))
 
-    def _preview(self, points: ControlPoints, serial: int) -> None:
+    def _latest(self, make: Callable[[], AbstractField]) -> None:
+        if not self._worker.is_closed:
+            serial = self._serial
+            self._worker.latest("preview", lambda: self._preview(make, serial))
+
+    def _preview(self, make: Callable[[], AbstractField], serial: int) -> None:
         try:
-            field = self._field_of(points)
+            field = make()
         except DeformError:  # two points met on their way; the edit will say it if it ends so
             return
         with self._lock:

@@ -11,7 +11,7 @@ from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, strip
-from deformnb.widgets.depth_panel import DepthPanel
+from deformnb.widgets.depth_panel import DepthPanel, Preview
 from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.fit_panel import FitPanel
 from deformnb.widgets.history_panel import HistoryPanel
@@ -39,6 +39,7 @@ class PanelParts:
     export_html : writes the page that deforms without a kernel.
     labels, label_names : numbered parts of the volume and what they are called.
     target : what the volume shall look like, to be chosen in the panel of fitting.
+    preview : shows a step that is on its way and no edit yet; None gives it up.
     """
 
     session: Session
@@ -52,6 +53,7 @@ class PanelParts:
     labels: Volume | None
     label_names: Mapping[int, str] | None
     target: Volume | None = None
+    preview: Preview | None = None
 
 
 def make_panels(s: PanelParts) -> list[Panel]:
@@ -64,7 +66,7 @@ def make_panels(s: PanelParts) -> list[Panel]:
         StepsPanel(s.session, s.guard),
         ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
         MapPanel(s.session, s.guard),
-        DepthPanel(s.session, s.guard),
+        DepthPanel(s.session, s.guard, s.preview),
         TrustPanel(s.session, s.guard, s.view, s.editors, s.worker),
         FitPanel(s.session, s.guard, s.editors, s.folder, s.target),
         ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder),
