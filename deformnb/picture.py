@@ -8,25 +8,26 @@ block.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from numpy.typing import NDArray
 
+from deformnb.clipping import Part
 from deformnb.compilation import compiled
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
 from deformnb.plane import Plane, Raster
+from deformnb.sight import Blocks, Eye, blocks
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
 from deformnb.warp import warp
 
 Progress = Callable[[float], None]
-Blocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
 _LAYERS = 32
@@ -145,7 +146,8 @@ PROJECTIONS: dict[str, Projection] = {
 
 
 def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, transfer: TransferFunction | None = None,
-            depth: float | None = None, spacing: float | None = None, progress: Progress | None = None) -> Picture:
+            depth: float | None = None, spacing: float | None = None, part: Part | None = None,
+            eye: Eye | None = None, progress: Progress | None = None) -> Picture:
     """A picture of a volume.
 
     Parameters
@@ -157,6 +159,8 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, tr
     depth : place of a "slice" along the normal, from the plane; default is the plane itself (the middle of the volume
         for a view by name).
     spacing : pixel size of an oblique view; default is the smallest voxel size.
+    part : outside of it is background, and where it cuts through a body its face is lit.
+    eye : who sees the plane in perspective; no slice is.
     progress : called with the finished share from 0 to 1.
 
     Raises
@@ -174,9 +178,11 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, tr
         raise DeformError(f"unknown projection {method!r}; choose one of {', '.join(PROJECTIONS)}.")
     plane = Plane.along(volume.grid, view) if isinstance(view, str) else view
     order = _voxel_order(volume.grid, plane)
-    make = _project_voxels if order is not None and spacing is None else _project_lattice
-    settings = _settings(volume, transfer, method)
-    picture = make(volume, plane, PROJECTIONS[method], settings, depth, spacing, progress)
+    settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
+    if order is not None and spacing is None and part is None and eye is None:
+        picture = _project_voxels(volume, plane, how, settings, depth, progress)
+    else:
+        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, progress)
     if progress is not None:
         progress(1.0)
     return picture if picture.values.ndim == 3 else replace(picture, window=_window(picture.values, volume))
@@ -226,7 +232,7 @@ def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
 
 
 def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
-                    spacing: float | None, progress: Progress | None) -> Picture:
+                    progress: Progress | None) -> Picture:
     order = _voxel_order(volume.grid, plane)
     assert order is not None
     turned = volume.finite_values.transpose([axis for axis, _ in order])
@@ -240,8 +246,8 @@ def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dic
     elif how.whole is not None:
         values = how.whole(turned, 0)
     else:
-        blocks = _voxel_blocks(turned, how.margin, volume.background)
-        values = _accumulate(how, blocks, _with_steps(settings, du, dv, dn), len(turned), progress)
+        layers = _voxel_blocks(turned, how.margin, volume.background)
+        values = _accumulate(how, layers, _with_steps(settings, du, dv, dn), len(turned), progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
 
 
@@ -267,10 +273,10 @@ def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Block
         yield block, count
 
 
-def _accumulate(how: Projection, blocks: Blocks, settings: dict[str, Any], layers: int,
+def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layers: int,
                 progress: Progress | None) -> NDArray[Any]:
     state, done = None, 0
-    for block, count in blocks:
+    for block, count in pieces:
         state = how.add(state, block, count, settings)
         done += count
         if progress is not None:
@@ -279,9 +285,11 @@ def _accumulate(how: Projection, blocks: Blocks, settings: dict[str, Any], layer
 
 
 def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
-                     spacing: float | None, progress: Progress | None) -> Picture:
+                     spacing: float | None, part: Part | None, eye: Eye | None, progress: Progress | None) -> Picture:
     """An oblique view, through a lattice parallel to the picture."""
     lattice = plane_lattice(volume.grid, plane, spacing)
+    if eye is not None and how.name != "slice":
+        lattice = eye.lattice(volume.grid, plane, lattice.spacing[0])
     d = lattice.spacing[0]
     low = plane.to_plane(lattice.origin)
     raster = Raster(lattice.shape[1:], (d, d), (float(low[0]), float(low[1])))
@@ -292,10 +300,10 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         if not near <= (depth or 0.0) <= far:
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
-        values = warp(volume, Identity(3), output=one).values[0]
+        values = warp(volume if part is None else part.emptied(volume), Identity(3), output=one).values[0]
     else:
-        blocks = _resampled_blocks(_smooth(volume, how), lattice, how.margin)
-        values = _accumulate(how, blocks, _with_steps(settings, d, d, d), lattice.shape[0], progress)
+        layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, part, eye)
+        values = _accumulate(how, layers, _with_steps(settings, d, d, d), lattice.shape[0], progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
 
 
@@ -320,13 +328,6 @@ def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Gri
     shape = (int(count[2]), int(count[1]), int(count[0]))
     axes = tuple(map(tuple, plane.frame.T))
     return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]
-
-
-def _resampled_blocks(volume: Volume, lattice: Grid, margin: int) -> Blocks:
-    """Blocks of layers, the last one as large as the others: one compiled function resamples all of them."""
-    for k in range(0, lattice.shape[0], _LAYERS):
-        block = lattice.crop((k - margin, 0, 0), (_LAYERS + 2 * margin, *lattice.shape[1:]))
-        yield warp(volume, Identity(3), output=block).values, min(_LAYERS, lattice.shape[0] - k)
 
 
 def _light_layers(state: Any, layers: Any, count: Any, table: Any, limits: Any, spacing: Any, light: Any, *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
@@ -35,6 +36,7 @@ class CoreScene:
         self._size, self._projection, self._background = size, projection, background
         self._wanted_transfer, self._camera = transfer, checked_camera({})
         self._shows = "deformed"
+        self._clip = WHOLE
         self.folding = Folding()
         self.set_volume(volume)
 
@@ -90,6 +92,10 @@ class CoreScene:
         """What is seen."""
         self._shows = shows
 
+    def set_clip(self, clip: Clip) -> None:
+        """Which part of the box is seen."""
+        self._clip = checked_clip(clip)
+
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) in pixels."""
         self._size = size
@@ -99,7 +105,7 @@ class CoreScene:
         """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
         width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
         scene = Scene(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
-                      self._background, self._shows if shows is None else shows)
+                      self._background, self._shows if shows is None else shows, self._clip)
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None)
 
     def close(self) -> None:

@@ -33,7 +33,8 @@ from deformnb.widgets.view_messages import measured, picture, text, whole
 
 _LOG = logging.getLogger(__name__)
 
-OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"})
+OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
+                     "settle_ms"})
 """Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
 
 

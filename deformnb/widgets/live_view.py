@@ -29,12 +29,13 @@ from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, preview_png, render_scene
-from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
+from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.view_messages import take_traits
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js", "raycast_glsl.js",
-          "programs.js", "raycast.js", "camera.js", "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js",
+          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
+          "displacement_glsl.js", "raycast_glsl.js", "programs.js", "clipping.js", "raycast.js", "camera.js",
+          "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js",
           "orientation.js", "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "still_picture.js",
           "live_page.js", "live_view.js")
 
@@ -51,6 +52,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
     shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.view.SHOWS`.
     camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.view.CameraTrait`. The page
         writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
+    clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
@@ -84,6 +86,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
     background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
     shows = ShowsTrait().tag(sync=True)
     camera = CameraTrait().tag(sync=True)
+    clip = ClipTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=8192).tag(sync=True)
     height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
@@ -205,7 +208,8 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         with self._lock:
             field, output = self._at_present(self._field), self._output
         background = self._page_theme if self.background == "auto" else self.background
-        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows)
+        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows,
+                     self.clip)
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.clipping import WHOLE, Clip, Part
 from deformnb.fields import AbstractField
-from deformnb.picture import project
+from deformnb.picture import Picture, project
 from deformnb.plane import Plane
-from deformnb.render import render_volume
+from deformnb.sight import Eye
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
@@ -22,6 +23,9 @@ Image = NDArray[np.uint8]
 
 BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.918, 0.923, 0.932)}
 """The middle tone of the view's two backgrounds."""
+
+STANDOFF = 1 / 0.7
+"""In perspective the viewer stands this many heights of what is seen away, as in camera.js."""
 
 _INKS = {"dark": (0.97, 0.96, 0.93), "light": (0.09, 0.1, 0.13)}
 PREVIEW_SIZE = (560, 420)
@@ -60,6 +64,7 @@ class Scene:
     camera : as in :class:`~deformnb.widgets.view.CameraTrait`.
     background : a name of :data:`BACKGROUNDS`.
     shows : a name of :data:`~deformnb.widgets.view.SHOWS`.
+    clip : the part of the box that is seen.
     """
 
     shown: ShownVolume
@@ -70,6 +75,7 @@ class Scene:
     projection: str
     background: str
     shows: str
+    clip: Clip = WHOLE
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scene):
@@ -81,7 +87,7 @@ class Scene:
     __hash__ = None  # type: ignore[assignment]
 
 
-_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows")
+_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip")
 
 
 def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None) -> Image:
@@ -99,11 +105,20 @@ def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None) -
 
 
 def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None) -> Image:
-    shown = scene.shown
-    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value.
-    return _still(shown.volume, None if is_original else scene.field, scene.output, scene.camera,
-                  _in_bytes(scene.transfer, *shown.window), scene.projection, scene.background, 255 * shown.white, size,
-                  most)
+    shown, camera = scene.shown, scene.camera
+    box = scene.output or shown.volume.grid
+    lattice = scene.output if most is None else coarser(box, factors_of(box, most, most))
+    field = None if is_original else scene.field
+    seen = shown.volume if field is None else warp(shown.volume, field, output=lattice)
+    sides, zoom = (camera["direction"], camera.get("up")), float(camera.get("zoom") or 1.0)
+    height = seen_height(box, *sides, size[0] / size[1], zoom)
+    plane = Plane.through(box.center, *sides)
+    right, above = (float(v) for v in camera.get("pan") or (0.0, 0.0))
+    plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
+    part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
+    eye = Eye(STANDOFF * height, height * size[0] / size[1], height) if camera.get("perspective") else None
+    draw = _mip if scene.projection == "mip" else _composite
+    return draw(scene, seen, plane, height, size, part, eye)
 
 
 def preview_png(scene: Scene) -> bytes:
@@ -145,57 +160,37 @@ def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFu
     return TransferFunction(colors, opacities, transfer.unit)
 
 
-def _still(volume: Volume, field: AbstractField | None, output: Grid | None, camera: dict[str, Any],
-           transfer: TransferFunction, projection: str, background: str, white: float, size: tuple[int, int],
-           most: int | None) -> Image:
-    """What a view with this camera shows, (height, width, 3).
-
-    Parameters
-    ----------
-    volume : what is shown, before the deformation.
-    output : grid whose box is seen.
-    white : value that is white in a maximum projection.
-    most : voxels of the deformed volume at most.
-    """
-    box = output or volume.grid
-    lattice = output if most is None else coarser(box, factors_of(box, most, most))
-    warped = volume if field is None else warp(volume, field, output=lattice)
-    direction, up = camera["direction"], camera.get("up")
-    aspect = size[0] / size[1]
-    height = seen_height(box, direction, up, aspect, float(camera.get("zoom") or 1.0))
-    plane = Plane.through(box.center, direction, up)
-    right, above = (float(v) for v in camera.get("pan") or (0.0, 0.0))
-    plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
-    if projection == "mip":
-        return _mip(warped, plane, height, size, background, white)
-    return _composite(warped, plane, height, size, background, transfer)
-
-
-def _composite(volume: Volume, plane: Plane, height: float, size: tuple[int, int], background: str,
-               transfer: TransferFunction) -> Image:
-    # The renderer looks at the middle of the volume: what is seen beside it is cut out of a larger picture.
-    shift = plane.to_plane(volume.grid.center)[:2] * size[1] / height
-    more = np.ceil(2 * np.abs(shift) - 1e-6).astype(int)  # no pixel more for a rounding error
-    wide, tall = (int(n) for n in np.asarray(size) + more)
-    image = render_volume(volume, transfer=transfer, direction=plane.normal, up=[-c for c in plane.v],
-                          height=height * tall / size[1], size=(wide, tall), background=BACKGROUNDS[background],
-                          backend="core")
-    left, top = (int(n) for n in np.round(more / 2 - shift))
-    return image[max(0, top) : max(0, top) + size[1], max(0, left) : max(0, left) + size[0]]
-
-
-def _mip(volume: Volume, plane: Plane, height: float, size: tuple[int, int], background: str, white: float) -> Image:
+def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
+               eye: Eye | None) -> Image:
     from PIL import Image as Pillow
 
-    step = height / size[1]
-    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), step))
-    low = volume.background
+    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value. Half a voxel
+    # between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
+    background = BACKGROUNDS[scene.background]
+    picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
+                      spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye)
+    ink: Any = tuple(round(255 * c) for c in background)
+    drawn = Pillow.fromarray(picture.rgb8(background)).transform(
+        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BICUBIC, fillcolor=ink)
+    return np.asarray(drawn)
+
+
+def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
+         eye: Eye | None) -> Image:
+    from PIL import Image as Pillow
+
+    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye)
+    low, white = volume.background, 255 * scene.shown.white
     share = np.clip((picture.values.astype(np.float64) - low) / max(white - low, 1e-12), 0, 1)
-    a0, _, b0, _ = picture.raster.box
-    d = picture.raster.spacing[0]
-    places = (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
     drawn = Pillow.fromarray(share.astype(np.float32)).transform(
-        size, Pillow.Transform.AFFINE, places, Pillow.Resampling.BILINEAR, fillcolor=0)
-    v = np.asarray(drawn)[..., None]
-    color: NDArray[np.float64] = np.asarray(_INKS[background]) * v + np.asarray(BACKGROUNDS[background]) * (1 - v)
+        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BILINEAR, fillcolor=0)
+    v, ground = np.asarray(drawn)[..., None], np.asarray(BACKGROUNDS[scene.background])
+    color: NDArray[np.float64] = np.asarray(_INKS[scene.background]) * v + ground * (1 - v)
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
+
+
+def _places(picture: Picture, height: float, size: tuple[int, int]) -> tuple[float, ...]:
+    """Where each pixel of a canvas lies in a picture: the plane's origin is the middle of the canvas."""
+    a0, _, b0, _ = picture.raster.box
+    d, step = picture.raster.spacing[0], height / size[1]
+    return (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, ABCMeta, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
@@ -53,6 +54,16 @@ class CameraTrait(traitlets.TraitType[dict[str, Any], Mapping[str, Any]]):
 
     def validate(self, obj: Any, value: Any) -> dict[str, Any]:
         return checked_camera(value)
+
+
+class ClipTrait(traitlets.TraitType[Clip, Any]):
+    """Three pairs (low, high) of shares from 0 to 1: the part of the box along x, y and z that is seen."""
+
+    default_value = WHOLE
+    info_text = "three rising pairs of shares from 0 to 1"
+
+    def validate(self, obj: Any, value: Any) -> Clip:
+        return checked_clip(value)
 
 
 def checked_camera(value: Any) -> dict[str, Any]:
@@ -134,9 +145,11 @@ class AbstractView(ABC):
     ----------
     shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
+    clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
     """
 
     shows: Any
+    clip: Any
 
     @abstractmethod
     def show(self, volume: Volume) -> None:
@@ -167,6 +180,16 @@ class AbstractView(ABC):
         up : what points up; default is +z, or -y for a view along z.
         zoom : 1 shows the whole box, 2 half of it; None keeps it.
         """
+
+    def set_clip(self, x: Sequence[float] | None = None, y: Sequence[float] | None = None,
+                 z: Sequence[float] | None = None) -> None:
+        """Cut away what lies outside of a part of the box: in space, whatever the deformation brings there.
+
+        Parameters
+        ----------
+        x, y, z : lowest and highest share of the box along that index axis, from 0 to 1; None keeps them.
+        """
+        self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
     @abstractmethod
     async def screenshot(self, timeout: float = 10.0) -> Image:

@@ -61,6 +61,13 @@ class VolumePage {
     this.still?.ask();
   }
 
+  setClip() {
+    const clip = clipOf(this.model);
+    if (this.caster) this.caster.clip = isClipped(clip) ? clip : null;
+    this.touch();
+    this.still?.ask();
+  }
+
   caption() {
     this.frames.show(captionsOf(this.shows, this.still ? 0 : this.flicker.layer));
     this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);

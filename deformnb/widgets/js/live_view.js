@@ -42,6 +42,7 @@ class LiveViewPage extends VolumePage {
     this.caster.projection = this.model.get("projection");
     this.caster.background = this.background;
     this.setFolds();
+    this.setClip();
   }
 
   setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
@@ -93,6 +94,7 @@ class LiveViewPage extends VolumePage {
     this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
+    this.on("change:clip", () => this.setClip());
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));

@@ -35,13 +35,13 @@ function toTextures({ origin, u, v, n }, starts, lengths) {
 }
 
 /** What the shader is to be able to do, and no more: what nobody needs costs nothing. */
-function definesOf(projection, planar, space, folds = false) {
+function definesOf(projection, planar, space, folds = false, clipped = false) {
   const cut = planar && planar.cut, early = space && space.cut, isPaper = (c) => c && c.rule === "paper";
   const wanted = {
     PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
     MIP: projection === "mip", SHADED: projection === "shaded",
     CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
-    FOLDS: folds && (planar || space),
+    FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded",
   };
   return Object.keys(wanted).filter((name) => wanted[name]);
 }

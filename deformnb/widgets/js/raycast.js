@@ -34,6 +34,7 @@ class RayCaster {
     this.projection = "shaded";
     this.background = "dark";
     this.showFolds = true;
+    this.clip = null; // the shares of the volume's box that are seen, see clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -203,7 +204,7 @@ class RayCaster {
   }
 
   #program({ planar, space }) {
-    const defines = definesOf(this.projection, planar, space, this.folds);
+    const defines = definesOf(this.projection, planar, space, this.folds, Boolean(this.clip));
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");
@@ -282,8 +283,8 @@ class RayCaster {
   #setVolumeNumbers(at, step, box) {
     const gl = this.gl, volume = this.volume, { shape, spacing, extremes } = volume;
     gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
-    gl.uniform3fv(at.boxLow, box.low);
-    gl.uniform3fv(at.boxHigh, box.high);
+    gl.uniform3fv(at.middle, box.low.map((low, i) => (low + box.high[i]) / 2));
+    this.#setBox(at, box, step);
     gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));
     gl.uniform3fv(at.toTexture0, shape.map((n) => 0.5 / n));
     gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
@@ -295,6 +296,16 @@ class RayCaster {
     gl.uniform1f(at.certain, STEEPEST / 127 / (0.012 * 255));
     gl.uniform2fv(at.grey, volume.grey || [0, 1]);
     gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
+  }
+
+  #setBox(at, box, step) {
+    const gl = this.gl, left = this.clip ? leftOf(box, clipSides(this.volume.box, this.clip)) : box;
+    gl.uniform3fv(at.boxLow, left.low);
+    gl.uniform3fv(at.boxHigh, left.high);
+    if (!this.clip) return;
+    gl.uniform3fv(at.openLow, left.openLow);
+    gl.uniform3fv(at.openHigh, left.openHigh);
+    gl.uniform1f(at.bareDepth, 2 * Math.max(step, Math.min(...this.volume.spacing)));
   }
 
   #setFieldNumbers(at, { planar, space }) {
