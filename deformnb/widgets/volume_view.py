@@ -35,7 +35,7 @@ from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, 
 from deformnb.widgets.volume_pages import ServesPages
 
 _FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
-          "volume_view.js")
+          "pictures_page.js", "volume_view.js")
 
 _Result = TypeVar("_Result")
 
