@@ -25,7 +25,7 @@ from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets import studio_parts as parts
-from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, weakly
+from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, closed_on_failure, weakly
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.restore_bar import RestoreBar
@@ -88,35 +88,45 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None) -> None:
         given = as_volume(volume)
-        close_earlier_of_this_cell(self)
+        shown = parts.as_labels(labels, given), label_names, parts.as_target(target, given)
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
                                transfer=transfer)
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
-        self._worker = Worker("deformnb-studio")
         self._words = StudioWords()
+        self._worker = Worker("deformnb-studio", failed=self._words.failed)
+        try:
+            with closed_on_failure(self._end):
+                self._make(view, height, folder, *shown)
+        except BaseException:
+            close_all(self._words.box)
+            raise
+        self._worker.latest("warm up", self.session.warm_up)
+        self._worker.latest("status", self._weakly(Studio._show_status))
+
+    def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
+              label_names: Mapping[int, str] | None, target: Volume | None) -> None:
+        """Make the parts; once all are there, take the place of what the cell has shown before."""
         self._edits = StudioEdits(self.session, self._words)
-        self.view = parts.make_view(view, given, self.session.transfer_function, height)
+        self.view = parts.make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
-        self._picture = StudioPicture(self.session, self._editors, self._link, self._worker, self._words)
+        self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker, self._words)
         self._edits.stand_on(self._editors, self._picture)
-        self._panels = self._make_panels(folder, parts.as_labels(labels, given), label_names,
-                                         parts.as_target(target, given))
-        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)
-        arranged = parts.arranged(self._editors, self.view, self._panels,
-                                  [self._words.status, self._words.notice])
+        self._panels = self._make_panels(folder, labels, label_names, target)
+        close_earlier_of_this_cell(self)
+        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
+        arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
+        self._words.box.children += (self._picture.ways_on,)
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
-        self._link.turn()
+        self._picture.turn()
         self._link.show(self._editors.current)
         self._words.status.value = parts.status_text(self.session, None)
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
             self._words.say(parts.WELCOME)
-        self._worker.latest("warm up", self.session.warm_up)
-        self._worker.latest("status", self._weakly(Studio._show_status))
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -124,7 +134,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                      names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
-                                      self._opacity, folder, self.export_html, labels, names, target, self._link.preview))
+                                      self._opacity, folder, self.export_html, labels, names, target,
+                                      self._link.preview))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -261,10 +272,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def stats(self) -> dict[str, Any]:
         """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
-        ``previews`` counts the displacements that Python made while something was dragged.
+        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
+        picture followed the hand in the last drag: ``drag_hz`` and ``picture_ms``, of
+        :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
-        return {**times, **self._edits.counts, "previews": self._link.previews, "view": self.view.stats()}
+        return {**times, **self._edits.counts, "previews": self._link.previews, "editor": self.editor.stats(),
+                "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
         """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
@@ -278,18 +292,28 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._bar.leave()
         self.close()
 
+    def hand_on(self, other: Any) -> None:
+        """Leave a view that another studio of the same cell was given as well to that one."""
+        if getattr(other, "view", None) is self.view:
+            self._editors.beside.children = ()
+
     def close(self) -> None:
         """End the studio with all its widgets and its threads; what was not saved is given up."""
         worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
         if worker is None or worker.is_closed:
+            super().close()
             return
-        worker.close()
+        self._end()
+        close_all(self)
+
+    def _end(self) -> None:
+        """End what runs, whatever there is of it by now."""
+        self._worker.close()
         for part in ("_link", "_editors"):
             if hasattr(self, part):
                 getattr(self, part).close()
         for panel in self._panels:
             panel.close()
-        close_all(self)
 
     # -- display -------------------------------------------------------------------------------------------------------
 
