@@ -96,11 +96,12 @@ class SliderHand(Hand):
 
 @dataclass
 class Seen:
-    """Times in milliseconds of inputs, and of pictures on their way to the screen."""
+    """Times in milliseconds of inputs, and of pictures on their way to the screen; each differs from the one before."""
 
     inputs: list[float] = field(default_factory=list)
     view: list[float] = field(default_factory=list)
-    editor: list[float] = field(default_factory=list)
+    picture: list[float] = field(default_factory=list)
+    grid: list[float] = field(default_factory=list)
 
 
 class Seat:
@@ -121,7 +122,7 @@ class Seat:
         self.seen = Seen()
         self.slowest = 400.0  # milliseconds of an edit so far
         own = f"{''.join(c for c in name.lower() if c.isalnum())}{size}"
-        lab.address = f"/lab/workspaces/{own}/tree/{{name}}"  # else JupyterLab opens the others' notebooks as well
+        lab.place = f"{own}/"  # and a workspace of this name, else JupyterLab opens the others' notebooks as well
         lab.open_notebook(self.page, CASES[name](size), f"{own}.ipynb")
         self.page.evaluate("""async () => {
             await jupyterapp.commands.execute("notebook:hide-all-cell-code");
@@ -133,6 +134,9 @@ class Seat:
         self.rest(1500)
         self.hand: Hand = (PointHand if self.page.query_selector(".dnb-editor") else SliderHand)(self.page)
         self.pid = int(lab.run(self.page, "import os; print(os.getpid())"))
+        self.comms: dict[str, str] = {}  # by the name of the widget; a rival has none of ours
+        if self.page.query_selector(".dnb-editor"):
+            self.comms = {"view": lab.run(self.page, "print(view.comm.comm_id)").strip()}
 
     def _wait(self, reached: Any, patience: float, otherwise: str) -> None:
         end = time.monotonic() + patience
@@ -163,8 +167,9 @@ class Seat:
             except Exception:  # a frame that is just going away
                 continue
             self.seen.inputs += [t for t, _ in inputs]
-            for t, place, _ in paints:
-                (self.seen.view if place == "view" else self.seen.editor).append(t)
+            for t, place, kind in paints:
+                here = "view" if place == "view" else "grid" if kind == "grid" else "picture"
+                getattr(self.seen, here).append(t)
 
     def fresh(self) -> None:
         """Forget what was seen."""
@@ -193,9 +198,9 @@ class Seat:
         self.fresh()
         self.hand.move(step)
         self._wait(lambda: bool(self._after(self.seen.view)), patience, "an edit changed no pixel")
-        view, editor = self._after(self.seen.view)[0], self._after(self.seen.editor)
+        view, picture = self._after(self.seen.view)[0], self._after(self.seen.picture)
         self.slowest = max(self.slowest, view)
-        return view, editor[0] if editor else None
+        return view, picture[0] if picture else None
 
     @property
     def _long_rest(self) -> float:
@@ -220,16 +225,21 @@ class Seat:
         return self._after(self.seen.view)[-1]
 
     def drag(self, seconds: float, rate: float = 60.0) -> dict[str, float]:
-        """Frames a second of a drag, and how long after its end the last picture came."""
+        """Frames a second of a drag, bytes of the view meanwhile, and how long after it the last quick picture came."""
         if not self.hand.is_down:
             self.hand.take()
+        self._set_settle(60_000)  # no full pictures, which would hide how far behind the quick ones are
         self.rest(self._long_rest)
         self.fresh()
-        start, k = time.perf_counter(), 0
-        while (now := time.perf_counter() - start) < seconds:
-            self.hand.move(6 * now)
-            k += 1
-            time.sleep(max(0.0, k / rate - (time.perf_counter() - start)))
+
+        def move() -> None:
+            start, k = time.perf_counter(), 0
+            while (now := time.perf_counter() - start) < seconds:
+                self.hand.move(6 * now)
+                k += 1
+                time.sleep(max(0.0, k / rate - (time.perf_counter() - start)))
+
+        carried = self.bytes_of(move)
         self.rest(self._long_rest)
         inputs, end = self.seen.inputs, max(self.seen.inputs)
         span = (end - inputs[0]) / 1e3
@@ -238,8 +248,14 @@ class Seat:
             return sum(inputs[0] < t <= end for t in times) / span
 
         self.hand.release()
-        return {"inputs_hz": len(inputs) / span, "view_hz": rated(self.seen.view), "editor_hz": rated(self.seen.editor),
-                "catch_up_ms": max([t - end for t in self.seen.view] + [0.0])}
+        self._set_settle(250)
+        return {"inputs_hz": len(inputs) / span, "view_hz": rated(self.seen.view),
+                "picture_hz": rated(self.seen.picture), "grid_hz": rated(self.seen.grid),
+                "catch_up_ms": max([t - end for t in self.seen.view] + [0.0]), "view_bytes": carried["view"]}
+
+    def _set_settle(self, milliseconds: float) -> None:
+        if self.comms:
+            self.lab.run(self.page, f"view.settle_ms = {milliseconds}")
 
     def many(self, steps: int) -> None:
         """Drags of 50 movements each, with a pause in which all is drawn."""
@@ -275,18 +291,26 @@ class Seat:
                 continue
         return sessions
 
-    def bytes_of(self, work: Any) -> tuple[int, int]:
-        """Bytes sent and received by websockets while something is done."""
-        sent, received = [0], [0]
+    def bytes_of(self, work: Any) -> dict[str, int]:
+        """Bytes of websockets while something is done: "up" and "down", and of those the "view"'s own messages."""
+        carried = {"up": 0, "down": 0, "view": 0}
+        ours = self.comms.get("view", "no such comm").encode()
+
+        def counted(way: str, event: dict[str, Any]) -> None:
+            data = _payload(event["response"])
+            carried[way] += len(data)
+            carried["view"] += len(data) if ours in data else 0
+
         sessions = self._sessions()
         for session in sessions:
-            session.on("Network.webSocketFrameSent", lambda e: sent.append(_payload(e["response"])))
-            session.on("Network.webSocketFrameReceived", lambda e: received.append(_payload(e["response"])))
+            session.on("Network.webSocketFrameSent", lambda e: counted("up", e))
+            session.on("Network.webSocketFrameReceived", lambda e: counted("down", e))
             session.send("Network.enable")
         work()
+        self.page.wait_for_timeout(150)  # what is on its way is told
         for session in sessions:
             session.detach()
-        return sum(sent), sum(received)
+        return carried
 
     def changes(self, step: float) -> bool:
         """Whether an edit changes the picture on the screen: by screenshots, which say nothing of time."""
@@ -301,9 +325,9 @@ class Seat:
         self.page.close()
 
 
-def _payload(response: dict[str, Any]) -> int:
-    data = response["payloadData"]
-    return len(data) if response["opcode"] == 1 else len(base64.b64decode(data))
+def _payload(response: dict[str, Any]) -> bytes:
+    data: str = response["payloadData"]
+    return data.encode() if response["opcode"] == 1 else base64.b64decode(data)
 
 
 def _pixels(png: bytes) -> Any:
