@@ -103,6 +103,7 @@ class EditedPoints(anywidget.AnyWidget):
         self._history_callbacks: list[HistoryCallback] = []
         self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
         self._sending = threading.RLock()
+        self._drawn: dict[str, float] = {}
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
 
@@ -163,6 +164,7 @@ class EditedPoints(anywidget.AnyWidget):
                 step(message.way)
         elif isinstance(message, EditMessage) and message.seq > self.seen.get(message.sender, -1):
             if message.phase == "end":
+                self._drawn = message.drawn or self._drawn
                 self.edit_under_way = message
                 try:
                     self.points = message.points
@@ -190,6 +192,14 @@ class EditedPoints(anywidget.AnyWidget):
         state = checked_state(sync_data)
         if state:
             super().set_state(state)
+
+    def stats(self) -> dict[str, float]:
+        """What the page measured in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
+
+        The first is how many pictures a second were drawn, the second the median from a movement of the hand to its
+        picture. 0 before the first such drag, and where a page does not measure.
+        """
+        return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
 
     # ---- traits -----------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -117,12 +117,15 @@ class EditMessage(Message):
     kind : what was done, one of :data:`KINDS`.
     joins : True if it goes on with the edit before it, as arrow keys in quick succession do: one step of an undo.
     points : all points after the edit.
+    drawn : what the page has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
+        movement to its picture); else empty.
     """
 
     phase: str
     kind: str
     joins: bool
     points: ControlPoints
+    drawn: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,13 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int
     if not _is_id(least):
         raise DeformError("the next id of an edit must be a whole number from 0.")
     points = points_from_json(content.get("points"), max(least, next_id), dim)
-    return EditMessage(sender, seq, phase, kind, joins, points)
+    return EditMessage(sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")))
+
+
+def _drawn(said: Any) -> dict[str, float]:
+    """What a page measured; nothing if it is odd, for no edit is refused for that."""
+    given = said if isinstance(said, dict) else {}
+    return {name: float(given[name]) for name in ("hz", "ms") if _is_number(given.get(name)) and 0 <= given[name] < 1e6}
 
 
 def checked_state(state: Any) -> dict[str, Any]:

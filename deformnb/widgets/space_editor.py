@@ -38,8 +38,8 @@ from deformnb.widgets.view_messages import dropping, text, whole
 from deformnb.widgets.worker import Worker
 
 _FILES = ("elements.js", "camera.js", "link.js", "edits.js", "sender.js", "handles.js", "key_help.js", "toolbar.js",
-          "editor_drawing.js", "space_edits.js", "space_pane.js", "space_gestures.js", "space_editing.js",
-          "space_editor.js")
+          "draw_rate.js", "editor_drawing.js", "space_edits.js", "space_pane.js", "space_gestures.js",
+          "space_editing.js", "space_editor.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -17,6 +17,8 @@ const SILENCE = {
 };
 
 class EditorDrawing {
+  rate = new DrawRate();
+
   // ---- the view -----------------------------------------------------------------------------------------------------
 
   layout() {
@@ -133,6 +135,7 @@ class EditorDrawing {
     this.brush.show();
     this.describe();
     const end = performance.now();
+    this.rate.drew(end);
     Object.assign(this.stats, { ms: end - start, frames: this.stats.frames + 1, parts: { fit: fitted - start,
       picture: painted - fitted, net: drawn - painted, overlay: laid - drawn, handles: end - laid }, isMoving });
   }

@@ -60,6 +60,7 @@ class EditorEdits extends EditorShapes {
     this.points = allowed.share < 1 ? allowed.points : wanted;
     this.handles.lock(allowed.held.map(({ point }) => point.id));
     if (allowed.held.length) this.tellHeld(allowed.held[0]);
+    this.rate.moved(performance.now());
     this.changed(true);
     this.isLive = true;
   }
@@ -107,6 +108,7 @@ class EditorEdits extends EditorShapes {
   endDrag(isCancelled, kind = "move") {
     const before = this.drag0, points = this.points;
     this.drag0 = null;
+    this.sender.drawn = this.rate.taken();
     this.handles.lock([]);
     if (!before) return;
     this.points = before;
@@ -119,7 +121,7 @@ class EditorEdits extends EditorShapes {
   // ---- single edits -------------------------------------------------------------------------------------------------
 
   // The same edit on the other side of the mirror, if there is one, and what is locked left where it is.
-  change(points, kind, join = null) { return this.edit(this.symmetric(this.points, points), kind, join); }
+  change(points, kind, join = null) { return this.edit(this.symmetric(this.points, points, 0, kind === "add"), kind, join); }
 
   // Those that may be changed, with what goes along with them; it is said if there are none.
   freed(ids) {

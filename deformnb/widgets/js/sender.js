@@ -20,7 +20,7 @@ class Sender {
     Object.assign(this, { clock, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, lastAt: -Infinity,
       points: null, nextId: 0, models: [], listeners: new Set(), history: new History(), timer: null, sentAt: 0,
       waiting: { move: new Set(), end: new Set() }, pending: { move: null, end: null }, status: "", isHeard: false,
-      isCut: false, shapes: { cuts: [], parts: [] } });
+      isCut: false, shapes: { cuts: [], parts: [] }, drawn: null });
   }
 
   // ---- models and listeners: whoever shows the points ---------------------------------------------------------------
@@ -137,11 +137,12 @@ class Sender {
 
   // What waits is sent now, for whatever comes next must not overtake it.
   flush() {
-    const { end } = this.pending;
+    const { pending: { end }, drawn } = this;
     this.pending.end = null;
     if (!end) return;
     this.last = this.seq + 1;
-    this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end });
+    this.drawn = null; // what a view has measured in the drag goes along once
+    this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
   #leave(points, kind, joins) {
