@@ -96,6 +96,14 @@ class Part:
             held &= (at >= low) & (at < high)
         return held
 
+    def sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A place (6, 3) on each side and the direction (6, 3) inwards; a side that is open lies far away."""
+        far = 1e6 * max(self.grid.shape)
+        ends = np.clip([self.low, self.high], -far, far)
+        index = np.array([np.where(np.arange(3) == axis, end, 0.0) for end in ends for axis in range(3)])
+        axes = np.asarray(self.grid.direction).T
+        return self.grid.index_to_point(index), np.concatenate([axes, -axes])
+
     def emptied(self, volume: Volume) -> Volume:
         """The volume with background in all voxels outside."""
         values = np.where(self.holds(volume.grid), volume.finite_values, volume.dtype.type(volume.background))

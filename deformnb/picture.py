@@ -12,17 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
 from deformnb.clipping import Part
-from deformnb.compilation import compiled
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
 from deformnb.plane import Plane, Raster
-from deformnb.sight import Blocks, Eye, blocks
+from deformnb.shading import composite
+from deformnb.sight import Blocks, Eye, blocks, faces_of
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
 from deformnb.warp import warp
@@ -128,8 +126,9 @@ def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str,
     low, high = settings["range"]
     if layers.dtype in (np.int32, np.float64):  # more digits than the float32 of the compositing holds
         layers, low, high = ((layers - low) / (high - low)).astype(np.float32), 0.0, 1.0
-    return _composite(state, np.ascontiguousarray(layers), count, settings["table"], _f32(low, high),
-                      settings["spacing"], settings["light"], shaded=settings["shaded"])
+    return composite(state, np.ascontiguousarray(layers), count, settings["table"], _f32(low, high),
+                     settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
+                     shaded=settings["shaded"])
 
 
 PROJECTIONS: dict[str, Projection] = {
@@ -215,7 +214,8 @@ def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> di
     table = settings["transfer"].table(*settings["range"], dn, _COLOURS)
     # A lamp above the viewer's left shoulder: pure headlight looks flat, light from far aside leaves half in the dark.
     light = _f32(-0.35, -0.45, -0.82)
-    return {**settings, "table": table, "spacing": _f32(dn, dv, du), "light": light / np.linalg.norm(light)}
+    return {**settings, "table": table, "spacing": _f32(dn, dv, du), "light": light / np.linalg.norm(light),
+            "faces": None}
 
 
 def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
@@ -277,7 +277,7 @@ def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layer
                 progress: Progress | None) -> NDArray[Any]:
     state, done = None, 0
     for block, count in pieces:
-        state = how.add(state, block, count, settings)
+        state = how.add(state, block, count, {**settings, "start": done})
         done += count
         if progress is not None:
             progress(min(1.0, done / layers))
@@ -302,8 +302,12 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
         values = warp(volume if part is None else part.emptied(volume), Identity(3), output=one).values[0]
     else:
-        layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, part, eye)
-        values = _accumulate(how, layers, _with_steps(settings, d, d, d), lattice.shape[0], progress)
+        is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
+        layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
+        settings = _with_steps(settings, d, d, d)
+        if is_lit and part is not None:
+            settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
+        values = _accumulate(how, layers, settings, lattice.shape[0], progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
 
 
@@ -328,41 +332,3 @@ def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Gri
     shape = (int(count[2]), int(count[1]), int(count[0]))
     axes = tuple(map(tuple, plane.frame.T))
     return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]
-
-
-def _light_layers(state: Any, layers: Any, count: Any, table: Any, limits: Any, spacing: Any, light: Any, *,
-                  shaded: bool) -> Any:
-    """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values."""
-    scale = (table.shape[0] - 1) / (limits[1] - limits[0])
-
-    def add(k: Any, total: Any) -> Any:
-        here = layers[k + 1].astype(jnp.float32)
-        rgba = table[jnp.clip((here - limits[0]) * scale + 0.5, 0, table.shape[0] - 1).astype(jnp.int32)]
-        color = rgba[..., :3] * _shade(layers, k, spacing, light, limits)[..., None] if shaded else rgba[..., :3]
-        share = (1 - total[..., 3:]) * rgba[..., 3:]
-        return total + share * jnp.concatenate([color, jnp.ones_like(color[..., :1])], axis=-1)
-
-    return lax.fori_loop(0, count, add, state)
-
-
-def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
-    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient says nothing.
-
-    Outside the volume is background, so that where a body is cut off its face is lit like any surface.
-    """
-    before, after = layers[k].astype(jnp.float32), layers[k + 2].astype(jnp.float32)
-    here = jnp.pad(layers[k + 1].astype(jnp.float32), 1, constant_values=limits[0])
-    g = jnp.stack([(after - before) / spacing[0], (here[2:, 1:-1] - here[:-2, 1:-1]) / spacing[1],
-                   (here[1:-1, 2:] - here[1:-1, :-2]) / spacing[2]], axis=-1)
-    size = jnp.sqrt(jnp.sum(g * g, axis=-1))
-    lamp = jnp.stack([light[2], light[1], light[0]])
-    half = lamp + jnp.array([-1.0, 0.0, 0.0])
-    half = half / jnp.sqrt(jnp.sum(half * half))
-    n = g / jnp.maximum(size, 1e-6)[..., None]
-    lit = 0.35 + 0.75 * jnp.abs(n @ lamp) + 0.35 * jnp.abs(n @ half) ** 24
-    # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range per voxel.
-    sure = jnp.clip(size * jnp.min(spacing) / (0.02 * (limits[1] - limits[0])), 0, 1)
-    return sure * lit + (1 - sure) * 0.8
-
-
-_composite = compiled(_light_layers, static_argnames="shaded")

@@ -17,6 +17,7 @@ from deformnb.clipping import Part
 from deformnb.fields import Identity
 from deformnb.plane import Plane
 from deformnb.sampling import aligned_empty
+from deformnb.shading import glow_of
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 
@@ -79,6 +80,29 @@ def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane
         else:
             values = np.concatenate([_seen(volume, eye.layer(lattice, plane, first + n), part) for n in range(count)])
         yield values, min(layers, lattice.shape[0] - k)
+
+
+def faces_of(part: Part, lattice: Grid, plane: Plane, eye: Eye | None, light: NDArray[Any]) -> dict[str, Any]:
+    """The faces of a part for :func:`deformnb.shading.composite`, in coordinates of the plane.
+
+    Returns
+    -------
+    dict
+        ``planes`` (6, 4): how far within it a place (a, b, c, 1) is; ``nearness`` (6,): 1 over the depth, along n, to
+        which it is lit, 0 of one that is not seen; ``glow`` (6,): how brightly; and where the lattice begins.
+    """
+    points, inward = part.sides()
+    normals = inward @ plane.frame.T
+    offsets = ((np.asarray(plane.origin) - points) * inward).sum(axis=-1)
+    d = lattice.spacing[0]
+    deep = 2 * max(d, min(part.grid.spacing))  # as the live view lights them: wholly for a voxel, then less and less
+    # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
+    slope = np.maximum(normals[:, 2], 0.0)
+    first = plane.to_plane(lattice.origin)
+    return {"planes": np.column_stack([normals, offsets]).astype(np.float32),
+            "nearness": np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0).astype(np.float32),
+            "glow": glow_of(normals, light), "first": tuple(np.float32(c) for c in first), "step": np.float32(d),
+            "bend": np.float32(0.0 if eye is None else 1 / eye.distance)}
 
 
 def _seen(volume: Volume, lattice: Grid, part: Part | None) -> NDArray[Any]:
