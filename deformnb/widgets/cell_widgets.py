@@ -6,20 +6,30 @@ its volume, its thread and its view behind each time.
 
 from __future__ import annotations
 
+import logging
 import sys
+import threading
 import weakref
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import ipywidgets as ipw
+
+_LOG = logging.getLogger(__name__)
+
+_MAKING = threading.RLock()  # ipywidgets tells one listener of what is made
 
 # By the cell's id: the run they were made in, and the studios of that run.
 _SHOWN: dict[str, tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
 
 
 def close_earlier_of_this_cell(widget: Any) -> None:
-    """Close the widgets that earlier runs of the running cell have given to this function, and remember this one."""
+    """Close the widgets that earlier runs of the running cell have given to this function, and remember this one.
+
+    Call it when nothing can fail any more: who cannot have a new widget keeps the one of before.
+    """
     place = _cell_and_run()
     if place is None:
         return
@@ -29,6 +39,8 @@ def close_earlier_of_this_cell(widget: Any) -> None:
         for reference in shown:
             earlier = reference()
             if earlier is not None:
+                if hasattr(earlier, "hand_on"):
+                    earlier.hand_on(widget)
                 getattr(earlier, "leave", earlier.close)()  # nobody has said that what it holds can go
         shown = []
     _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
@@ -53,6 +65,42 @@ def weakly(owner: Any, method: Callable[..., Any], is_open: Callable[[Any], bool
         if found is not None and is_open(found):
             method(found, *given)
     return call
+
+
+@contextmanager
+def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
+    """Close the widgets that this thread makes meanwhile, should it end with an error: nobody else could.
+
+    Parameters
+    ----------
+    end : called before that.
+    """
+    made: list[Any] = []
+    thread = threading.get_ident()
+    with _MAKING:
+        before = getattr(ipw.Widget, "_widget_construction_callback", None)
+
+        def remember(widget: Any) -> None:
+            if threading.get_ident() == thread:
+                made.append(widget)
+            if before is not None:
+                before(widget)
+        ipw.Widget.on_widget_constructed(remember)
+        try:
+            yield
+        except BaseException:
+            for close in [end, *(widget.close for widget in reversed(made))]:
+                _try(close)
+            raise
+        finally:
+            ipw.Widget.on_widget_constructed(before)
+
+
+def _try(close: Callable[[], None]) -> None:
+    try:
+        close()
+    except Exception:  # of half a widget; the error that matters is on its way
+        _LOG.exception("a widget that was not finished could not be closed")
 
 
 def close_all(widget: Any) -> None:

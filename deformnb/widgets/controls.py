@@ -112,6 +112,12 @@ def row(*widgets: Any) -> ipw.HBox:
     return ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 16px"))
 
 
+class _Depth(threading.local):
+    """How often a thread is inside something; each has a number of its own, for several refresh a panel at once."""
+
+    depth = 0
+
+
 class Panel:
     """Some controls in a box.
 
@@ -127,13 +133,13 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
-        self._refreshing: int | None = None  # the thread that does it: new options of a menu choose the first of them
+        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is nobody's edit
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
         """Bind one more widget; returns it."""
         control = Control(widget, read, write)
         control.refresh()
-        control.bind(self.guard, lambda: self._refreshing == threading.get_ident())
+        control.bind(self.guard, lambda: self._refreshing.depth > 0)
         self.controls.append(control)
         return widget
 
@@ -144,13 +150,13 @@ class Panel:
 
     def refresh(self) -> None:
         """Show what the session holds."""
-        self._refreshing = threading.get_ident()
+        self._refreshing.depth += 1
         try:
             self.arrange()
             for control in self.controls:
                 control.refresh()
         finally:
-            self._refreshing = None
+            self._refreshing.depth -= 1
 
     def arrange(self) -> None:
         """Show or hide what depends on the session, and fill the menus."""
@@ -169,7 +175,8 @@ class PicturePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
-        density = ipw.IntSlider(min=0, max=40, description="Grid", style=_STYLE, layout=wide(),
+        most = editor.traits()["density"].max
+        density = ipw.IntSlider(min=0, max=most, description="Grid", style=_STYLE, layout=wide(),
                                 tooltip="Cells along the longer side of the picture")
         traitlets.link((editor, "density"), (density, "value"))
         side = self.add(menu("Side", [*((text, name) for name, text in SIDES.items()), _OBLIQUE],

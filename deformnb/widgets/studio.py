@@ -41,6 +41,8 @@ from deformnb.widgets.transfer_editor import TransferEditor
 from deformnb.widgets.view import AbstractView
 from deformnb.widgets.worker import Worker
 
+_LATER = 2.0  # seconds of rest after which the times of the view are looked at again
+
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     """Deform a volume by dragging points on a picture of it.
@@ -103,12 +105,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_all(self._words.box)
             raise
         self._worker.latest("warm up", self.session.warm_up)
-        self._worker.latest("status", self._weakly(Studio._show_status))
+        self._ask_for_status()
 
     def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
-        self._edits = StudioEdits(self.session, self._words)
+        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
         self.view = parts.make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
@@ -124,7 +126,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._listen()
         self._picture.turn()
         self._link.show(self._editors.current)
-        self._words.status.value = parts.status_text(self.session, None)
+        self._words.status.value = parts.status_text(self.session)
         if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
             self._words.say(parts.WELCOME)
 
@@ -181,7 +183,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._refresh_panels()
-        self._worker.latest("status", self._weakly(Studio._show_status))
+        self._ask_for_status()
         self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
 
     @traitlets.validate("deformation")
@@ -215,9 +217,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         for panel in self._panels:
             panel.refresh()
 
+    def _ask_for_status(self) -> None:
+        self._worker.latest("status", self._weakly(Studio._show_status))
+
     def _show_status(self) -> None:
-        self._words.status.value = parts.status_text(self.session, self._edits.milliseconds,
-                                                     judgement_of(self.session))
+        self._tell_status()
+        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the page has told its times
+
+    def _tell_status(self) -> None:
+        latency = parts.latency_text(self._edits.milliseconds, self.view.stats())
+        self._words.status.value = parts.status_text(self.session, latency, judgement_of(self.session))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 

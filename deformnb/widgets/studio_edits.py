@@ -21,15 +21,16 @@ class StudioEdits:
     ----------
     session : is edited.
     words : says what went wrong.
+    timed : called when there is a new time of an edit.
 
     Attributes
     ----------
     counts : of the edits that came, of those that were refused, and of those on a picture that was being replaced.
-    milliseconds : how long Python took for the last edit; None before the first.
+    milliseconds : how long Python took for the last edit of the document; None before the first.
     """
 
-    def __init__(self, session: Session, words: StudioWords) -> None:
-        self._session, self._words = session, words
+    def __init__(self, session: Session, words: StudioWords, timed: Callable[[], None]) -> None:
+        self._session, self._words, self._timed = session, words, timed
         self.counts = {"edits": 0, "refused": 0, "late": 0}
         self.milliseconds: float | None = None
 
@@ -38,9 +39,14 @@ class StudioEdits:
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user asked for; what was said of the edit before goes."""
+        """Do what a user asked for, be it with an editor or with a control; what was said of the edit before goes."""
         self._words.say("")
-        return self._words.guarded(action)
+        before, start = self._session.deformation, time.perf_counter()
+        is_done = self._words.guarded(action)
+        if self._session.deformation is not before:  # much that is asked for edits nothing
+            self.milliseconds = (time.perf_counter() - start) * 1e3
+            self._timed()
+        return is_done
 
     def points_changed(self, editor: Any, points: Any) -> None:
         """An editor has other points."""
@@ -76,9 +82,7 @@ class StudioEdits:
             self.counts["late"] += 1  # a drag on a picture that is being replaced
             self._picture.ask()
             return
-        start = time.perf_counter()
         if not self.edited(edit):
             self.counts["refused"] += 1
             self._editors.show_step()
         self.counts["edits"] += 1
-        self.milliseconds = (time.perf_counter() - start) * 1e3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import ipywidgets as ipw
@@ -86,8 +86,8 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     return shown, live
 
 
-def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: list[Any]) -> list[Any]:
-    """Picture and volume side by side, the first panel below, the others in tabs, and a line for words."""
+def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: ipw.Box) -> list[Any]:
+    """Picture and volume side by side, the first panel below, the others in tabs, and the words."""
     view.layout.width = "100%"
     editors.beside.children = (view,)
     if view.has_trait("fill"):
@@ -100,8 +100,6 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], line: l
     tell = _tell_opened(others)
     tell({"new": tabs.selected_index})
     tabs.observe(tell, "selected_index")
-    words = ipw.HBox(line, layout=ipw.Layout(width="100%", flex_flow="row wrap", align_items="center",
-                                             grid_gap="0 24px"))
     return [pictures, head.box, tabs, words]
 
 
@@ -117,8 +115,23 @@ def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
     return chosen
 
 
-def status_text(session: Session, edit_ms: float | None, found: Judgement | None = None) -> str:
-    """How many points there are, what is edited, whether it folds and comes back, and how long the last edit took."""
+def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
+    """How long Python took for the last edit, and a picture of the view while something moves; empty for neither.
+
+    Examples
+    --------
+    >>> latency_text(3.2, {"drag_ms": 41.0})
+    'edit 3 ms, volume 41 ms'
+    >>> latency_text(None, {"frames": 0})
+    ''
+    """
+    volume_ms = stats.get("drag_ms") or stats.get("frame_ms")
+    times = (("edit", edit_ms), ("volume", volume_ms))
+    return ", ".join(f"{what} {ms:.0f} ms" if ms >= 1 else f"{what} < 1 ms" for what, ms in times if ms is not None)
+
+
+def status_text(session: Session, latency: str = "", found: Judgement | None = None) -> str:
+    """How many points there are, what is edited, whether it folds and comes back, and how long that took."""
     step = session.step
     moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
     facts = [f"{len(session.points)} points, {moved} dragged"]
@@ -130,8 +143,8 @@ def status_text(session: Session, edit_ms: float | None, found: Judgement | None
         facts.append(f"{step.stages} stages")
     if found is not None:
         facts += [text for text in (found.folds_text, found.trip_text) if text]
-    if edit_ms is not None:
-        facts.append(f"edit {edit_ms:.0f} ms")
+    if latency:
+        facts.append(latency)
     return " \u00b7 ".join(facts)
 
 

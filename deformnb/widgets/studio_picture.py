@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from deformnb.session import Session
 from deformnb.widgets.cell_widgets import weakly
+from deformnb.widgets.controls import button, row
 from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.studio_words import StudioWords
 from deformnb.widgets.worker import Worker
+
+_MAKING = "The picture is being made"
+_FAILED = "The picture could not be made; below it says why"
+_STANDS = 1e-6  # of a direction's length: less is a rounding error of the page
+
+
+def picture_key(session: Session) -> Any:
+    """What a picture depends on: the steps before the one being edited, its plane, and how it is projected."""
+    s = session
+    return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
+            s.depth if s.method == "slice" else 0.0, s.deformation.mode,
+            s.transfer if s.method in ("composite", "shaded") else None)
 
 
 class StudioPicture:
@@ -19,20 +35,28 @@ class StudioPicture:
     Parameters
     ----------
     session : says which picture is wanted; editors : show it.
-    link : shows the volume from the side of the picture.
+    link : shows the volume from the side of the picture; view : where.
     worker : the thread that makes it.
     words : says what went wrong.
 
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
+    ways_on : two buttons that are seen while the picture that is wanted cannot be made.
     """
 
-    def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, worker: Worker,
+    def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
                  words: StudioWords) -> None:
         self._session, self._editors, self._link, self._worker, self._words = session, editors, link, worker, words
+        self._view = view
         self._shown = self._wanted()
+        self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
+        again = weakly(self, StudioPicture.ask, StudioPicture._is_open)
+        back = weakly(self, lambda it: it._words.guarded(it._session.undo), StudioPicture._is_open)
+        self.ways_on = row(button("Try again", "Make the picture once more", again),
+                           button("Undo", "Take back the last edit", back))
+        self.ways_on.layout.display = "none"
 
     @property
     def is_shown(self) -> bool:
@@ -41,28 +65,43 @@ class StudioPicture:
 
     def ask(self) -> None:
         """Make the picture that is wanted and show it; until then the editor takes no gesture."""
-        self._editors.tell(waiting="The picture is being made")
-        self._worker.latest("picture", weakly(self, StudioPicture._show, lambda it: not it._worker.is_closed))
+        self._editors.tell(waiting=_MAKING)
+        self._worker.latest("picture", weakly(self, StudioPicture._show, StudioPicture._is_open))
+
+    def turn(self) -> None:
+        """Look at the volume from the side of the picture, unless somebody has turned it to look from elsewhere."""
+        if self._turned_to is None or _looks_alike(self._turned_to, self._view.camera):
+            self._link.turn()
+            self._turned_to = dict(self._view.camera)
+
+    def _is_open(self) -> bool:
+        return not self._worker.is_closed
 
     def _wanted(self) -> Any:
-        """What the picture depends on: the steps before the one being edited, its plane, and how it is projected."""
-        s = self._session
-        return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
-                s.depth if s.method == "slice" else 0.0, s.deformation.mode,
-                s.transfer if s.method in ("composite", "shaded") else None)
+        return picture_key(self._session)
 
     def _show(self) -> None:
         wanted = self._wanted()
-        self._words.guarded(lambda: self._set(wanted))
-        if wanted == self._wanted():
-            self._editors.tell(waiting="")
+        is_made = self._words.guarded(lambda: self._set(wanted))
+        if wanted != self._wanted():
+            return  # another one is asked for by now
+        # Points of one picture on another are worse than none: what cannot be shown stays out of reach.
+        self._editors.tell(waiting="" if is_made else _FAILED)
+        if is_made and not self.ways_on.layout.display:
+            self._words.say("")  # what was wrong is so no more
+        self.ways_on.layout.display = "none" if is_made else ""
 
     def _set(self, wanted: Any) -> None:
         start = time.perf_counter()
         made = self._editors.make_picture()
         if self._shown[2] != wanted[2]:
-            self._link.turn()
+            self.turn()
         self._link.show(self._editors.current)
-        self._shown = wanted
         self._editors.show_picture(made)
+        self._shown = wanted
         self.milliseconds = (time.perf_counter() - start) * 1e3
+
+
+def _looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two cameras look the same way; how near they stand does not count."""
+    return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))

@@ -18,7 +18,7 @@ class StudioWords:
 
     Attributes
     ----------
-    status : the line of facts; notice : what has happened.
+    status : the line of facts; notice : what has happened; box : both side by side.
 
     Examples
     --------
@@ -32,6 +32,8 @@ class StudioWords:
     def __init__(self) -> None:
         self.status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
         self.notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
+        self.box = ipw.HBox([self.status, self.notice], layout=ipw.Layout(
+            width="100%", flex_flow="row wrap", align_items="center", grid_gap="0 24px"))
 
     def say(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""
@@ -43,11 +45,13 @@ class StudioWords:
         """Do something that may go wrong, and say it in the page if it does; returns whether it went well."""
         try:
             action()
-        except DeformError as error:
-            self.say(str(error), is_error=True)
-            return False
         except Exception as error:
-            _LOG.exception("an action of the studio failed")
-            self.say(f"{type(error).__name__}: {error}", is_error=True)
+            if not isinstance(error, DeformError):
+                _LOG.exception("an action of the studio failed")
+            self.failed(error)
             return False
         return True
+
+    def failed(self, error: Exception) -> None:
+        """Say what went wrong."""
+        self.say(str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}", is_error=True)

@@ -92,7 +92,8 @@ class ThompsonPanel(Panel):
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _settings(self) -> ipw.Box:
-        lines = ipw.IntSlider(min=2, max=40, description="Lines", style={"description_width": "60px"},
+        most = self.editor.traits()["density"].max
+        lines = ipw.IntSlider(min=2, max=most, description="Lines", style={"description_width": "60px"},
                               tooltip="Cells of the net along the longer side of the picture",
                               layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"))
         traitlets.link((self.editor, "density"), (lines, "value"))

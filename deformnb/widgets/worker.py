@@ -35,6 +35,8 @@ class Worker:
     ----------
     name : shown by debuggers.
     at_end : called in the thread as its last work, if the thread was ever started.
+    failed : called in the thread with what a job has raised, which is logged in any case. What a call raises belongs to
+        its future.
 
     Examples
     --------
@@ -44,8 +46,9 @@ class Worker:
     >>> worker.close()
     """
 
-    def __init__(self, name: str = "deformnb-worker", at_end: Callable[[], None] | None = None) -> None:
-        self._queue = _Queue(at_end)
+    def __init__(self, name: str = "deformnb-worker", at_end: Callable[[], None] | None = None,
+                 failed: Callable[[Exception], None] | None = None) -> None:
+        self._queue = _Queue(at_end, failed)
         self._name = name
         self._starting = threading.Lock()
         self._thread: threading.Thread | None = None
@@ -113,13 +116,14 @@ class Worker:
 class _Queue:
     """What waits, shared by the thread and its owner; it knows neither."""
 
-    def __init__(self, at_end: Callable[[], None] | None) -> None:
+    def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None = None) -> None:
         self.changed = threading.Condition()
         self.calls: deque[tuple[Callable[[], None], Future[Any]]] = deque()
         self.jobs: dict[str, Callable[[], None]] = {}
         self.rest: tuple[float, Callable[[], None]] | None = None
         self.closed = False
         self.at_end = at_end
+        self.failed = failed
 
     @property
     def is_wanted(self) -> bool:
@@ -156,6 +160,15 @@ class _Queue:
             self.rest = None
             self.changed.notify_all()
 
+    def tell(self, error: Exception) -> None:
+        """Tell whoever wants to know that a job has failed; not when nobody is there any more."""
+        if self.failed is None or self.closed:
+            return
+        try:
+            self.failed(error)
+        except Exception:
+            _LOG.exception("the failure of a job could not be told")
+
     def take(self) -> Callable[[], None] | None:
         """The next thing to do, waiting for it; None at the end."""
         with self.changed:
@@ -177,9 +190,10 @@ def _work(queue: _Queue) -> None:
     while (work := queue.take()) is not None:
         try:
             work()
-        except Exception:  # of a job, whose owner should have caught it: the next one must still be done
+        except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
             if not _ENDING.is_set():  # at the end of the process JAX has put away what a job still needs
                 _LOG.exception("a job of a worker failed")
+                queue.tell(error)
         del work  # else the thread holds the owner of its last job while it waits
     if queue.at_end is not None:
         try:
