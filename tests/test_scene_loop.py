@@ -177,3 +177,20 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     until(lambda: bool(frames))
     assert not sender.seen(2)
     loop.close()
+
+
+def test_all_is_settled_once_the_full_picture_of_the_last_wish_is_delivered() -> None:
+    loop, canvas, frames, _ = opened()
+    loop.change("grey", grey(1))
+    assert not loop.is_settled
+    until(lambda: loop.is_settled)
+    assert frames[-1].is_full
+    canvas.gate.clear()
+    loop.change("grey", grey(2))
+    until(lambda: len(canvas.asked) > 2)
+    loop.change("grey", grey(3))
+    assert not loop.is_settled
+    canvas.gate.set()
+    until(lambda: loop.is_settled)
+    assert int(frames[-1].images[0][0, 0, 0]) == 3
+    loop.close()

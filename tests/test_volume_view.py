@@ -345,6 +345,20 @@ def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeyp
         view.call(lambda plotter: None)
 
 
+def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(opened: Any) -> None:
+    view = opened(method="core", settle_ms=400.0)
+    view.say(type="hello", **PAGE)
+    until(lambda: len(view.frames) == 1)
+    assert not view.frames[0][0]["full"]  # quick and small: no screenshot
+    assert asyncio.run(view.screenshot()).shape == (72, 96, 3)
+    view.set_camera((1, 0, 0))
+    shown = asyncio.run(view.screenshot())
+    assert np.abs(shown.astype(int) - view.still()).mean() < 1  # of the new side, though the old one was there in full
+    view._loop.settle_ms = 60000.0
+    view.set_camera((0, 1, 0))
+    assert asyncio.run(view.screenshot(timeout=0.1)).shape == (72, 96, 3)
+
+
 @pytest.mark.needs_gl
 def test_stills_screenshots_and_previews_need_no_page(opened: Any) -> None:
     view = opened()

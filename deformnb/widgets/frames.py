@@ -20,23 +20,36 @@ _PREVIEW_SHARE = 0.6  # of a preview's pixels
 
 
 class FrameSender:
-    """Makes messages of frames and knows which of them have been seen; may be used by several threads."""
+    """Makes messages of frames and knows which of them have been seen; may be used by several threads.
+
+    All pages get all frames, so the slowest of those that answer sets the pace: what is sent faster than a page shows
+    it would wait there, and the page would lag behind more and more.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._number = self._last_bytes = self._bytes = 0
-        self._unseen: dict[int, float] = {}
+        self._sent: dict[int, float] = {}  # when, of the frames that some page may still have to show
+        self._seen: dict[str, int] = {}  # the newest frame of each page that answers
         self.last: Frame | None = None
-        self._was_full = False  # whether someone was refused: the next confirmation draws again
+        self._was_full = False  # whether someone was refused: the confirmation that makes room draws again
 
     @property
     def may_send(self) -> bool:
-        """Whether few enough pictures are on their way; once it was False, :meth:`seen` returns True."""
+        """Whether few enough pictures are on their way; once it was False, :meth:`seen` returns True in the end."""
         with self._lock:
-            now = time.monotonic()
-            self._unseen = {n: at for n, at in self._unseen.items() if now - at < _LOST_AFTER}
-            self._was_full = len(self._unseen) >= _IN_FLIGHT
+            self._was_full = self._on_the_way() >= _IN_FLIGHT
             return not self._was_full
+
+    def _on_the_way(self) -> int:
+        """How many frames the slowest page has yet to show; one that is silent for too long is not waited for."""
+        late = time.monotonic() - _LOST_AFTER
+        for page, newest in list(self._seen.items()):
+            if any(at < late for number, at in self._sent.items() if number > newest):
+                del self._seen[page]
+        slowest = min(self._seen.values(), default=0)
+        self._sent = {n: at for n, at in self._sent.items() if n > slowest and at >= late}
+        return len(self._sent)
 
     def pack(self, frame: Frame, **content: Any) -> tuple[dict[str, Any], list[bytes]]:
         """The message of a frame, with more entries, and its buffers. It counts as sent."""
@@ -45,22 +58,34 @@ class FrameSender:
             self._number += 1
             number = self._number
             self.last = frame
-            self._unseen[number] = time.monotonic()
+            self._sent[number] = time.monotonic()
             self._last_bytes = sum(map(len, buffers))
             self._bytes += self._last_bytes
         return {"type": "frame", "seq": number, "full": frame.is_full, **content}, buffers
 
-    def seen(self, number: int) -> bool:
-        """A page shows the frame of this number. Returns whether someone was refused meanwhile."""
+    def seen(self, number: int, page: str = "") -> bool:
+        """A page shows the frame of this number. Returns whether someone was refused meanwhile and may send now."""
         with self._lock:
-            self._unseen = {n: at for n, at in self._unseen.items() if n > number}
-            was_full, self._was_full = self._was_full, False
-            return was_full
+            self._seen[page] = max(min(number, self._number), self._seen.get(page, 0))
+            return self._is_free_again()
+
+    def left(self, page: str) -> bool:
+        """A page is closed. Returns what :meth:`seen` does."""
+        with self._lock:
+            self._seen.pop(page, None)
+            return self._is_free_again()
+
+    def _is_free_again(self) -> bool:
+        if not self._was_full or self._on_the_way() >= _IN_FLIGHT:
+            return False
+        self._was_full = False
+        return True
 
     def forget(self) -> None:
         """Nobody is left who could confirm anything."""
         with self._lock:
-            self._unseen.clear()
+            self._sent.clear()
+            self._seen.clear()
             self.last = None
 
     def stats(self) -> dict[str, int]:

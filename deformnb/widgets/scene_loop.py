@@ -29,6 +29,7 @@ _SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
 _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
 _RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture
 _KEPT = 50  # times that medians are taken of
+_RATES = 3
 
 
 class Scene(Protocol):
@@ -87,11 +88,13 @@ class SceneLoop:
         self._lock = threading.Lock()
         self._changes: dict[str, Callable[[Any], None]] = {}
         self._shows = "deformed"
-        self._scale, self._rate = _FIRST, 0.0  # the rate is of milliseconds for a full picture
+        self._scale = _FIRST
+        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds that a full picture would take, as of late
         self._times: dict[str, deque[float]] = {name: deque(maxlen=_KEPT) for name in ("edit", "frame")}
         self._full_ms, self._frames = 0.0, 0
         self._is_new = True
         self._is_rough = False  # whether the last picture was a quick one
+        self._asked = self._drawing = self._settled = 0  # how many wishes came, were begun, are shown in full
 
     def change(self, key: str, function: Callable[[Any], None], *, draw: bool = True) -> None:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
@@ -111,8 +114,15 @@ class SceneLoop:
 
     def touch(self) -> None:
         """Draw again, soon."""
+        with self._lock:
+            self._asked += 1
         if not self._thread.is_closed:
             self._thread.latest("frame", self._quick)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all that was asked for so far has been delivered in full."""
+        return self._settled == self._asked
 
     def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
         """What ``function(scene)`` returns, called in the thread after all changes so far."""
@@ -139,6 +149,11 @@ class SceneLoop:
         """End the thread behind what it is doing, and close the scene; takes at most ``wait`` seconds."""
         self._thread.close(wait)
 
+    @property
+    def _rate(self) -> float:
+        """Of the last few the least: a picture that compiles something takes seconds once."""
+        return min(self._rates, default=0.0)
+
     # -- in the thread -------------------------------------------------------------------------------------------------
 
     def _quick(self) -> None:
@@ -151,6 +166,7 @@ class SceneLoop:
         try:
             scene = self._holder.get(self._make)
             start = time.perf_counter()
+            self._drawing = self._asked
             self._apply(scene)
             drawn = time.perf_counter()
             images = self._images(scene, scale=self._scale, coarseness=_coarseness(self._scale))
@@ -176,9 +192,10 @@ class SceneLoop:
             if images is None:
                 return  # what came between draws again
             self._full_ms = 1e3 * (time.perf_counter() - start)
-            self._rate = self._full_ms / scale**2
+            self._rates = deque([self._full_ms / scale**2], maxlen=_RATES)
             self._deliver(Frame(images, is_full=True))
             self._frames, self._is_rough = self._frames + 1, False
+            self._settled = self._drawing
         except Exception as error:
             self._say(error)
 
@@ -202,10 +219,10 @@ class SceneLoop:
                 self._say(error)
 
     def _learn(self, ms: float) -> None:
-        self._rate = ms / self._scale**2 * _coarseness(self._scale)
+        self._rates.append(ms / self._scale**2 * _coarseness(self._scale))
         if self._is_new:  # the first picture compiles shaders, which says nothing of the others
             self._is_new = False
-            self._rate = min(self._rate, self.longest_ms)
+            self._rates[-1] = min(self._rates[-1], self.longest_ms)
             return
         change = float(np.sqrt(_AIMED_AT * self.target_ms / max(ms, 1.0)))
         self._scale = min(1.0, max(_SMALLEST, self._scale * min(1.35, max(0.5, change))))

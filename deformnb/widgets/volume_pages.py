@@ -81,6 +81,7 @@ class ServesPages(traitlets.HasTraits):
 
     def _bye(self, view: str, content: dict[str, Any]) -> None:
         self._pages.drop(view)
+        self._go_on(self._frames.left(view))
         if not self._pages:
             self._left()
 
@@ -94,7 +95,11 @@ class ServesPages(traitlets.HasTraits):
         self._change("camera", turn)
 
     def _seen(self, view: str, content: dict[str, Any]) -> None:
-        if self._frames.seen(whole(content.get("seq"), 1, 2**53)) and self._loop is not None:
+        self._go_on(self._frames.seen(whole(content.get("seq"), 1, 2**53), view))
+
+    def _go_on(self, is_free: bool) -> None:
+        """Draw what was held back while too many pictures were on their way."""
+        if is_free and self._loop is not None:
             self._loop.touch()
 
     # -- what the pictures take from them ------------------------------------------------------------------------------

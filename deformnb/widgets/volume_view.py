@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -38,6 +39,8 @@ _FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.j
           "pictures_page.js", "volume_view.js")
 
 _Result = TypeVar("_Result")
+
+_LOOK_EVERY = 0.02  # seconds between looks at whether the full picture has come
 
 
 class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
@@ -172,6 +175,10 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         if following is not None:
             following.close()
 
+    @property
+    def shown_output(self) -> Grid | None:
+        return self._content[2] if self._content is not None else None
+
     def _put_field(self, field: Callable[[], AbstractField | None]) -> None:
         with self._lock:
             volume, _, output = self._ready()
@@ -292,11 +299,19 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The picture that was last sent to the page, (height, width, 3); without a page the one of :meth:`still`."""
-        last = self._frames.last if self._pages else None
-        if last is not None:
-            return last.images[0]
-        return await asyncio.wait_for(asyncio.to_thread(self.still), timeout)
+        """The full picture that the page has of all that was asked for; without a page the one of :meth:`still`.
+
+        Parameters
+        ----------
+        timeout : seconds to wait for it, for pictures are quick and small at first; then it is drawn for this alone.
+        """
+        end = time.monotonic() + timeout
+        while self._pages and time.monotonic() < end:
+            last, loop = self._frames.last, self._loop
+            if last is not None and last.is_full and loop is not None and loop.is_settled:
+                return last.images[0]
+            await asyncio.sleep(_LOOK_EVERY)
+        return await asyncio.to_thread(self.still)
 
     def stats(self) -> dict[str, Any]:
         """What was measured and sent.
