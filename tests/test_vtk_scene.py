@@ -192,10 +192,10 @@ def test_a_shader_that_fails_at_cuts_only_is_used_for_the_rest(monkeypatch: pyte
         one = VtkScene(shape_without_symmetry(), SIZE)
         one.set_field(Deformation((cut_step(GRID, 8.0),)))
         one.render()
-        assert (one.path, one._written[0]) == ("texture", "warped")
+        assert (one.path, one._voxels.written[0]) == ("texture", "warped")
         one.set_field(deformation("replicate", GRID))
         one.render()
-        assert one._written[0] == "plain"
+        assert one._voxels.written[0] == "plain"
         one.close()
     finally:
         texture_works.cache_clear()

@@ -13,31 +13,26 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Plane
-from deformnb.render import for_vtk, gl_status, set_vtk_transfer
+from deformnb.render import gl_status, set_vtk_transfer
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
-from deformnb.warp import Warper
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.stills import _INKS as INKS
-from deformnb.widgets.stills import BACKGROUNDS, seen_height
+from deformnb.widgets.stills import BACKGROUNDS, STANDOFF, seen_height
 from deformnb.widgets.view import SHOWS, Image, checked_camera, known
 from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_probe import cut_probe, is_like, probe, warped
-from deformnb.widgets.vtk_voxels import covering, frame_of, white_of
+from deformnb.widgets.vtk_voxels import SceneVoxels, clipping_planes, frame_of, white_of
 from deformnb.widgets.vtk_warp import VolumeWarp
 from deformnb.widgets.vtk_window import has_overlay, new_plotter, pixels
 
 PROJECTIONS = ("shaded", "composite", "mip")
-
-# A perspective that bends as in raycast.js: the viewer stands this many heights of what is seen away.
-_STANDOFF = 1 / 0.7
 
 
 class VtkScene:
@@ -83,10 +78,9 @@ class VtkScene:
         self._warp: VolumeWarp | None = None
         self._maps: CardMaps | None = None
         self._loaded: CardMaps | None = None  # what the shader has of them
-        self._plain: NDArray[Any] | None = None
-        self._written: tuple[str, AbstractField | None] = ("plain", None)  # what VTK's voxels are: see _deform
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
+        self._clip = WHOLE
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
@@ -110,7 +104,6 @@ class VtkScene:
     def set_volume(self, volume: Volume) -> None:
         """Show another volume, without deformation, from the same side."""
         self._volume = volume
-        self._warper: Warper | None = None
         self._field: AbstractField | None = None
         self.folding.set(None)
         self._load(None)
@@ -165,6 +158,11 @@ class VtkScene:
     def set_camera(self, camera: dict[str, Any]) -> None:
         """Look from another side: direction, up, zoom, pan and perspective as in a view's ``camera``."""
         self._camera = checked_camera(camera)
+
+    def set_clip(self, clip: Clip) -> None:
+        """Which part of the box is seen: shares along its axes as in a view's ``clip``."""
+        self._clip = checked_clip(clip)
+        self._apply_clip()
 
     def set_shows(self, shows: str) -> None:
         """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`; a picture of "flicker" is the deformed one."""
@@ -227,7 +225,7 @@ class VtkScene:
         share = (bottom - top) / size[1]
         camera.SetWindowCenter(0.0, (1 - (top + bottom) / size[1]) / share)
         camera.SetParallelScale(seen / 2 * share)
-        camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / _STANDOFF))))
+        camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / STANDOFF))))
         window.SetSize(size[0], bottom - top)
         if self._warp is not None:
             self._warp.set_row(size[1] - bottom)
@@ -243,7 +241,7 @@ class VtkScene:
         focus, n = plane.from_plane([right, -above]), np.asarray(plane.normal)
         bent = bool(wanted.get("perspective"))
         camera.SetFocalPoint(*focus)
-        camera.SetPosition(*(focus - n * (seen * _STANDOFF if bent else 2 * self._lattice.diagonal)))
+        camera.SetPosition(*(focus - n * (seen * STANDOFF if bent else 2 * self._voxels.lattice.diagonal)))
         camera.SetViewUp(*(-np.asarray(plane.v)))
         camera.SetParallelProjection(not bent)
         self._plotter.renderer.ResetCameraClippingRange()
@@ -253,25 +251,18 @@ class VtkScene:
 
     def _load(self, output: Grid | None) -> None:
         """Voxels that reach as far as what can be seen, in a new actor."""
-        around, start = covering(self._volume, output)
-        ready = for_vtk(around)
-        self._output, self._lattice, self._first = output, ready.grid, start + 1
-        self._values, self._plain, self._written = ready.values, None, ("plain", None)
+        self._output, self._voxels = output, SceneVoxels(self._volume, output)
         self._maps = self._loaded = None
         self._close_actor()
-        self._image = ready.to_pyvista()
-        self._actor = self._plotter.add_volume(self._image, mapper="gpu", shade=True, show_scalar_bar=False,
+        self._actor = self._plotter.add_volume(self._voxels.image, mapper="gpu", shade=True, show_scalar_bar=False,
                                                cmap="gray", opacity="linear", reset_camera=False, render=False,
                                                opacity_unit_distance=1.0)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
-        corners = self._lattice.point_to_index((output or self._volume.grid).corners())
-        self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
         if self.path == "texture":
             self._plotter.render_window.SetSize(8, 8)
             self._plotter.render_window.Render()  # makes the context that textures live in
             self._warp = VolumeWarp(self._actor, self._plotter.render_window)
-            margin = 0.5 if output is None else 0.0  # up to the centres of the background around the volume
-            self._warp.set_box(self._low - margin, self._high + margin, self._lattice)
+        self._apply_clip()
         self._apply_looks()
 
     def _apply_looks(self) -> None:
@@ -290,54 +281,29 @@ class VtkScene:
         if self._warp is not None:
             self._warp.set_projection(self._projection == "mip")
 
+    def _apply_clip(self) -> None:
+        if self._warp is not None:
+            self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice)
+        elif self._actor is not None:
+            self._actor.mapper.RemoveAllClippingPlanes()
+            for plane in clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)):
+                self._actor.mapper.AddClippingPlane(plane)
+
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
         if self._warp is not None:
             if self._maps is not self._loaded:
-                self._warp.set_maps(self._maps, self._lattice, self._first)
+                self._warp.set_maps(self._maps, self._voxels.lattice, self._voxels.first)
                 self._loaded = self._maps
             self._warp.set_strength(1.0 if wanted else 0.0)
             self._warp.set_folds(self.folding.is_red)
-        by_shader = self._warp is not None and (not wanted or self._maps is not None)
         # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
-        kind = "plain" if by_shader or self._output is None else "cropped"
-        state = (kind, None) if by_shader or not wanted else ("warped", self._field)
-        if state[0] != self._written[0] or state[1] is not self._written[1]:
-            self._overwrite(state[1], whole=state[0] == "plain")
-            self._written = state
-
-    def _overwrite(self, field: AbstractField | None, *, whole: bool) -> None:
-        """Other voxels in the memory that VTK has, which it sends to the card with the next picture."""
-        if self._plain is None:
-            self._plain = self._values.copy()  # only this way needs the voxels twice
-        if whole:
-            self._values[...] = self._plain
+        kept = None if self._warp is not None else self._voxels.kept(self._clip)
+        if wanted and (self._warp is None or self._maps is None):
+            self._voxels.write("warped", self._field, kept)
         else:
-            self._put_inside(field)
-        self._image.GetPointData().GetScalars().Modified()
-        self._image.Modified()
-
-    def _put_inside(self, field: AbstractField | None) -> None:
-        """Only the voxels whose centres can be seen; around them lies background."""
-        assert self._plain is not None
-        low = np.ceil(self._low - 1e-6).astype(int)[::-1]
-        high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
-        inside = tuple(map(slice, low, high))
-        self._values[...] = self._volume.background
-        if field is None:
-            self._values[inside] = self._plain[inside]
-        else:
-            part = self._volume.grid if self._output is None else self._lattice.crop(tuple(low), tuple(high - low))
-            self._values[inside] = self._warper_for(part, field)(field).values
-
-    def _warper_for(self, part: Grid, field: AbstractField) -> Warper:
-        if self._warper is None or self._warper.output != part:
-            self._warper = Warper(self._volume, output=part)
-        if isinstance(field, Extrusion) and field.is_replication:
-            axis = field.axis_of(self._volume.grid)
-            if axis is not None:
-                self._warper.prepare(axis)
-        return self._warper
+            is_whole = self._warp is not None or (self._output is None and kept is None)
+            self._voxels.write("plain" if is_whole else "cropped", None, kept)
 
     def _close_actor(self) -> None:
         if self._warp is not None:
