@@ -18,7 +18,7 @@ from deformnb.widgets.scene_loop import Frame, SceneLoop
 from deformnb.widgets.view import checked_camera
 from deformnb.widgets.view_messages import dropping, take_traits, text, whole
 
-_OF_PAGE = frozenset({"camera", "shows", "projection", "background", "width", "height"})
+_OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})
 
 
 class ServesPages(traitlets.HasTraits):

@@ -32,10 +32,10 @@ from deformnb.widgets.refit import Following, Refit
 from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.view import AbstractView, CameraTrait, Image, ShowsTrait, ViewMeta, turned
+from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.volume_pages import ServesPages
 
-_FILES = ("elements.js", "link.js", "camera.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
+_FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "live_parts.js", "orientation.js", *POINT_FILES, "hands.js",
           "pictures_page.js", "volume_view.js")
 
 _Result = TypeVar("_Result")
@@ -53,6 +53,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     projection : "shaded", "composite" or "mip".
     background : "dark", "light" or "auto", which is the page's.
     shows : a name of :data:`~deformnb.widgets.view.SHOWS`.
+    clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
     target_ms : time that a picture may take while something moves; its resolution adapts.
@@ -91,6 +92,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
     shows = ShowsTrait().tag(sync=True)
     camera = CameraTrait().tag(sync=True)
+    clip = ClipTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=LARGEST).tag(sync=True)
     height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
@@ -113,7 +115,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
-        self.observe(self._look, ["camera", "shows", "projection", "background", "show_folds", "target_ms",
+        self.observe(self._look, ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms",
                                   "settle_ms"])
         if volume is not None:
             self.show(volume)
@@ -235,6 +237,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
             self._say(notice)
         self._path = scene.path
         scene.set_camera(self.camera)
+        scene.set_clip(self.clip)
         self._set_content(scene)
         return scene
 
@@ -255,6 +258,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         name, value, loop = change["name"], change["new"], self._loop
         if name == "camera":
             self._change("camera", lambda scene: scene.set_camera(value))
+        elif name == "clip":
+            self._change("clip", lambda scene: scene.set_clip(value))
         elif name == "projection":
             self._change("projection", lambda scene: scene.set_projection(value))
         elif name == "background":
