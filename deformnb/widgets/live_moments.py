@@ -29,6 +29,10 @@ class AbstractMoments(traitlets.HasTraits):
     def _offer(self) -> None:
         """Send what is shown, as soon as a page is ready for it."""
 
+    @abstractmethod
+    def _tell_stand_in(self) -> None:
+        """Let whoever draws for pages that cannot draw what is shown now."""
+
     def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
         """Show the moments of an animation as a player in the same page goes through them.
 
@@ -46,6 +50,7 @@ class AbstractMoments(traitlets.HasTraits):
         self._hold(None, output, None, maps)
         self.player = player
         self._offer()
+        self._tell_stand_in()
 
     @property
     def moments(self) -> TimeMaps | None:

@@ -1,11 +1,11 @@
 """What a live view and its pages say to each other.
 
 Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, renderer, background: the
-page's), ``chunk`` (id, index: asks for a piece), ``still`` (width, height, background: asks for a picture), ``seen``
-(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``. Messages to the page: ``chunk`` (id,
-index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow: the
-index of the map that an editor moves, and points, cuts and parts that the maps are of, or null), ``still`` (with a
-PNG), ``screenshot`` (id: asks for one). What the page sends is checked and dropped if it is wrong.
+page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that field is on the screen), ``screenshot`` (id, with
+a PNG), ``stats``, and ``still`` and ``drawn`` (see :mod:`~deformnb.widgets.stand_in`). Messages to the page: ``chunk``
+(id, index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow:
+the index of the map that an editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot``
+(id: asks for one), and ``drawn``. What the page sends is checked and dropped if it is wrong.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ import logging
 import threading
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
+from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.card_times import card_frames
@@ -27,9 +28,12 @@ from deformnb.widgets.live_moments import AbstractMoments
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import Pieces, ShownVolume
 from deformnb.widgets.space_points import QUICK_SIZE
-from deformnb.widgets.stills import as_png, from_png
+from deformnb.widgets.stills import from_png
 from deformnb.widgets.view import Image
 from deformnb.widgets.view_messages import measured, picture, text, whole
+
+if TYPE_CHECKING:
+    from deformnb.widgets.stand_in import StandIn
 
 _LOG = logging.getLogger(__name__)
 
@@ -42,6 +46,7 @@ class AnswersPages(AbstractMoments):
     """A part of a live view: what it sends to its pages, and what it does about their messages."""
 
     is_quick: bool
+    editor: Any
     send: Callable[..., None]
     _map_size: int
     _space_size: int
@@ -51,7 +56,9 @@ class AnswersPages(AbstractMoments):
     _field: AbstractField | None = None
     _output: Grid | None = None
     _followed: dict[str, Any] | None = None
+    _transfer: TransferFunction | None = None
     _maps: CardMaps | None = None  # of the field, made when a page wants them
+    _stand_in: StandIn | None = None  # draws for the pages that cannot
 
     def _meet_pages(self) -> None:
         self._lock = threading.RLock()  # callbacks run in another thread than cells
@@ -132,6 +139,35 @@ class AnswersPages(AbstractMoments):
         nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
         return card_maps(self._field, shown, self._output, self._map_size, nodes)
 
+    def _tell_stand_in(self) -> None:
+        """Let whoever draws for pages that cannot draw what is shown now."""
+        with self._lock:
+            if self._stand_in is None or self._volume is None:
+                return
+            moment = self._at_present(self._field)
+            is_followed = self._followed is not None and self._moments is None and self.editor is not None
+            followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
+            self._stand_in.show(self._volume, moment, self._output, followed)
+            if self._moments is not None:
+                self._stand_in.hear(self.player, self._tell_stand_in)
+
+    def _draw_here(self) -> StandIn:
+        """Whoever draws for pages that cannot."""
+        from deformnb.widgets.stand_in import StandIn
+
+        with self._lock:
+            if self._stand_in is None:
+                self._stand_in = StandIn(self, self._post, transfer=self._transfer or "specimen",
+                                         map_size=self._map_size, space_size=self._space_size)
+                self._tell_stand_in()
+            return self._stand_in
+
+    def _draw_no_more(self) -> None:
+        with self._lock:
+            stand_in, self._stand_in = self._stand_in, None
+        if stand_in is not None:
+            stand_in.close()
+
     # -- from the pages ------------------------------------------------------------------------------------------------
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
@@ -147,9 +183,11 @@ class AnswersPages(AbstractMoments):
 
     def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
         largest = whole(content.get("largest"), 0, 2**16)
-        self._has_page = True
         self._take_theme(content)
-        if 0 < largest < self._largest and self._make_smaller(largest):
+        if largest == 0:
+            return  # it cannot draw, and will ask to be drawn for
+        self._has_page = True
+        if largest < self._largest and self._make_smaller(largest):
             view = None  # for all pages: what they have is of a finer volume
         self._send_field(0, view)
 
@@ -181,10 +219,14 @@ class AnswersPages(AbstractMoments):
         self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        size = (whole(content.get("width"), 16, 2048), whole(content.get("height"), 16, 2048))
         self._take_theme(content)
-        if self._shown is not None:
-            self._post({"type": "still", "view": view}, [as_png(self.still(size))])
+        if self._volume is not None:
+            self._draw_here()
+            self._post({"type": "drawn", "view": view}, [])
+
+    def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        if self._volume is not None and not self._draw_here().receive(content.get("say")):
+            self._draw_no_more()
 
     def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
@@ -198,7 +240,8 @@ class AnswersPages(AbstractMoments):
 
 _ANSWERS: dict[str, Callable[[AnswersPages, str, dict[str, Any], list[Any]], None]] = {
     "hello": AnswersPages._hello, "chunk": AnswersPages._chunk, "still": AnswersPages._still,
-    "seen": AnswersPages._seen, "screenshot": AnswersPages._screenshot, "stats": AnswersPages._stats,
+    "drawn": AnswersPages._drawn, "seen": AnswersPages._seen, "screenshot": AnswersPages._screenshot,
+    "stats": AnswersPages._stats,
 }
 """What is done about each kind of message."""
 

@@ -35,9 +35,9 @@ from deformnb.widgets.view_messages import take_traits
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
           "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
           "displacement_glsl.js", "raycast_glsl.js", "programs.js", "clipping.js", "raycast.js", "camera.js",
-          "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js",
-          "orientation.js", "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "still_picture.js",
-          "live_page.js", "live_view.js")
+          "frame_loop.js", "cut_layers.js", "field_link.js", "live_parts.js", "orientation.js", "volume_loader.js",
+          "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js", "live_page.js",
+          "live_view.js")
 
 
 class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
@@ -77,7 +77,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
     """
 
     _esm = joined(*_FILES)
-    _css = style("live_view.css", *POINT_STYLES)
+    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
 
     volume_info = traitlets.Dict().tag(sync=True)
     table = traitlets.Bytes().tag(sync=True)
@@ -121,6 +121,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         """
         self._put(volume, window, None, None, None)
         self._offer()
+        self._tell_stand_in()
 
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
@@ -132,6 +133,10 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
             self.label = f"Volume {volume.name}".strip()
             self.volume_info = shown.info()
 
+    @property
+    def shown_output(self) -> Grid | None:
+        return self._output
+
     def _ready(self) -> ShownVolume:
         shown = self._shown
         if shown is None:
@@ -140,6 +145,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
         self._take(deformation, output, None)
+        self._tell_stand_in()
 
     def _take(self, deformation: Deformation | AbstractField | None, output: Grid | None,
               followed: dict[str, Any] | None) -> None:
@@ -180,10 +186,11 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
             editor, index, output) == (self.editor, self.editor_map, self._output)
         if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
             self._hold(field, output, followed)
-            return
-        self._take(field, output, followed)
-        self.editor_map = index
-        self.editor = editor
+        else:
+            self._take(field, output, followed)
+            self.editor_map = index
+            self.editor = editor
+        self._tell_stand_in()
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         self._wanted_transfer = transfer
@@ -195,6 +202,8 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         with self.hold_sync():
             self.unit = function.unit
             self.table = np.ascontiguousarray(table, "<f4").tobytes()
+        if self._stand_in is not None:
+            self._stand_in.set_transfer(function)
 
     def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
                    zoom: float | None = None, *, perspective: bool | None = None) -> None:
@@ -230,12 +239,19 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
 
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
         ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the page), ``received`` (bytes); of Python
-        ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z.
+        ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and ``stand_in``:
+        what was measured where Python draws for a page that cannot.
         """
         shown = self._shown
+        drawn = {"stand_in": stand_in.stats()} if (stand_in := self._stand_in) is not None else {}
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
-        return {**self._page_stats, **self._sent, **own}
+        return {**self._page_stats, **self._sent, **own, **drawn}
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
         take_traits(sync_data, OF_PAGE, super().set_state)
+
+    def close(self) -> None:
+        """Leave the pages, and end what draws for those that cannot."""
+        self._draw_no_more()
+        super().close()

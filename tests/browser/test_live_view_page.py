@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import io
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from PIL import Image
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
@@ -202,19 +206,74 @@ def test_a_turn_draws_quickly_and_then_in_full(page: LivePage) -> None:
     assert stats["received"] == stats["volume_bytes"]  # no voxel comes twice
 
 
-def test_without_webgl_the_page_says_so_and_shows_a_still(browser: Any) -> None:
-    page = LivePage(browser, init="() => { HTMLCanvasElement.prototype.getContext = () => null; }")
-    view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1])
+# Only the context that a live view needs is missing.
+NO_WEBGL = """() => { const found = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+      return kind === "webgl2" ? null : found.call(this, kind, ...rest); }; }"""
+DRAWN = "document.querySelector('.dnb-volume')?.deformnb"
+
+
+def drawn(page: LivePage) -> np.ndarray:
+    """The picture that Python has drawn, as it is on the screen."""
+    data = page.page.evaluate(f"{DRAWN}.canvas.toDataURL('image/png').split(',')[1]")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
+
+
+def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
+    page = LivePage(browser, init=NO_WEBGL)
+    view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1], background="dark", transfer="surface",
+                    settle_ms=50)
     page.add(view)
-    page.wait("document.querySelector('.dnb-still')?.naturalWidth > 0")
-    assert "no WebGL2" in page.page.text_content(".dnb-notice")
-    assert page.page.evaluate("document.querySelector('.dnb-still').naturalWidth") == SIZE[0]
-    sent = len(page.page.evaluate("models.view.sent"))
-    page.page.focus(".dnb-button >> text=S")  # the buttons still work
+    page.wait(f"{DRAWN}?.isFull")
+    assert "no WebGL2" in page.page.text_content(".dnb-volume .dnb-notice")
+    assert page.page.locator(".dnb-view:visible").count() == 1
+    assert dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96
+    page.page.focus(".dnb-volume .dnb-button >> text=S")
     page.page.keyboard.press("Enter")
-    page.wait(f"models.view.sent.length > {sent}")
+    page.wait("models.view.saved.length > 0")
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
+    page.wait(f"{DRAWN}.count > 2 && {DRAWN}.isFull")
+    _until(page, lambda: dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96)
+    assert page.errors == []
+    view.close()
     page.close()
+
+
+def test_without_webgl_the_volume_follows_while_the_button_is_down(browser: Any) -> None:
+    page = LivePage(browser, (900, 900), init=NO_WEBGL)
+    plane = Plane.along(GRID, "+y")
+    still = ControlPoints.from_arrays([[20.0, 20.0]])
+    editor = Editor(project(shape_without_symmetry(), plane), still, trend="translation", height=300)
+    view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1], background="dark", transfer="surface")
+    view.set_camera(plane.normal, [-c for c in plane.v])
+    page.add(editor, "editor")
+    page.add(view)
+    view.follow(editor, Deformation.on_picture(GRID, plane, still, trend="translation").field(GRID))
+    page.wait(f"{DRAWN}?.drawn")
+    _until(page, lambda: editor.live)
+    page.flush()
+    start = _middle(drawn(page))
+    handle = page.page.locator(".dnb-ed-disc").first.bounding_box()
+    x, y = handle["x"] + handle["width"] / 2, handle["y"] + handle["height"] / 2
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 30, y + 20, steps=6)
+    _until(page, lambda: bool((_middle(drawn(page)) - start > 2).all()))  # right and down, and the button is down
+    assert editor.points == still
+    page.page.mouse.up()
+    _until(page, lambda: editor.points != still)
+    assert page.errors == []
+    view.close()
+    page.close()
+
+
+def _until(page: LivePage, condition: Callable[[], bool], timeout: float = 60.0) -> None:
+    for _ in range(int(timeout / 0.05)):
+        page.flush()
+        if condition():
+            return
+        page.page.wait_for_timeout(50)
+    raise TimeoutError(f"it did not come true; the page said {page.errors}")
 
 
 def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None:
@@ -223,12 +282,13 @@ def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None
     before = page.pixels().astype(int)
     page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster;
         window.loss = gl.getExtension("WEBGL_lose_context"); window.loss.loseContext(); }""")
-    page.wait("document.querySelector('.dnb-still')?.naturalWidth > 0")
-    assert "context was lost" in page.page.text_content(".dnb-notice")
+    page.wait(f"{DRAWN}?.drawn")
+    assert "lost graphics context" in page.page.text_content(".dnb-volume .dnb-notice")
     page.page.evaluate("() => window.loss.restoreContext()")
-    page.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && !document.querySelector('.dnb-still')")
+    page.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && !document.querySelector('.dnb-volume')")
     assert np.abs(page.pixels().astype(int) - before).mean() < 0.5  # the same but for the rounding of noise
     assert page.page.is_hidden(".dnb-notice")
+    assert page.page.is_visible(".dnb-canvas")
 
 
 def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> None:

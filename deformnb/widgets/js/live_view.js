@@ -1,6 +1,6 @@
 // The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/live_view.py
 // names.
-// To Python: hello, chunk, still, screenshot, seen, stats. From Python: chunk, field, still, screenshot.
+// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, screenshot.
 
 class LiveViewPage extends VolumePage {
   constructor(model, el) {
@@ -19,7 +19,7 @@ class LiveViewPage extends VolumePage {
       this.caster = new RayCaster(this.canvas);
     } catch (error) {
       this.caster = null;
-      this.fall(`No live view: ${error.message}. A still picture made by Python is shown.`);
+      this.fall(`Drawn in Python: ${error.message}.`);
     }
     if (this.caster) {
       this.#prepare();
@@ -47,10 +47,10 @@ class LiveViewPage extends VolumePage {
 
   setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
 
-  /** No WebGL: a message and a picture that Python renders, anew for every button pressed. */
+  /** No WebGL: somebody else has to draw. */
   fall(text) {
     this.say(text);
-    this.still ??= new StillPicture(this);
+    this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
     this.still.ask();
@@ -61,7 +61,7 @@ class LiveViewPage extends VolumePage {
     if (this.closed) return;
     if (this.loop) this.loop.close();
     this.loop = null;
-    this.fall("The graphics context was lost. A still picture made by Python is shown until it comes back.");
+    this.fall("Drawn in Python until the lost graphics context comes back.");
   }
 
   restored() {
@@ -70,7 +70,7 @@ class LiveViewPage extends VolumePage {
     this.still = null;
     this.say("");
     this.caster = null;
-    try { this.caster = new RayCaster(this.canvas); } catch (error) { this.fall(`No live view: ${error.message}.`); return; }
+    try { this.caster = new RayCaster(this.canvas); } catch (error) { this.fall(`Drawn in Python: ${error.message}.`); return; }
     this.#prepare();
     this.setShows();
     this.setTable();
@@ -112,6 +112,7 @@ class LiveViewPage extends VolumePage {
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.still?.receive(buffers[0]);
+    if (content.type === "drawn") return this.still?.drawn();
     if (content.type === "screenshot") return this.screenshot(content);
     return undefined;
   }
@@ -186,7 +187,7 @@ class LiveViewPage extends VolumePage {
   confirm(seq) {
     if (!seq) return;
     const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) { this.still.ask(); this.still.after = tell; }
+    if (this.still) this.still.then(tell);
     else if (this.loop && this.caster.isReady) this.loop.after.push(tell);
     else tell();
   }

@@ -1,26 +1,53 @@
-// A picture that Python renders, over the canvas of a view whose page cannot draw.
+// What is seen in place of a view whose page cannot draw: pictures by Python, or in a page without Python the one it has.
 
 class StillPicture {
-  constructor(page) {
-    this.page = page;
-    this.after = null; // called once, when the next picture has come
+  constructor(page, why) {
+    Object.assign(this, { page, why, pictures: null, after: null });
     this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
   }
 
+  /** Asks whoever is there; Python answers that it draws, and does so from then on. */
   ask() {
-    const { model, theme } = this.page;
-    this.page.send({ type: "still", width: model.get("width"), height: model.get("height"), background: theme.name });
+    if (!this.pictures) this.page.send({ type: "still", background: this.page.theme.name });
+  }
+
+  /** Calls `tell` when what is shown now has a picture; Python's own pictures are no business of a field's. */
+  then(tell) {
+    if (this.pictures) { tell(); return; }
+    this.after = tell;
+    this.ask();
   }
 
   receive(png) {
     URL.revokeObjectURL(this.image.src);
     this.image.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
+    this.#tell();
+  }
+
+  /** Python draws: its page takes the place of the one that cannot. */
+  drawn() {
+    if (this.pictures) return;
+    const { page } = this, { model } = page;
+    const part = { get: (name) => model.get(name), set: (name, value) => model.set(name, value),
+      save_changes: () => model.save_changes(), on: (name, call) => model.on(name, call),
+      off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
+      send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
+    page.root.hidden = true;
+    this.pictures = new PicturesPage(part, page.host);
+    this.pictures.root.deformnb = this.pictures;
+    this.pictures.say(this.why);
+    this.#tell();
+  }
+
+  #tell() {
     const { after } = this;
     this.after = null;
     after?.();
   }
 
   close() {
+    this.pictures?.close();
+    this.page.root.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }
