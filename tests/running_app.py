@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
 from typing import Any
 
@@ -122,6 +122,24 @@ class Socket:
         """Whether the server takes a password."""
         answer = await self.answer(await self.send("wslink.hello", {"secret": secret}, system=True))
         return "result" in answer
+
+
+async def heard(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The first thing that is published to a page and wanted, waiting for it."""
+    for message in page.heard:
+        if wanted(message):
+            return message
+    while True:
+        message = await page.next()
+        page.heard.append(message)
+        if wanted(message):
+            return message
+
+
+def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> dict[str, Any]:
+    """A page's message that the points of an editor are these."""
+    return {"type": "edit", "sender": "window", "seq": seq, "phase": phase, "kind": "move", "joins": False,
+            "next_id": len(points), "points": points}
 
 
 @contextlib.asynccontextmanager

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from running_app import PATIENCE, RunningApp, Socket, connected
+from running_app import RunningApp, connected, edit_of, heard
 
 from deformnb.app.controls import ACTIONS, Choice, Formula, Number, Switch, control_table
 from deformnb.app.desk import Desk
 from deformnb.app.launch import check_app, made_up_carp
-from deformnb.app.remote import RemoteView, dragged, zoomed
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.deformation import Deformation
 from deformnb.document import from_json
@@ -29,7 +27,7 @@ from deformnb.transfer import PRESETS
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
 from deformnb.widgets.point_messages import points_to_json
-from deformnb.widgets.view import SHOWS, checked_camera
+from deformnb.widgets.view import SHOWS
 
 
 def _bar() -> Volume:
@@ -47,11 +45,6 @@ def _dragged_points(desk: Desk, by: float = 3.0) -> list[dict[str, Any]]:
     points = points_to_json(desk.session.points)
     points[0]["target"] = [points[0]["target"][0] + by, points[0]["target"][1]]
     return points
-
-
-def _edit(points: list[dict[str, Any]], seq: int = 1) -> dict[str, Any]:
-    return {"type": "edit", "sender": "window", "seq": seq, "phase": "end", "kind": "move", "joins": False,
-            "next_id": len(points), "points": points}
 
 
 # -- controls ----------------------------------------------------------------------------------------------------------
@@ -165,7 +158,7 @@ def test_a_drag_in_the_page_is_an_edit_that_can_be_undone(desk: Desk) -> None:
     from deformnb.app.bridge import PageComm
 
     desk.editor.comm = PageComm(lambda data, buffers: None)
-    desk.receive("editor", {"method": "custom", "content": _edit(_dragged_points(desk))})
+    desk.receive("editor", {"method": "custom", "content": edit_of(_dragged_points(desk))})
     np.testing.assert_allclose(desk.session.points.displacement[0], [-3.0, 0.0])
     assert desk.state()["undo"]
     desk.act("undo")
@@ -225,18 +218,6 @@ def app() -> Iterator[RunningApp]:
         yield running
 
 
-async def _hear(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """The first thing that is published to a page and wanted, waiting for it."""
-    for message in page.heard:
-        if wanted(message):
-            return message
-    while True:
-        message = await page.next()
-        page.heard.append(message)
-        if wanted(message):
-            return message
-
-
 def test_a_page_gets_all_of_a_widget(app: RunningApp) -> None:
     async def talk() -> Any:
         async with connected(app) as page:
@@ -257,7 +238,7 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(app: RunningApp) -> None:
         async with connected(app) as page:
             info = (await page.call("deformnb.open", "live"))["state"]["volume_info"]
             await page.call("deformnb.message", "live", {"type": "chunk", "view": "v", "id": info["id"], "index": 0})
-            return info, await _hear(page, lambda m: m.get("result", {}).get("content", {}).get("type") == "chunk")
+            return info, await heard(page, lambda m: m.get("result", {}).get("content", {}).get("type") == "chunk")
 
     info, message = asyncio.run(talk())
     voxels = np.frombuffer(gzip.decompress(message["result"]["buffers"][0]), np.uint8)
@@ -269,11 +250,11 @@ def test_what_one_page_drags_the_other_sees(app: RunningApp) -> None:
 
     async def talk() -> Any:
         async with connected(app) as mine, connected(app) as other:
-            await mine.call("deformnb.message", "editor", _edit(points))
-            news = await _hear(other, lambda m: m.get("result", {}).get("state", {}).get("points"))
+            await mine.call("deformnb.message", "editor", edit_of(points))
+            news = await heard(other, lambda m: m.get("result", {}).get("state", {}).get("points"))
             await mine.call("deformnb.state", "editor", "mine", {"selected": [2]})
-            chosen = await _hear(other, lambda m: m.get("result", {}).get("state", {}).get("selected"))
-            facts = await _hear(other, lambda m: "facts" in m.get("result", {}))
+            chosen = await heard(other, lambda m: m.get("result", {}).get("state", {}).get("selected"))
+            facts = await heard(other, lambda m: "facts" in m.get("result", {}))
             return news, chosen, facts
 
     news, chosen, facts = asyncio.run(talk())
@@ -287,8 +268,8 @@ def test_what_one_page_sets_the_other_sees_and_no_echo_comes_back(app: RunningAp
     async def talk() -> Any:
         async with connected(app) as mine, connected(app) as other:
             await mine.call("trame.state.update", [{"key": "kernel", "value": "gaussian"}])
-            await _hear(other, lambda m: m.get("result", {}).get("kernel") == "gaussian")
-            await _hear(mine, lambda m: m.get("result", {}).get("undo") == "change kernel")
+            await heard(other, lambda m: m.get("result", {}).get("kernel") == "gaussian")
+            await heard(mine, lambda m: m.get("result", {}).get("undo") == "change kernel")
             return [m["result"] for m in mine.heard if "kernel" in m.get("result", {})]
 
     assert asyncio.run(talk()) == []
@@ -300,8 +281,8 @@ def test_a_page_whose_wish_is_refused_gets_the_old_value_back(app: RunningApp) -
         async with connected(app) as page:
             await page.call("trame.state.update", [{"key": "extrusion", "value": "modulate"}])
             await page.call("trame.state.update", [{"key": "curve", "value": "sin("}])
-            await _hear(page, lambda m: m.get("result", {}).get("error"))  # in one message or in two
-            await _hear(page, lambda m: m.get("result", {}).get("curve") == "z")
+            await heard(page, lambda m: m.get("result", {}).get("error"))  # in one message or in two
+            await heard(page, lambda m: m.get("result", {}).get("curve") == "z")
             return {k: v for m in page.heard for k, v in m.get("result", {}).items()}
 
     news = asyncio.run(talk())
@@ -355,117 +336,6 @@ def test_the_page_has_every_control_and_action(app: RunningApp) -> None:
         assert f"trigger('{name}')" in page
 
 
-# -- the remote view ---------------------------------------------------------------------------------------------------
-
-
-def test_what_is_in_front_follows_the_hand() -> None:
-    camera = checked_camera({"direction": (0, 1, 0), "up": (0, 0, 1)})  # right is +x
-    turned = dragged(camera, "turn", 0.1, 0.0, 1.0)
-    assert turned["direction"][0] > 0.2  # the viewer went to the left and looks to the right
-    np.testing.assert_allclose(turned["up"], [0, 0, 1], atol=1e-12)
-    tilted = dragged(camera, "turn", 0.0, 0.1, 1.0)
-    assert tilted["direction"][2] > 0.2
-    assert np.dot(tilted["up"], tilted["direction"]) == pytest.approx(0)
-    assert dragged(camera, "move", 0.1, 0.2, 50.0)["pan"] == [-5.0, -10.0]
-    assert dragged(camera, "zoom", 0.0, 0.1, 1.0)["zoom"] > 1.2
-    assert zoomed(camera, 1e9)["zoom"] == 40.0
-
-
-class _Scene:
-    """Notes what is asked of it."""
-
-    def __init__(self) -> None:
-        self.calls: list[tuple[str, Any]] = []
-
-    def set_camera(self, camera: dict[str, Any]) -> None:
-        self.calls.append(("camera", camera))
-
-    def set_size(self, size: tuple[int, int]) -> None:
-        self.calls.append(("size", size))
-
-    def render(self, **options: Any) -> Any:
-        self.calls.append(("render", options.get("scale", 1.0)))
-        return np.zeros((8, 8, 3), np.uint8)
-
-    def close(self) -> None:
-        self.calls.append(("close", None))
-
-
-def test_the_remote_view_draws_quickly_then_fully_and_turns() -> None:
-    scene, pictures = _Scene(), []
-    view = RemoteView(lambda size: scene, lambda text: None, lambda data, about: pictures.append((data, about)),
-                      _bar().grid)
-    view.on_event({"type": "LeftButtonPress", "x": 10, "y": 10})  # before there is a scene
-    view.update_size({"w": 300, "h": 200, "p": 1})
-    until = time.monotonic() + PATIENCE
-    while len(pictures) < 2 and time.monotonic() < until:
-        time.sleep(0.02)
-    assert scene.calls[1:] == [("size", (300, 200)), ("render", 0.45), ("render", 1.0)]
-    assert [about["type"] for _, about in pictures] == ["image/jpeg"] * 2
-    view.on_event({"type": "MouseMove", "x": 40, "y": 10, "w": 300, "h": 200})
-    view._thread.call(lambda: None).result(PATIENCE)
-    cameras = [what for name, what in scene.calls if name == "camera"]
-    assert not np.allclose(cameras[-1]["direction"], cameras[0]["direction"])
-    view.on_event({"type": "LeftButtonRelease", "x": 40, "y": 10})
-    view.on_event({"type": "MouseMove", "x": 90, "y": 10, "w": 300, "h": 200})  # no button is held
-    view.close()
-    assert [name for name, _ in scene.calls].count("camera") == len(cameras)
-    assert scene.calls[-1] == ("close", None)
-
-
-def test_a_scene_that_cannot_be_made_is_said_once() -> None:
-    said: list[str] = []
-
-    def make(size: tuple[int, int]) -> Any:
-        raise DeformError("no OpenGL here.")
-
-    view = RemoteView(make, said.append, lambda data, about: None, _bar().grid)
-    for width in (300, 310):
-        view.update_size({"w": width, "h": 200, "p": 1})
-        view._thread.call(lambda: None).result(PATIENCE)
-        time.sleep(0.1)
-    view.close()
-    assert said == ["no OpenGL here."]
-
-
-@pytest.mark.needs_gl
-def test_vtk_sends_pictures_that_follow_the_session() -> None:
-    from PIL import Image
-
-    voxels = np.zeros((16, 16, 32), np.uint8)
-    voxels[5:11, 5:11, 13:19] = 255  # a cube in the middle
-
-    async def talk(app: RunningApp) -> tuple[Any, Any]:
-        async with connected(app) as page:
-            def full(message: dict[str, Any]) -> bool:
-                meta = message.get("result", {}).get("meta") or {}
-                return message["id"].startswith("publish:trame.rca.topic.stream") and meta.get("w") == 320
-
-            await page.call("trame.trigger", "front", [], {})
-            await page.call("trame.rca.size", "volume", "page", {"w": 320, "h": 200, "p": 1})
-            before = (await _hear(page, full))["result"]["content"]
-            page.heard.clear()
-            points = app.desk.session.points
-            moved = points
-            for k in range(len(points)):
-                moved = moved.move(int(points.ids[k]), points.target[k] + [6.0, 0.0])
-            await page.call("deformnb.message", "editor", _edit(points_to_json(moved)))
-            return before, (await _hear(page, full))["result"]["content"]
-
-    session = Session(Volume.from_array(voxels), view="+y", transfer="bone")
-    with RunningApp(session, viewer="vtk") as app:
-        before, after = (np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
-                         for data in asyncio.run(talk(app)))
-
-    def middle(picture: Any) -> float:
-        bright = picture > 100
-        assert bright.sum() > 200
-        return float(np.nonzero(bright)[1].mean())
-
-    assert middle(before) == pytest.approx(159.5, abs=4)
-    assert middle(after) > middle(before) + 25  # 6 of some 32 voxels to the right
-
-
 # -- the command -------------------------------------------------------------------------------------------------------
 
 
@@ -483,10 +353,10 @@ def test_a_port_that_is_taken_is_said() -> None:
 
 
 def test_who_brings_no_volume_gets_a_carp() -> None:
-    heard: list[float] = []
-    carp = made_up_carp(heard.append)
+    shares: list[float] = []
+    carp = made_up_carp(shares.append)
     assert carp.name.startswith("carp")
-    assert heard
+    assert shares
 
 
 # -- cuts, rigid parts, saved sessions ---------------------------------------------------------------------------------
@@ -500,7 +370,7 @@ def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(desk: De
     desk.act("undo")
     assert desk.editor.cuts == []
     points = _dragged_points(desk, 0.5)
-    desk.receive("editor", _message(_edit(points, 2), 2))
+    desk.receive("editor", _message(edit_of(points, 2), 2))
     corner = points[0]["source"]
     around = {"name": "stone", "region": {"kind": "polygon", "vertices": [
         [corner[0] - 2, corner[1] - 2], [corner[0] + 1, corner[1] - 2], [corner[0] + 1, corner[1] + 2],

@@ -18,7 +18,7 @@ from comm.base_comm import BaseComm
 from deformnb.app.controls import ACTIONS, NUMBERED
 from deformnb.app.desk import Desk
 from deformnb.app.guard import Answer
-from deformnb.app.remote import AREA, RemoteView
+from deformnb.app.remote import AREA
 from deformnb.errors import DeformError
 from deformnb.widgets.edited import is_whole
 
@@ -73,8 +73,7 @@ class Bridge:
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
         desk.changed = self._tell
-        desk.remote = self._remote = RemoteView(desk.make_scene, desk.fail, self._picture, desk.session.volume.grid,
-                                                  desk.live.camera)
+        self._remote = desk.volumes.serve(desk.fail, self._picture)
         with trame.state as state:
             state.update(desk.state())
 
@@ -127,17 +126,26 @@ class Bridge:
         """What a page may call, by name; each checks what it is given."""
         return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
                 "trame.state.update": self._set, "trame.trigger": self._trigger,
-                "trame.rca.size": self._size, "trame.rca.event": self._event}
+                "trame.rca.size": self._size, "trame.rca.event": self._event, "deformnb.seen": self._seen,
+                "deformnb.look": self.desk.volumes.look}
 
     def _size(self, area: str, origin: str, size: dict[str, Any]) -> None:
         if area != AREA:
             raise DeformError("there is no such area.")
+        is_first = not self._remote.is_used
         self._remote.update_size(size)
+        if is_first:
+            self._later(self.desk.volumes.wake)
 
     def _event(self, area: str, origin: str, event: dict[str, Any]) -> None:
         if area != AREA:
             raise DeformError("there is no such area.")
         self._remote.on_event(event)
+
+    def _seen(self, area: str, number: int, page: str) -> None:
+        if area != AREA:
+            raise DeformError("there is no such area.")
+        self._remote.seen(number, page)
 
     async def _open(self, name: str) -> dict[str, Any]:
         """All that a page must know of a widget to show it."""
@@ -153,7 +161,8 @@ class Bridge:
         self._widget(name)
         if not isinstance(content, dict):
             raise DeformError("a message is an object.")
-        self._later(lambda: self.desk.receive(name, {"method": "custom", "content": content}))
+        picture = self.desk.pictures  # which one the page has done it on
+        self._later(lambda: self.desk.receive(name, {"method": "custom", "content": content}, picture))
 
     def _state(self, name: str, page: str, state: dict[str, Any]) -> None:
         self._widget(name)

@@ -13,26 +13,29 @@ from functools import partial
 from typing import Any
 
 from deformnb.app.controls import ACTIONS, NUMBERED, control_table
-from deformnb.app.remote import RemoteView, dragged
+from deformnb.app.remote import dragged
 from deformnb.app.trust import DeskTrust
+from deformnb.app.volumes import Volumes
 from deformnb.deformation import lone_support
 from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
+from deformnb.widgets.edited import is_whole
 from deformnb.widgets.history_rows import go_to, history_rows
-from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.shape_messages import shapes_of
 from deformnb.widgets.studio_editors import make_editor, show_step
-from deformnb.widgets.studio_link import followed_step
+from deformnb.widgets.studio_link import StudioLink
+from deformnb.widgets.studio_picture import picture_key
 from deformnb.widgets.view import checked_camera
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength", "stages")
+_LONGEST_NAME = 64  # of a page's window
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 _OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
 
@@ -44,6 +47,10 @@ class Desk:
     ----------
     session : what is edited.
     viewer : "live" or "vtk": who draws the volume.
+
+    Attributes
+    ----------
+    pictures : how many sets of points on pictures were shown so far. What a page has done to the one before comes late.
 
     Examples
     --------
@@ -64,10 +71,16 @@ class Desk:
         self.changed: Callable[[], None] = lambda: None
         self._listening = True
         self._shown: tuple[Any, ...] = ()
-        self.remote: RemoteView | None = None
+        self.pictures = 0
+        self._is_late = self._is_refused = False
         _choose_a_picture(session)
         self.editor = make_editor(session, 1200)
-        self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
+        self._pictured = picture_key(session)
+        self._points_of: Any = (session.index, session.key, session.plane)
+        self.volumes = Volumes(session, self._told)
+        self.live = self.volumes.live
+        self._previews = Worker("deformnb-preview")
+        self.link = StudioLink(session, self.volumes, self._previews)
         self._look(*_beside(session.plane))
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
@@ -110,19 +123,16 @@ class Desk:
         elif name in ("method", "transfer"):
             setattr(session, name, value)
             if name == "transfer":
-                self.live.set_transfer(value)
-                self._draw(lambda scene: scene.set_transfer(value))
+                self.volumes.set_transfer(value)
         else:
             self._apply_to_the_view(name, value)
 
     def _apply_to_the_view(self, name: str, value: Any) -> None:
         """What is no part of the document."""
         if name == "projection":
-            self.live.projection = value
-            self._draw(lambda scene: scene.set_projection(value))
+            self.volumes.set_projection(value)
         elif name == "shows":
-            self.live.shows = value
-            self._draw(lambda scene: scene.set_shows(value))
+            self.volumes.set_shows(value)
         elif name in _OF_THE_EDITOR:
             setattr(self.editor, name, value)
         elif name == "keep_free":
@@ -130,7 +140,7 @@ class Desk:
             if value and self.trust.state()["unsafe"]:
                 self.trust.safety.unfold()
         elif name == "show_folds":
-            self.live.show_folds = value
+            self.volumes.set_folds(value)
 
     def act(self, name: str, *number: int) -> None:
         """Do one of the actions of :mod:`~deformnb.app.controls` that give nothing back."""
@@ -152,12 +162,28 @@ class Desk:
         self.session.saved = document  # the page hands it to the browser's downloads
         return to_json(document)
 
-    def receive(self, name: str, message: dict[str, Any]) -> None:
-        """A message of the page for one of the widgets, as its comm would bring it."""
+    def receive(self, name: str, message: dict[str, Any], picture: int | None = None) -> None:
+        """A message of the page for one of the widgets, as its comm would bring it.
+
+        Parameters
+        ----------
+        picture : the value of :attr:`pictures` when it came. If that has changed since, a drag was of other points.
+        """
         widget = self.widgets.get(name)
         if widget is None:
             raise DeformError("there is no such widget.")
-        widget.comm.handle_msg({"content": {"data": message}, "buffers": []})
+        content = message.get("content")
+        self._is_late = picture not in (None, self.pictures)
+        try:
+            if self._is_late and isinstance(content, dict) and content.get("phase") == "move":
+                _answer(widget, content)
+                return
+            widget.comm.handle_msg({"content": {"data": message}, "buffers": []})
+        finally:
+            self._is_late = False
+        if self._is_refused:  # the views have followed it and must go back
+            self._is_refused, self._shown = False, ()
+            self._show()
 
     # -- what the page shows -------------------------------------------------------------------------------------------
 
@@ -210,14 +236,22 @@ class Desk:
         done = made.kind if made is not None else ""
         kind = done if done in JOINING else None  # keys held down are one edit
         label = edit_label(self.session.points, points, done)
-        self._try(lambda: self.session.edit_points(points, label, kind))
+        self._try(lambda: self._edit(lambda: self.session.edit_points(points, label, kind)))
 
     def _drawn(self, change: Any) -> None:
         if not self._listening:
             return
         shapes, made = shapes_of(change["name"], change["new"]), self.editor.edit_under_way
         edit = self.session.edit_cuts if change["name"] == "cuts" else self.session.edit_parts
-        self._try(lambda: edit(shapes, made.kind if made is not None else ""))
+        self._try(lambda: self._edit(lambda: edit(shapes, made.kind if made is not None else "")))
+
+    def _edit(self, edit: Callable[[], Any]) -> None:
+        """Edit the session, unless it was done to a picture that another one has replaced meanwhile."""
+        self._is_refused = True
+        if self._is_late:
+            raise DeformError("the picture was being replaced when this was dragged; drag it again on the new one.")
+        edit()
+        self._is_refused = False
 
     def _set_in_the_editor(self, change: Any) -> None:
         if change["name"] == "overlay":
@@ -232,51 +266,32 @@ class Desk:
     def _show(self) -> None:
         """Bring the widgets to what the session says."""
         session, editor = self.session, self.editor
+        shown, picture = (session.deformation, session.index, session.key), picture_key(session)
+        points_of = (session.index, session.key, session.plane)
         self._listening = False  # what the session says is no edit
         try:
-            picture = session.picture()
-            if editor.picture is not picture:
-                editor.picture = picture
+            if picture != self._pictured:
+                editor.waiting = "The picture is being made"  # no gesture shall be made on the old one
+            made = session.picture()
+            if shown != self._shown:  # first, or the views take the points for those of the map before
+                self.link.show(editor)
+                self._shown = shown
+                self.trust.soon()
             with editor.hold_sync():
+                if editor.picture is not made:
+                    editor.picture = made
                 editor.lone_support = lone_support(session.volume.grid)
                 show_step(editor, session)
                 editor.history = dict(session.history)
+            self._pictured = picture
+            if points_of != self._points_of:
+                self._points_of, self.pictures = points_of, self.pictures + 1
         finally:
+            editor.waiting = ""
             self._listening = True
-        shown = (session.deformation, session.index, session.key)
-        if shown != self._shown:
-            self._shown = shown
-            self._show_volume()
-            self.trust.soon()
-
-    def _show_volume(self) -> None:
-        session, live = self.session, self.live
-        field = session.field()
-        if session.index == followed_step(session.deformation):
-            live.follow(self.editor, field, session.key)
-        else:
-            live.follow(None, field)  # what is dragged passes through the others, in Python
-        self._draw(lambda scene: scene.set_field(field))
 
     def _look(self, direction: Any, up: Any) -> None:
-        self.live.set_camera(direction, up)
-        if self.remote is not None:
-            self.remote.set_camera(direction, up)
-
-    def _draw(self, change: Callable[[Any], None]) -> None:
-        """Change the scene that VTK draws, if there is one."""
-        if self.remote is not None:
-            self.remote.change(change)
-
-    def make_scene(self, size: tuple[int, int]) -> Any:
-        """What is shown now as a scene of VTK; called in the scene's thread."""
-        from deformnb.widgets.vtk_scene import VtkScene
-
-        scene = VtkScene(self.session.volume, size, transfer=self.session.transfer, projection=self.live.projection,
-                         background=self.live.background)
-        scene.set_field(self.session.field())
-        scene.set_shows(self.live.shows)
-        return scene
+        self.volumes.set_camera(direction, up)
 
     def fail(self, message: str) -> None:
         """Say in the page what is wrong; may be called from any thread."""
@@ -304,8 +319,9 @@ class Desk:
         """End the threads; what was not saved is offered to who opens the volume again."""
         self.recovery.close(orderly=False)
         self.trust.close()
-        if self.remote is not None:
-            self.remote.close()
+        self.link.close()
+        self._previews.close()
+        self.volumes.close()
         self.thread.close()
 
 
@@ -316,6 +332,13 @@ def _choose_a_picture(session: Session) -> None:
         session.set_view(session.plane)
     elif session.step.plane is None:
         session.edit_step(on_pictures[-1])
+
+
+def _answer(editor: Any, content: dict[str, Any]) -> None:
+    """Say that a message was heard, without doing what it asks for: its page waits for that."""
+    sender, number = content.get("sender"), content.get("seq")
+    if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
+        editor.send({"type": "done", "sender": sender, "seq": number})
 
 
 def _camera(plane: Plane) -> tuple[tuple[float, ...], tuple[float, ...]]:

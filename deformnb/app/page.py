@@ -43,7 +43,7 @@ def build_page(server: Any, desk: Desk) -> None:
     state = server.state
     state.trame__title = f"{name} - deformnb"
     state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer, "dnb_sure": False,
-                  "dnb_tab": _TABS[0][0],
+                  "dnb_tab": _TABS[0][0], "dnb_views": desk.volumes.views,
                   "dnb_document": f"{_plain(name)}-session.json"})
     state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "dnb_sure", "dnb_tab",
                                 "trame_error_report_msg"]
@@ -93,6 +93,7 @@ def _widget(name: str, source: str) -> None:
 
 
 def _volume(html: Any) -> None:
+    from trame_client.widgets.core import AbstractElement
     from trame_rca.widgets import rca
 
     with html.Div(v_if=("dnb_viewer === 'live'",), classes="dnb-app-fill"):
@@ -100,6 +101,7 @@ def _volume(html: Any) -> None:
     with html.Div(v_else=True, classes="dnb-app-fill dnb-app-remote"):
         html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
         rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
+        AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))._attr_names.extend(["area", "views"])
 
 
 def _buttons(v: Any) -> None:

@@ -67,7 +67,7 @@ def trust_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
     add_control(v, html, "stages", controls["stages"])
     with html.Div(classes="dnb-app-switches"):
         add_control(v, html, "keep_free", controls["keep_free"])
-        add_control(v, html, "show_folds", controls["show_folds"], "dnb_viewer === 'live'")
+        add_control(v, html, "show_folds", controls["show_folds"])
 
 
 def history_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:

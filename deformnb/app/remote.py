@@ -1,14 +1,16 @@
 """The volume drawn by VTK here and sent to the page as pictures, for browsers that cannot draw it themselves.
 
-trame's remote controlled area shows the pictures and sends sizes and mouse; in between is a scene that lives in a
-thread of its own, for OpenGL belongs to the thread that began with it. While something moves, pictures are small and
-coarse, and the newest wish takes the place of older ones; the full picture is drawn once all is at rest.
+trame's remote controlled area shows the pictures and sends sizes and mouse; in between is a loop that draws a scene in
+a thread of its own, for OpenGL belongs to the thread that began with it. While something moves, pictures are small and
+coarse, the newest wish takes the place of older ones, and no more pictures are on their way than the page has said to
+have received; the full picture is drawn once all is at rest.
 """
 
 from __future__ import annotations
 
-import logging
 import math
+import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -17,49 +19,63 @@ import numpy as np
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.volume import Grid
+from deformnb.widgets.frames import FrameSender
+from deformnb.widgets.scene_loop import Frame, SceneLoop
 from deformnb.widgets.stills import seen_height
 from deformnb.widgets.view import checked_camera
+from deformnb.widgets.view_messages import text, whole
 from deformnb.widgets.worker import Worker
 
 AREA = "volume"
 """Name of the area in the page."""
 
-_REST = 0.3  # seconds without a wish, after which the full picture is drawn
-_QUICK = 0.45  # share of the full size while something moves
-_COARSE = 2.0  # and samples along a ray so many times farther apart
+_TARGET_MS = 200.0  # of a quick picture; its size adapts
+_SETTLE_MS = 300.0  # of rest, after which the full picture is drawn
 _MOST_PIXELS = 1600 * 1200
 _TURN = math.pi  # radians for a drag across the height of the picture
 _ZOOM = 1.15  # for one notch of the wheel
-_QUALITY = {True: 70, False: 90}  # of the JPEG of a quick and of a full picture
+_BLINK = 0.7  # seconds of each of two pictures that are shown in turn
 
 _LONGEST_WORK = 30.0  # seconds: the first picture, with its shaders, on a slow machine
 
-_LOG = logging.getLogger(__name__)
-
 
 class RemoteView:
-    """A scene of VTK behind trame's remote controlled area.
+    """A scene behind trame's remote controlled area.
+
+    What is asked of it may come from any thread, before the first size of a page as well.
 
     Parameters
     ----------
-    make_scene : makes the scene, in the thread of the scene; called at the first size that a page sends.
-    fail : called with what is wrong if there can be no scene.
-    push : called with a picture's bytes and what trame wants to know of them, in the thread of the scene.
+    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a page has said its size: a
+        :class:`~deformnb.widgets.scene_loop.Scene` that has ``set_camera`` and ``set_shows``.
+    fail : called in that thread with what is wrong, for people; the last good picture stays.
+    push : called with a picture's JPEG and what the page wants to know of it: what trame's area does, and ``n`` (its
+        number, that the page answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer`` (1
+        for the original that is shown in turn) and ``badge`` (words for the corner).
     grid : whose box is seen.
     camera : of the first picture.
+    target_ms, settle_ms : time that a quick picture may take, and rest before the full one.
     """
 
     def __init__(self, make_scene: Callable[[tuple[int, int]], Any], fail: Callable[[str], None],
-                 push: Callable[[bytes, dict[str, Any]], None], grid: Grid,
-                 camera: dict[str, Any] | None = None) -> None:
-        self._make_scene, self._fail, self._push, self._grid = make_scene, fail, push, grid
-        self._thread = Worker("deformnb-remote", at_end=self._close_scene)
-        self._scene: Any = None
-        self._is_broken = False
-        self._camera = checked_camera(camera or {})
+                 push: Callable[[bytes, dict[str, Any]], None], grid: Grid, camera: dict[str, Any] | None = None, *,
+                 target_ms: float = _TARGET_MS, settle_ms: float = _SETTLE_MS) -> None:
+        self._make_scene, self._fail, self._push = make_scene, fail, push
+        self.box = grid
+        self._lock = threading.RLock()
+        self._frames = FrameSender()
+        self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
+                               target_ms=target_ms, settle_ms=settle_ms)
+        self._blink = Worker("deformnb-blink")
+        self._layers: list[tuple[bytes, dict[str, Any]]] = []
+        self._size: tuple[int, int] | None = None
+        self._camera = self._drawn = checked_camera(camera or {})
         self._held: tuple[str, float, float] | None = None
+        self._shows = "deformed"
+        self._scene: Any = None
+        self._said = ""
 
-    # -- what trame calls, in the thread of its loop -------------------------------------------------------------------
+    # -- what trame calls, in the thread of its event loop -------------------------------------------------------------
 
     def update_size(self, size: Any) -> None:
         """The page shows the area with this size, in CSS pixels."""
@@ -67,8 +83,9 @@ class RemoteView:
         if not (16 <= width <= 8192 and 16 <= height <= 8192 and 0.2 <= ratio <= 8):
             raise DeformError("no size of a picture.")
         factor = min(ratio, math.sqrt(_MOST_PIXELS / (width * height)))
-        whole = (max(16, round(width * factor)), max(16, round(height * factor)))
-        self._thread.latest("size", lambda: self._resize(whole))
+        pixels = (max(16, round(width * factor)), max(16, round(height * factor)))
+        self._size = pixels
+        self._loop.change("size", lambda scene: scene.set_size(pixels))
 
     def on_event(self, event: Any) -> None:
         """The mouse over the area: left turns, middle or Shift moves, right or the wheel zooms."""
@@ -85,80 +102,112 @@ class RemoteView:
         elif kind.endswith("ButtonRelease"):
             self._held = None
         elif kind == "MouseMove" and self._held is not None:
-            way, x, y = self._held
-            now = _number(event, "x"), _number(event, "y")
-            height = max(16.0, _number(event, "h", 512.0))
-            dx, dy = (now[0] - x) / height, (now[1] - y) / height
-            aspect = max(16.0, _number(event, "w", 512.0)) / height
-            self._held = (way, *now)
-            self._look(lambda camera: dragged(camera, way, dx, dy, seen_height(
-                self._grid, camera["direction"], camera["up"], aspect, camera["zoom"])))
+            self._drag(event, *self._held)
 
-    # -- what the desk calls -------------------------------------------------------------------------------------------
+    def _drag(self, event: dict[str, Any], way: str, x: float, y: float) -> None:
+        now = _number(event, "x"), _number(event, "y")
+        height = max(16.0, _number(event, "h", 512.0))
+        dx, dy = (now[0] - x) / height, (now[1] - y) / height
+        aspect = max(16.0, _number(event, "w", 512.0)) / height / (2 if self._shows == "side_by_side" else 1)
+        self._held = (way, *now)
+        self._look(lambda camera: dragged(camera, way, dx, dy, seen_height(
+            self.box, camera["direction"], camera["up"], aspect, camera["zoom"])))
 
-    def change(self, function: Callable[[Any], None]) -> None:
-        """Do something to the scene, and draw it."""
-        if self._scene is not None:
-            self._thread.call(lambda: function(self._scene))
-            self._draw()
+    def seen(self, number: Any, page: Any = "") -> None:
+        """A page, by a name of its own, has received the picture of this number."""
+        if self._frames.seen(whole(number, 1, 2**53), text(page)):
+            self._loop.touch()
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    @property
+    def is_used(self) -> bool:
+        """Whether a page has asked for pictures."""
+        return self._size is not None
+
+    @property
+    def camera(self) -> dict[str, Any]:
+        """Where the viewer stands, as in :class:`~deformnb.widgets.view.CameraTrait`."""
+        return self._camera
+
+    def change(self, key: str, function: Callable[[Any], None]) -> None:
+        """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
+
+        ``function`` is called in the thread of the scene; what it raises is told by ``fail``.
+        """
+        self._loop.change(key, function, draw=self.is_used)
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`."""
+        self._shows = shows
+        self._loop.set_shows(shows)
+        self.change("shows", lambda scene: scene.set_shows(shows))
 
     def set_camera(self, direction: Any, up: Any = None) -> None:
         """Look from another side, at all of it."""
         self._look(lambda camera: checked_camera({"direction": direction, "up": up}))
 
+    def stats(self) -> dict[str, Any]:
+        """Medians ``edit_ms`` and ``frame_ms``, ``full_ms``, ``frames``, ``scale``, ``bytes_per_frame`` and more."""
+        return {**self._loop.stats(), **self._frames.stats()}
+
     def close(self) -> None:
         """End the thread, and the scene with it."""
-        self._thread.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
+        self._blink.close()
+        self._loop.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
+
+    def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        with self._lock:  # a hand in the page and a button of the desk are two threads
+            camera = self._camera = change(self._camera)
+            self.change("camera", lambda scene: self._turn(scene, camera))
 
     # -- in the scene's thread -----------------------------------------------------------------------------------------
 
-    def _resize(self, size: tuple[int, int]) -> None:
-        if self._is_broken:
-            return
-        try:
-            if self._scene is None:
-                self._scene = self._make_scene(size)
-                self._scene.set_camera(self._camera)
-            self._scene.set_size(size)
-        except Exception as error:  # of VTK, OpenGL or their absence: the page must hear of it
-            if not isinstance(error, DeformError):
-                _LOG.exception("the scene could not be made")
-            self._is_broken = True
-            self._fail(str(error))
-            return
-        self._draw()
+    def _make(self) -> Any:
+        assert self._size is not None
+        self._scene = self._make_scene(self._size)
+        self._turn(self._scene, self._camera)
+        return self._scene
 
-    def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        self._camera = change(self._camera)
-        camera = self._camera
-        if self._scene is not None:
-            self._thread.latest("camera", lambda: self._scene.set_camera(camera))
-            self._draw()
+    def _turn(self, scene: Any, camera: dict[str, Any]) -> None:
+        scene.set_camera(camera)
+        self._drawn = camera
 
-    def _draw(self) -> None:
-        self._thread.latest("draw", self._draw_quickly)
+    def _deliver(self, frame: Frame) -> None:
+        self._said = ""
+        message, pictures = self._frames.pack(frame)
+        layers = []
+        for layer, (image, picture) in enumerate(zip(frame.images, pictures, strict=True)):
+            rows, columns = image.shape[:2]
+            layers.append((picture, {
+                "type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows,
+                "st": int(time.time() * 1000), "n": message["seq"], "full": frame.is_full,
+                "layer": layer, "shows": self._shows,
+                "camera": {name: self._drawn[name] for name in ("direction", "up")}, "badge": self._badge()}))
+        with self._lock:
+            self._layers = layers
+            self._push(*layers[0])
+        if len(layers) > 1 and not self._blink.is_closed:
+            self._blink.at_rest(_BLINK, self._show_other)
 
-    def _draw_quickly(self) -> None:
-        self._send(self._scene.render(scale=_QUICK, coarseness=_COARSE), is_quick=True)
-        if not self._thread.is_closed:
-            self._thread.at_rest(_REST, self._draw_fully)
+    def _badge(self) -> str:
+        folding = getattr(self._scene, "folding", None)
+        return "" if folding is None or self._shows == "original" else str(folding.remark)
 
-    def _draw_fully(self) -> None:
-        picture = self._scene.render(bands=8, interrupted=lambda: self._thread.is_wanted)
-        if picture is not None:
-            self._send(picture, is_quick=False)
+    def _say(self, text: str) -> None:
+        if text != self._said:  # once, not with every picture that cannot be made
+            self._said = text
+            self._fail(text)
 
-    def _send(self, picture: Any, *, is_quick: bool) -> None:
-        from trame_rca.encoders import RcaImageEncoder
+    # -- in the thread of two pictures that are shown in turn ----------------------------------------------------------
 
-        whole = np.ascontiguousarray(picture)
-        rows, columns = whole.shape[:2]
-        data, about, _ = RcaImageEncoder.JPEG.encode(whole, columns, rows, _QUALITY[is_quick])
-        self._push(data, about)
-
-    def _close_scene(self) -> None:
-        if self._scene is not None:
-            self._scene.close()
+    def _show_other(self) -> None:
+        with self._lock:
+            if len(self._layers) < 2 or self._blink.is_closed:
+                return
+            self._layers.reverse()
+            self._push(*self._layers[0])
+        self._blink.at_rest(_BLINK, self._show_other)
 
 
 def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float) -> dict[str, Any]:

@@ -27,6 +27,9 @@ from deformnb.widgets.assets import joined, style
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
 
+_SCRIPTS = ("plain_model.js", "elements.js", "camera.js", "live_parts.js", "orientation.js", "app_remote.js",
+            "app_bridge.js")
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -207,7 +210,7 @@ def _assets() -> dict[str, tuple[str, str]]:
     return {
         "/": (index, "text/html"), "/index.html": (index, "text/html"),
         "/deformnb/door.js": (joined("app_door.js"), script),
-        "/deformnb/app.js": (joined("plain_model.js", "app_bridge.js"), script),
+        "/deformnb/app.js": (f"(() => {{\n{joined(*_SCRIPTS)}\n}})();", script),  # its names are its own
         "/deformnb/app.css": (style("app.css"), sheet),
         "/deformnb/editor.js": (str(Editor._esm), script), "/deformnb/live.js": (str(LiveView._esm), script),
         "/deformnb/widgets.css": (f"{Editor._css}\n{LiveView._css}", sheet),

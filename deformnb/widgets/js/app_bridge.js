@@ -1,10 +1,10 @@
-// Puts the widgets' own pages into the application's page. Joined behind plain_model.js; a plain script, no module.
+// Puts the widgets' own pages into the application's page. Joined behind plain_model.js and app_remote.js;
+// a plain script, no module.
 //
 // trame's client brings Vue and the socket. <deformnb-widget name="editor"> is a Vue component that asks for the state
 // of that widget, gives it to a PlainModel, and draws the widget with it, as a notebook would. What the widget says
 // goes to Python as calls of procedures; what Python says comes under one topic.
 
-const APP_PAGE = Math.random().toString(36).slice(2); // tells our own changes from those of other pages
 const APP_TOPIC = "deformnb.widget";
 
 // Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives.
@@ -120,6 +120,7 @@ function fitted(name, model, place) {
 window.deformnb_app = {
   install(app) {
     app.component("deformnb-widget", AppWidget);
+    app.component("deformnb-remote", AppRemote);
     const { state } = window.trame; // nothing is drawn yet: what is set here holds from the first picture on
     if (window.matchMedia("(prefers-color-scheme: dark)").matches) state.set("dnb_theme", "dark");
     if (!document.createElement("canvas").getContext("webgl2")) state.set("dnb_viewer", "vtk");

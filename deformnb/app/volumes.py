@@ -1,0 +1,156 @@
+"""The volume as the pages of a desk show it: rendered by each page itself, by VTK here, or both, as one view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from deformnb.app.remote import RemoteView
+from deformnb.errors import DeformError
+from deformnb.fields import AbstractField
+from deformnb.session import Session
+from deformnb.transfer import TransferFunction
+from deformnb.volume import Grid
+from deformnb.widgets.core_scene import make_scene
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.pages import about
+from deformnb.widgets.refit import Following, Refit
+
+
+class Volumes:
+    """What a desk shows of a volume, in whatever way its pages can.
+
+    A page that renders follows the hand by itself. For one that gets pictures the editor's movements come to Python,
+    which costs every page messages: so they come from the moment on that a page asks for pictures.
+
+    Parameters
+    ----------
+    session : whose volume is shown.
+    say : called with what people must know of the pictures, from any thread.
+
+    Attributes
+    ----------
+    live : the view in the page.
+    remote : the one drawn here; None before there is a server.
+    """
+
+    def __init__(self, session: Session, say: Callable[[str], None]) -> None:
+        self._session, self._say = session, say
+        self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
+        self.remote: RemoteView | None = None
+        self._transfer: TransferFunction | str = session.transfer
+        self._followed: tuple[Any, int] = (None, 0)
+        self._following: Following | None = None
+        self._field: AbstractField | None = None
+        self._output: Grid | None = None
+
+    @property
+    def views(self) -> dict[str, dict[str, list[float]]]:
+        """Direction and up of a camera by the name of a side, and of "home"."""
+        views: dict[str, dict[str, list[float]]] = about(self._session.volume, None)["views"]
+        return views
+
+    # -- as a view -----------------------------------------------------------------------------------------------------
+
+    def follow(self, editor: Any, field: AbstractField, index: int = 0, *, output: Grid | None = None) -> None:
+        """Show a displacement, one map of which an editor moves; None ends that."""
+        self.live.follow(editor, field, index, output=output)
+        self._followed, self._field, self._output = (editor, index), field, output
+        self._show_remote()
+
+    def show_deformation(self, deformation: AbstractField | None, *, output: Grid | None = None) -> None:
+        """Show a displacement that no editor moves."""
+        self.live.show_deformation(deformation, output=output)
+        self._followed, self._field, self._output = (None, 0), deformation, output
+        self._show_remote()
+
+    def set_camera(self, direction: Any, up: Any = None) -> None:
+        """Look from another side."""
+        self.live.set_camera(direction, up)
+        if self.remote is not None:
+            self.remote.set_camera(direction, up)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities."""
+        self.live.set_transfer(transfer)
+        self._transfer = transfer
+        self._change("transfer", lambda scene: scene.set_transfer(transfer))
+
+    def set_projection(self, projection: str) -> None:
+        """Show shaded, as composite or mip."""
+        self.live.projection = projection
+        self._change("projection", lambda scene: scene.set_projection(projection))
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`."""
+        self.live.shows = shows
+        if self.remote is not None:
+            self.remote.set_shows(shows)
+
+    def set_folds(self, is_shown: bool) -> None:
+        """Whether matter is red where the map folds."""
+        self.live.show_folds = is_shown
+        self._change("folds", lambda scene: setattr(scene.folding, "show", is_shown))
+
+    # -- drawn here ----------------------------------------------------------------------------------------------------
+
+    def serve(self, fail: Callable[[str], None], push: Callable[[bytes, dict[str, Any]], None]) -> RemoteView:
+        """Begin to be ready for pages that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
+        self.remote = RemoteView(self._make_scene, fail, push, self._session.volume.grid, self.live.camera)
+        self.remote.set_shows(self.live.shows)
+        return self.remote
+
+    def wake(self) -> None:
+        """A page has asked for pictures."""
+        self._show_remote()
+
+    def look(self, side: Any) -> None:
+        """A page that gets pictures looks from a side, by its name in :attr:`views`."""
+        views = self.views
+        if not isinstance(side, str) or side not in views or self.remote is None:
+            raise DeformError("there is no such side.")
+        self.remote.set_camera(**views[side])
+
+    def close(self) -> None:
+        """Follow no editor, and end the thread that draws."""
+        self._unfollow()
+        if self.remote is not None:
+            self.remote.close()
+
+    def _make_scene(self, size: tuple[int, int]) -> Any:
+        """What is shown now, in the scene's thread; what changes meanwhile comes after it."""
+        live = self.live
+        scene, notice = make_scene(self._session.volume, size, transfer=self._transfer, projection=live.projection,
+                                   background=live.background)
+        scene.set_field(self._field, self._output)
+        scene.set_shows(live.shows)
+        scene.folding.show = live.show_folds
+        if notice:
+            self._say(notice)
+        return scene
+
+    def _show_remote(self) -> None:
+        if self.remote is None or not self.remote.is_used:
+            return
+        self.remote.box = self._output or self._session.volume.grid
+        (editor, index), field, following = self._followed, self._field, self._following
+        if field is not None and following is not None and following.goes_on(editor, index):
+            self._put(following.show(field))
+            return
+        self._unfollow()
+        self._put(lambda: field)
+        if editor is not None:
+            self._following = Following(editor, Refit(field, index), self._put)
+
+    def _unfollow(self) -> None:
+        if self._following is not None:
+            self._following.close()
+            self._following = None
+
+    def _put(self, make: Callable[[], AbstractField | None]) -> None:
+        output = self._output
+        self._change("field", lambda scene: scene.set_field(make(), output))
+
+    def _change(self, key: str, function: Callable[[Any], None]) -> None:
+        if self.remote is not None:
+            self.remote.change(key, function)
