@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
@@ -96,6 +97,61 @@ class TransferFunction:
         """
         rows = tuple(tuple(row) for row in nodes)
         return replace(self, opacities=rows)  # type: ignore[arg-type]  # the rows are checked where they arrive
+
+    def with_colors(self, stops: Iterable[tuple[float, str | Sequence[float]]]) -> TransferFunction:
+        """The same opacities with other colours.
+
+        Parameters
+        ----------
+        stops : pairs of a value and its colour: "#rrggbb", or red, green and blue from 0 to 1.
+
+        >>> ramp = TransferFunction(((0, 1, 1, 1),), ((0, 0), (9, 1)))
+        >>> ramp.with_colors([(0, "#ff0000"), (9, (0, 0, 1))]).colors
+        ((0.0, 1.0, 0.0, 0.0), (9.0, 0.0, 0.0, 1.0))
+        """
+        try:
+            rows = tuple((value, *_rgb(color)) for value, color in stops)
+        except DeformError:
+            raise
+        except (TypeError, ValueError):
+            raise DeformError("colours need pairs of a value and a colour, such as (120, '#ffcc99').") from None
+        return replace(self, colors=rows)  # type: ignore[arg-type]  # the rows are checked where they arrive
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The values of the first and of the last node, of colours and opacities together."""
+        values = [node[0] for node in (*self.colors, *self.opacities)]
+        return min(values), max(values)
+
+    def windowed(self, low: float, high: float) -> TransferFunction:
+        """The same, stretched so that its :attr:`window` is from ``low`` to ``high``.
+
+        >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (50, 0.1), (100, 0.5)))
+        >>> ramp.windowed(-200, 200).opacities
+        ((-200.0, 0.0), (0.0, 0.1), (200.0, 0.5))
+        """
+        first, last = self.window
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise DeformError(f"a window needs two values that rise, got {low:g} to {high:g}.")
+        if not first < last:
+            raise DeformError(f"a transfer function with all nodes at {first:g} has no width; add a node first.")
+
+        def at(value: float) -> float:  # never falling, and met exactly at either end
+            return high if value == last else min(high, low + (value - first) / (last - first) * (high - low))
+
+        return replace(self, colors=tuple((at(v), r, g, b) for v, r, g, b in self.colors),
+                       opacities=tuple((at(v), alpha) for v, alpha in self.opacities))
+
+
+_HEX_COLOR = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+def _rgb(color: str | Sequence[float]) -> Sequence[float]:
+    if not isinstance(color, str):
+        return color
+    if not _HEX_COLOR.fullmatch(color):
+        raise DeformError(f"a colour is written as #rrggbb, got {color!r:.40}.")
+    return [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -266,3 +266,44 @@ def test_other_opacities_keep_colours_and_unit() -> None:
     assert len(other.notes) == 1
     with pytest.raises(DeformError, match="opacities"):
         RAMP.with_opacities([(4, 0), (3, 1)])
+
+
+# ---- colours and window ----------------------------------------------------------------------------------------------
+
+
+def test_other_colours_keep_opacities_and_unit() -> None:
+    painted = RAMP.with_colors([(-5, "#ff8000"), (7.5, (0, 0.25, 1))])
+    assert painted.colors == ((-5.0, 1.0, 128 / 255, 0.0), (7.5, 0.0, 0.25, 1.0))
+    assert (painted.opacities, painted.unit) == (RAMP.opacities, RAMP.unit)
+
+
+@pytest.mark.parametrize(("stops", "words"), [
+    ([(0, "red")], "#rrggbb"), ([(0, "#12345g")], "#rrggbb"), ([(0, "#1234567")], "#rrggbb"), ([(0, 3)], "pairs"),
+    ([0], "pairs"), ([(0, (1, 1))], "4 finite numbers"), ([], "4 finite"), ([(3, "#000000"), (0, "#000000")], "rise"),
+    ([(float("nan"), "#000000")], "finite"),
+])
+def test_wrong_stops_are_refused(stops: Any, words: str) -> None:
+    with pytest.raises(DeformError, match=words):
+        RAMP.with_colors(stops)
+
+
+@given(low=st.floats(-3000, 3000), width=st.floats(1e-3, 5000), share=st.floats(0, 1))
+def test_a_window_stretches_all_nodes_alike(low: float, width: float, share: float) -> None:
+    wide = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((-20, 0), (3, 0.2), (20, 0.5)), unit=2.0)
+    moved = wide.windowed(low, low + width)
+    assert wide.window == (-20, 20)
+    assert moved.window == (low, low + width)
+    assert moved.unit == 2.0
+    oracle.assert_close(moved(low + share * width), wide(-20 + 40 * share), atol=1e-6)
+    oracle.assert_close(np.array(moved.windowed(-20, 20).opacities), np.array(wide.opacities), atol=1e-6)
+
+
+@pytest.mark.parametrize("window", [(1, 1), (2, 1), (0, float("inf")), (float("nan"), 1)])
+def test_a_window_rises(window: Any) -> None:
+    with pytest.raises(DeformError, match="rise"):
+        RAMP.windowed(*window)
+
+
+def test_nodes_at_one_value_have_no_window_to_stretch() -> None:
+    with pytest.raises(DeformError, match="no width"):
+        TransferFunction(((5, 1, 1, 1),), ((5, 0.5),)).windowed(0, 1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -151,6 +152,11 @@ def test_dragging_a_node_changes_the_opacities_alone(volume: Volume, sent: list[
 @pytest.mark.parametrize("value", [
     {}, [], {"nodes": []}, {"nodes": [[1, 0], [0, 0]]}, {"nodes": [[0, -0.1]]}, {"nodes": [[0, 1.1]]},
     {"nodes": [[0, None]]}, {"nodes": [[0, 0]] * 65}, {"preset": "wood"}, {"preset": 3}, {"preset": ["bone"]},
+    {"colors": []}, {"colors": None}, {"colors": [[0, "#ff0000"]] * 65}, {"colors": [[0, "red"]]}, {"colors": [[0, 3]]},
+    {"colors": [[0, "#ff0000", 1]]}, {"colors": [["0", "#ff0000"]]}, {"colors": [[None, "#ff0000"]]},
+    {"colors": [[9, "#ff0000"], [0, "#ff0000"]]}, {"colors": [[0, "#ff00001"]]}, {"colors": [[0, "url(x)"]]},
+    {"window": None}, {"window": [0]}, {"window": [0, 1, 2]}, {"window": [1, 1]}, {"window": [2, 1]},
+    {"window": ["0", 1]}, {"window": [0, 1e301]}, {"window": [0, True]},
 ])
 def test_wrong_opacities_are_refused_and_answered(volume: Volume, value: Any, sent: list[Any]) -> None:
     editor = TransferEditor(volume)
@@ -161,7 +167,95 @@ def test_wrong_opacities_are_refused_and_answered(volume: Volume, value: Any, se
     assert "callback" not in sent[0]["message"]
 
 
+def test_dragging_a_stop_changes_the_colours_alone(volume: Volume, sent: list[Any]) -> None:
+    editor = TransferEditor(volume, "xray")
+    before, heard = editor.transfer, []
+    editor.on_edit(lambda *given: heard.append(given))
+    stops = [[-3, "#000000"], [50.5, "#ff8000"], [90, "#FFFFFF"]]
+    receive(editor, {"colors": stops}, "move")
+    assert editor.transfer is before
+    receive(editor, {"colors": stops})
+    assert editor.transfer == before.with_colors(stops)  # type: ignore[arg-type]
+    assert editor.transfer.colors[1] == (50.5, 1.0, 128 / 255, 0.0)
+    assert (editor.transfer.opacities, editor.transfer.unit) == (before.opacities, before.unit)
+    assert [phase for _, phase in heard] == ["move", "end"]
+    assert editor.shown["colors"][2] == [90.0, 1.0, 1.0, 1.0]
+    assert (editor.shown["preset"], editor.shown["back"]) == ("", "xray")
+    assert editor.shown["range"][0] == -3.0  # a stop beyond the values is still seen
+    receive(editor, {"preset": "xray"})
+    assert (editor.transfer, editor.shown["preset"]) == (before, "xray")
+
+
+def test_a_window_takes_nodes_and_colours_along(volume: Volume, sent: list[Any]) -> None:
+    editor = TransferEditor(volume, "specimen")
+    before = editor.transfer
+    receive(editor, {"window": [-10, 20]}, "move")
+    receive(editor, {"window": [40, 60]})
+    assert editor.transfer == before.windowed(40, 60)
+    assert editor.transfer.window == (40, 60)
+    assert (editor.shown["nodes"][0][0], editor.shown["nodes"][-1][0]) == (40, 60)
+    assert [m["type"] for m in sent] == ["done"] * 2
+
+
+def test_nodes_at_one_value_cannot_be_stretched(volume: Volume, sent: list[Any]) -> None:
+    editor = TransferEditor(volume, TransferFunction(((5, 1, 1, 1),), ((5, 0.5),)))
+    receive(editor, {"window": [0, 1]})
+    assert "no width" in sent[0]["message"]
+    assert editor.shown["back"] == ""
+
+
 def test_a_node_for_a_step_may_share_its_value(volume: Volume, sent: list[Any]) -> None:
     editor = TransferEditor(volume)
     receive(editor, {"nodes": [[0, 0], [40, 0], [40, 1]]})
     assert editor.transfer.opacities == ((0, 0), (40, 0), (40, 1))
+
+
+# ---- scripts ---------------------------------------------------------------------------------------------------------
+
+AXIS, STOPS = ("value_axis.js",), ("curves.js", "elements.js", "edited_page.js", "color_stops.js")
+
+
+def test_the_page_stretches_a_window_as_python_does() -> None:
+    function = preset("specimen", PHANTOMS["fish"].make((24, 48, 24)))
+    main = """({ nodes, stops, to }) => { const from = windowOf(nodes, stops);
+        return [from, ...[nodes, stops].map((rows) => rows.map(([v]) => stretchedValue(v, from, to)))]; }"""
+    window, nodes, stops = run_script(AXIS, main, {"nodes": function.opacities, "stops": function.colors,
+                                                   "to": [-12.5, 31.7]})
+    assert tuple(window) == function.window
+    wanted = function.windowed(-12.5, 31.7)
+    np.testing.assert_allclose(nodes, [v for v, _ in wanted.opacities], atol=1e-12)
+    np.testing.assert_allclose(stops, [v for v, *_ in wanted.colors], atol=1e-12)
+    assert (nodes[0], nodes[-1]) == (-12.5, 31.7)
+
+
+def test_the_ends_of_a_window_keep_apart_and_within_limits() -> None:
+    main = """() => [["low", 30], ["low", -500], ["low", 95], ["high", -95], ["high", 900], ["level", -500],
+        ["level", 25], ["level", 900]].map(([part, by]) => movedWindow([0, 100], part, by, 10, [-200, 300]))"""
+    assert run_script(AXIS, main, None) == [[30, 100], [-200, 100], [90, 100], [0, 10], [0, 300], [-200, -100],
+                                            [25, 125], [200, 300]]
+
+
+def test_the_axis_of_values_zooms_about_a_value_and_stays_inside() -> None:
+    main = """() => { const whole = [-1000, 3000];
+        return [zoomedAxis(whole, whole, 4, 0), zoomedAxis([-250, 750], whole, 2, 750),
+          zoomedAxis([0, 1000], whole, 9e9, 500), zoomedAxis([-1000, 0], whole, 0.5, 0),
+          zoomedAxis([0, 1000], whole, 0.25, 0), pannedAxis([0, 100], whole, -5000),
+          pannedAxis([0, 100], whole, 40)]; }"""
+    assert run_script(AXIS, main, None) == [[-250, 750], [250, 750], [496, 504], [-1000, 1000], None, [-1000, -900],
+                                            [40, 140]]
+
+
+def test_colour_stops_keep_their_order_and_a_new_one_changes_nothing() -> None:
+    main = """(stops) => { const before = JSON.stringify(stops);
+        const out = [movedStop(stops, 1, 7, [0, 9])[1], movedStop(stops, 1, -7, [0, 9])[1],
+          movedStop(stops, 2, 99, [0, 9])[2],
+          addedStop(stops, 2), addedStop(stops, -1), addedStop(stops, 8), hexOf([1, 0.5, -3]), rgbOf("#0080ff"),
+          colorAt(stops, 3)];
+        return [out, before === JSON.stringify(stops)]; }"""
+    stops = [[0, 1, 0, 0], [4, 0, 1, 0], [8, 0, 0, 1]]
+    (right, left, last, inner, first, after, text, rgb, at), is_pure = run_script(STOPS, main, stops)
+    assert is_pure
+    assert (right, left, last) == ([7, 0, 1, 0], [0, 0, 1, 0], [9, 0, 0, 1])
+    assert inner == [[stops[0], [2, 0.5, 0.5, 0], *stops[1:]], 1]
+    assert (first[0][0], first[1], after[0][3], after[1]) == ([-1, 1, 0, 0], 0, [8, 0, 0, 1], 3)
+    assert (text, rgb, at) == ("#ff8000", [0, 128 / 255, 1], [0.25, 0.75, 0])

@@ -1,7 +1,7 @@
-"""The transfer editor: opacity as a curve over the histogram of a volume, colours below.
+"""The transfer editor: opacity as a curve over the histogram of a volume, below it colours and the window of both.
 
-Values of its messages (see :mod:`~deformnb.widgets.edited`): ``{"nodes": [[value, alpha], ...]}`` or ``{"preset":
-name}``.
+Values of its messages (see :mod:`~deformnb.widgets.edited`): ``{"nodes": [[value, alpha], ...]}``, ``{"colors":
+[[value, "#rrggbb"], ...]}``, ``{"window": [low, high]}`` or ``{"preset": name}``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from deformnb.transfer import PRESETS, Histogram, TransferFunction, histogram, l
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.curve_nodes import MOST_NODES
-from deformnb.widgets.edited import SCRIPTS, AbstractEdited, nodes_from_json
+from deformnb.widgets.edited import SCRIPTS, AbstractEdited, is_number, nodes_from_json
 
 _BINS, _SLICES = 256, 24
 _TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
@@ -35,7 +35,7 @@ class _TransferTrait(traitlets.TraitType[TransferFunction, TransferFunction]):
 
 
 class TransferEditor(AbstractEdited):
-    """Opacities of a transfer function, dragged over the histogram of a volume.
+    """Opacities, colours and window of a transfer function, dragged under the histogram of a volume.
 
     Parameters
     ----------
@@ -48,7 +48,8 @@ class TransferEditor(AbstractEdited):
 
     Notes
     -----
-    ``transfer`` is a trait: ``editor.observe(f, "transfer")`` calls f after every edit.
+    ``transfer`` is a trait: ``editor.observe(f, "transfer")`` calls f after every edit. Colours are no part of a
+    document and of its undo; the way back is the preset, which the page offers as "Reset".
 
     Examples
     --------
@@ -60,8 +61,9 @@ class TransferEditor(AbstractEdited):
     0.06
     """
 
-    _esm = joined(*SCRIPTS, "curves.js", "curve_plot.js", "transfer_editor.js")
-    _css = style("curve_editor.css")
+    _esm = joined(*SCRIPTS, "curves.js", "curve_plot.js", "value_axis.js", "color_stops.js",
+                  "window_bar.js", "transfer_editor.js")
+    _css = style("curve_editor.css", "transfer_editor.css")
 
     transfer = _TransferTrait(TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 1))))
     height = traitlets.Int(150, min=80, max=1024).tag(sync=True)
@@ -109,12 +111,16 @@ class TransferEditor(AbstractEdited):
 
     def _checked(self, value: Any) -> tuple[str, TransferFunction]:
         if not isinstance(value, dict):
-            raise DeformError("opacities are a list of nodes or the name of a preset.")
+            raise DeformError("a transfer function is nodes, colours, a window or the name of a preset.")
         if "preset" in value:
             name = value["preset"]
             if not isinstance(name, str):
                 raise DeformError("the name of a preset is a text.")
             return name, preset(name, self._volume)
+        if "colors" in value:
+            return "", self.transfer.with_colors(_stops(value["colors"], max(MOST_NODES, len(self.transfer.colors))))
+        if "window" in value:
+            return "", self.transfer.windowed(*_window(value["window"]))
         nodes = nodes_from_json(value.get("nodes"), 1, max(MOST_NODES, len(self.transfer.opacities)))
         if any(not 0 <= alpha <= 1 for _, alpha in nodes):
             raise DeformError("an alpha must be a number from 0 to 1.")
@@ -139,14 +145,30 @@ class TransferEditor(AbstractEdited):
         self._show()
 
     def _show(self) -> None:
-        values = [*self._extent, *(v for v, _ in self.transfer.opacities)]
+        values = [*self._extent, *self.transfer.window]
         self._say(nodes=[list(node) for node in self.transfer.opacities], preset=self._preset_name,
-                  colors=[list(node) for node in self.transfer.colors],
+                  colors=[list(node) for node in self.transfer.colors], back=self._named[0] if self._named else "",
                   range=[min(values), max(values)])
 
     def __repr__(self) -> str:
         what = repr(self._preset_name) if self._preset_name else f"{len(self.transfer.opacities)} nodes"
         return f"TransferEditor({self._volume.name or 'volume'}, {what})"
+
+
+def _stops(data: Any, most: int) -> list[tuple[float, str]]:
+    """Colours by the page, values not falling."""
+    if not isinstance(data, list) or not 1 <= len(data) <= most:
+        raise DeformError(f"colours need a list of 1 to {most} stops.")
+    if not all(isinstance(row, list) and len(row) == 2 and is_number(row[0]) and isinstance(row[1], str)
+               for row in data):
+        raise DeformError("a stop of the colours must be a finite number and a colour.")
+    return [(float(value), color) for value, color in data]
+
+
+def _window(data: Any) -> tuple[float, float]:
+    if not isinstance(data, list) or len(data) != 2 or not all(map(is_number, data)):
+        raise DeformError("a window must be two finite numbers.")
+    return float(data[0]), float(data[1])
 
 
 def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:

@@ -459,7 +459,7 @@ def test_bars_and_colours_are_where_the_values_are(drawn: Any) -> None:
     assert (seen(150, 0.9 * height) < paper - 15).all()  # half the voxels: as high as the air
     assert (seen(152, 0.9 * height) == paper).all()
     for value, colour in ((15, (217, 38, 0)), (50, (127, 127, 0)), (100, (0, 255, 0)), (185, (0, 36, 219))):
-        oracle.assert_close(seen(value, 3.5), colour, atol=12)
+        oracle.assert_close(seen(value, -34), colour, atol=12)
 
 
 # ---- keys ------------------------------------------------------------------------------------------------------------
@@ -551,7 +551,7 @@ def test_small_opacities_are_labelled_as_such(drawn: Any) -> None:
 def test_nothing_is_cut_off(drawn: Any, kind: str, width: int) -> None:
     page = drawn(made(kind), width=width)
     assert page.page.evaluate("document.documentElement.scrollWidth") <= width
-    beyond = page.js("""[...w.root.querySelectorAll('text, .dnb-cv-dot, button, select, input, span')].filter((e) => {
+    beyond = page.js("""[...w.root.querySelectorAll('text, .dnb-cv-dot, .dnb-cv-end, .dnb-cv-ring, button, select, input, span')].filter((e) => {
         const a = e.getBoundingClientRect(), b = w.root.getBoundingClientRect();
         return a.width && (a.left < b.left || a.right > b.right || a.top < b.top || a.bottom > b.bottom); }).length""")
     assert beyond == 0

@@ -10,7 +10,8 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowD
 class CurvePlot extends EditedPage {
   constructor(model, el, name) {
     super(model, el, name);
-    Object.assign(this, { nodes: [], samples: null, isSmooth: false, chosen: 0, power: 1, snaps: [], dots: [], nudged: null });
+    Object.assign(this, { nodes: [], samples: null, isSmooth: false, chosen: 0, power: 1, snaps: [], dots: [], nudged: null,
+      margins: PLOT });
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
     this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group" }, this.stage);
@@ -43,9 +44,13 @@ class CurvePlot extends EditedPage {
       this.listen(button, "click", action);
       return button;
     };
-    this.adder = make("+", "Add a node after the chosen one (A, or double click)", () => this.addAfter(this.chosen));
-    this.remover = make("\u2212", "Remove the chosen node (Del, or right click)", () => this.remove(this.chosen));
+    this.adder = make("+", "Add a node after the chosen one (A, or double click)", () => this.addChosen());
+    this.remover = make("\u2212", "Remove the chosen node (Del, or right click)", () => this.removeChosen());
   }
+
+  addChosen() { this.addAfter(this.chosen); }
+
+  removeChosen() { this.remove(this.chosen); }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
@@ -211,11 +216,10 @@ class CurvePlot extends EditedPage {
     if (!this.nodes.length) return;
     if (!this.isHeld) this.view = this.axes();
     const least = this.model.get("height") || 150, width = Math.max(160, this.stage.clientWidth || 360);
-    const height = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width)));
-    this.box = { left: PLOT.left, top: PLOT.top, width: width - PLOT.left - PLOT.right, height: height - PLOT.top - PLOT.bottom };
-    const label = this.model.get("label") || "Curve";
-    setAttributes(this.svg, { viewBox: `0 0 ${width} ${height}`, height, "aria-label":
-      `${label}. Tab goes through the nodes, arrows move them, A adds one, Delete removes one.` });
+    const { left, right, top, bottom } = this.margins, label = this.model.get("label") || "Curve";
+    const high = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width))), height = high + bottom - PLOT.bottom;
+    this.box = { left, top, width: width - left - right, height: height - top - bottom };
+    setAttributes(this.svg, { viewBox: `0 0 ${width} ${height}`, height, "aria-label": `${label}. ${this.help()}` });
     this.bar.setAttribute("aria-label", label);
     this.root.classList.toggle("dnb-cv-read-only", this.isReadOnly);
     this.root.classList.toggle("dnb-cv-sampled", this.samples !== null);
@@ -226,14 +230,19 @@ class CurvePlot extends EditedPage {
     this.describe();
   }
 
+  help() { return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one."; }
+
   drawBack() {}
 
   // The curve in pixels, from edge to edge.
   outline() {
     const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this, at = (x) => this.toPixel([x, curve(x)]);
-    const between = (a, b) => {
+    const between = (from, to) => { // what is seen of it
+      const a = Math.max(from, x0), b = Math.min(to, x1);
+      if (!(b > a)) return [];
       const parts = Math.max(1, Math.ceil((b - a) / (x1 - x0) * this.box.width / 2));
-      return Array.from({ length: parts - 1 }, (_, k) => at(a + (b - a) * (k + 1) / parts));
+      const inner = Array.from({ length: parts - 1 }, (_, k) => at(a + (b - a) * (k + 1) / parts));
+      return [...(a > from ? [at(a)] : []), ...inner, ...(b < to ? [at(b)] : [])];
     };
     if (this.samples) return [at(x0), ...between(x0, x1), at(x1)];
     const found = [this.toPixel([x0, nodes[0][1]])];

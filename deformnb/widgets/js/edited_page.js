@@ -118,7 +118,7 @@ function listenToDrags(page, target, hand) {
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
   page.listen(target, "touchstart", (event) => {
-    if (event.target.closest(".dnb-cv-node") && !page.isReadOnly) event.preventDefault();
+    if (event.target.closest(".dnb-cv-node, .dnb-cv-grip") && !page.isReadOnly) event.preventDefault();
   }, { passive: false });
   page.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
