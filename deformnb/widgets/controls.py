@@ -21,6 +21,7 @@ from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
 from deformnb.trend import TRENDS
+from deformnb.widgets.clip_controls import ClipControls
 from deformnb.widgets.view import SHOWS
 
 Guard = Callable[[Callable[[], None]], bool]
@@ -260,7 +261,11 @@ class LookPanel(Panel):
             names = {"shaded": "Shaded", "composite": "Composite", "mip": "Maximum (MIP)"}
             menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
                                   lambda: view.projection, lambda value: view.set_trait("projection", value)))
-        self.box = ipw.VBox([row(*menus), ipw.Box([transfer], layout=ipw.Layout(max_width="720px"))])
+        self.clip = ClipControls(view if view.has_trait("clip") else None)
+        self.box = ipw.VBox([row(*menus), ipw.Box([transfer], layout=ipw.Layout(max_width="720px")), self.clip])
+
+    def close(self) -> None:
+        self.clip.close()
 
 
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:

@@ -21,6 +21,7 @@ from deformnb.quality import FitQuality, bending_energy
 from deformnb.session import Session
 from deformnb.trust import LEAST, picture_raster, step_folds, step_quality, step_uncertainty
 from deformnb.volume import Grid
+from deformnb.widgets.shown_volume import unit_of as unit_of
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
                  ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
@@ -116,11 +117,6 @@ def judgement_of(session: Session) -> Judgement:
             kept = (*state, judge(session.step, session.key, session.volume.grid))
             _JUDGED[session] = kept
         return kept[3]
-
-
-def unit_of(grid: Grid) -> str:
-    """The unit of lengths: voxels where a spacing of 1 says nothing else, mm otherwise."""
-    return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
 
 
 def length_text(value: float) -> str:

@@ -60,5 +60,5 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     """What a page must know to turn a camera around a volume: its axes, its sides and the box that is seen."""
     shown = ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
-    names = ("axes", "views", "origin", "spacing", "to_frame")
+    names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
     return {**{name: info[name] for name in names}, "box": shown.box(output)}

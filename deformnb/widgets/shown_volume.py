@@ -103,6 +103,7 @@ class ShownVolume:
             "chunks": self.chunks,
             "to_frame": self.frame.tolist(), "axes": np.asarray(grid.direction).tolist(), "box": self.box(),
             "outside": self.outside, "is_labels": self.volume.is_labels, "grey": [0.0, self.white], "note": self.note,
+            "unit": unit_of(self.original),
             "views": {**views, "home": home},
         }
 
@@ -132,6 +133,11 @@ class Pieces:
             if index not in self._made:
                 self._made[index] = self.shown.chunk(index)
             return self._made[index]
+
+
+def unit_of(grid: Grid) -> str:
+    """The unit of lengths: voxels where a spacing of 1 says nothing else, mm otherwise."""
+    return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
 
 
 def _look(plane: Plane) -> dict[str, list[float]]:

@@ -75,9 +75,10 @@ function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { ca
     height: canvas.height };
 }
 
-/** A caption and four letters of directions over each picture that is seen: one, or two side by side. */
+/** A caption and four letters of directions over each picture that is seen, one or two side by side, and a scale. */
 class Frames {
   constructor(root) {
+    this.scale = new ScaleBar(root);
     this.frames = [0, 1].map(() => {
       const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
       return { frame, caption: pageElement("div", "dnb-caption", frame),
@@ -96,7 +97,10 @@ class Frames {
     });
   }
 
-  write({ right, up }) {
+  /** unit: of lengths; without one nothing is told of them. */
+  write(camera, unit) {
+    const { right, up } = camera;
+    this.scale.write(camera, unit, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
     for (const { letters } of this.frames) letters.forEach((letter, i) => { letter.textContent = texts[i]; });
   }

@@ -225,7 +225,7 @@ class LiveViewPage extends VolumePage {
   }
 
   touch(held = false) {
-    if (this.info) { this.frames.write(this.camera); this.cube.draw(this.info.views, this.camera); }
+    if (this.info) { this.frames.write(this.camera, this.info.unit); this.cube.draw(this.info.views, this.camera); }
     this.spacePoints?.draw();
     if (this.loop) this.loop.touch(held);
   }

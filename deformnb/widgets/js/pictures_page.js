@@ -149,6 +149,7 @@ class PicturesPage {
     const wanted = this.model.get("camera") || {};
     this.camera.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
     this.camera.pan = [...(wanted.pan || [0, 0])];
+    this.camera.bend = wanted.perspective ? 0.7 : 0;
     this.camera.height = this.camera.fit(this.corners(), this.aspect) / (wanted.zoom || 1);
     this.touchParts();
   }
@@ -169,7 +170,7 @@ class PicturesPage {
 
   touchParts() {
     if (!this.info) return;
-    this.frames.write(this.camera);
+    this.frames.write(this.camera, this.info.unit);
     this.cube.draw(this.info.views, this.camera);
     this.spacePoints?.draw();
   }

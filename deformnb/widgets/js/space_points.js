@@ -133,7 +133,8 @@ class SpacePoints {
 
   get body() {
     const { values, info, field, caster } = this.page;
-    return values && caster?.table ? new Body({ values, info, field, table: caster.table.rgba, unit: caster.table.unit }) : null;
+    return values && caster?.table ? new Body({ values, info, field, table: caster.table.rgba, unit: caster.table.unit,
+      clip: caster.clip }) : null;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------

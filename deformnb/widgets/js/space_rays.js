@@ -54,9 +54,10 @@ class SpaceCamera {
 
 // The deformed body as the ray caster sees it, for a few rays: lengths are along the index axes, from the first voxel.
 class Body {
-  constructor({ values, info, field, table, unit }) {
+  constructor({ values, info, field, table, unit, clip }) {
+    const box = field?.box ?? info.box;
     Object.assign(this, { values, info, space: field?.space ?? null, planar: field?.planar ?? null, table, unit,
-      box: field?.box ?? info.box });
+      box: clip ? leftOf(box, clipSides(box, clip)) : box }); // what is cut away is no body
     this.step = Math.min(...info.spacing);
   }
 
