@@ -175,7 +175,7 @@ class Animation:
         return next(fits, least) + 1
 
     def stack(self, grid: Grid, frames: int | None = None, *, raster: Raster | None = None, size: int | None = None,
-              degrees: float = 10.0) -> TimeMaps:
+              degrees: float = 10.0, output: Grid | None = None) -> TimeMaps:
         """The maps of all moments as ONE array whose third axis is time.
 
         Parameters
@@ -184,6 +184,7 @@ class Animation:
         frames : their number; default is :meth:`frame_count` of ``degrees``.
         raster : samples of a map; default covers the grid with one for every voxel, or with ``size`` along its longer
             side.
+        output : the grid whose box is seen, which the maps cover; default is that of the volume.
 
         Raises
         ------
@@ -194,7 +195,7 @@ class Animation:
         if not 1 <= count <= MOST_FRAMES:
             raise DeformError(f"a stack has 1 to {MOST_FRAMES} frames, got {count}.")
         plane, weights = self._common(grid)
-        lattice = raster or covering_raster(plane, grid, size)
+        lattice = raster or covering_raster(plane, output or grid, size)
         values = np.empty((count, *lattice.shape, 2), np.float32)
         for k, t in enumerate(np.linspace(0.0, self.duration, count).tolist()):
             step = one_map(self._steps(t))

@@ -35,8 +35,9 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
     p.add_argument("--resolution", type=float, nargs="+", metavar="S",
                    help="voxel size of the result, one length or three (x y z; default as the input)")
-    p.add_argument("--margin", type=float, nargs="+", metavar="M",
-                   help="field of view: length to add on every side, one or three (x y z); negative crops")
+    p.add_argument("--margin", nargs="+", metavar="M",
+                   help='field of view: "fit" is as large as the deformed matter needs, 0 the box of the input; or a '
+                   "length to add on every side, one or three (x y z), negative crops (default the session's)")
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
@@ -84,8 +85,8 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
     if options.labels:
         volume = replace(volume, is_labels=True)
     note(*_differences(document, volume), *document.notes(volume.grid))
-    warped = document.apply(volume, output=_output_grid(volume, options), fill=options.fill, method=options.method,
-                            progress=stage("deform"))
+    output = _output_grid(document, volume, options)
+    warped = document.apply(volume, output=output, fill=options.fill, method=options.method, progress=stage("deform"))
     write_volume(warped, target, progress=stage(f"write {target.name}"))
 
 
@@ -181,18 +182,45 @@ def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
         yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
 
 
-def _output_grid(volume: Volume, options: argparse.Namespace) -> Grid | None:
+def _output_grid(document: Deformation, volume: Volume, options: argparse.Namespace) -> Grid | None:
+    if options.resolution is None and options.margin is None:
+        return _affordable(document.output, volume)
+    spacing = options.resolution
+    if spacing is not None and len(spacing) not in (1, 3):
+        raise DeformError(f"--resolution takes one length or three (x y z), got {len(spacing)}.")
+    grid, margin = _box(document, volume, options.margin)
+    if spacing is not None or margin:
+        grid = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
+                              margin=margin)
+    return _affordable(grid, volume)
+
+
+def _box(document: Deformation, volume: Volume, given: Sequence[str] | None) -> tuple[Grid, Any]:
+    """The box of a result, and what to add to it."""
+    from deformnb.field_of_view import MOST, field_of_view
+
+    if given is None:
+        return document.output or volume.grid, 0.0
+    if list(given) == ["fit"]:
+        found = field_of_view(volume, document.field(volume.grid))
+        if found.is_limited:
+            note(f"the deformed matter needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
+        return found.grid, 0.0
+    try:
+        margin = [float(length) for length in given]
+    except ValueError:
+        raise DeformError(f'--margin takes "fit" or lengths, got {" ".join(given)[:40]!r}.') from None
+    if len(margin) not in (1, 3):
+        raise DeformError(f"--margin takes one length or three (x y z), got {len(margin)}.")
+    return volume.grid, margin if len(margin) == 3 else margin[0]
+
+
+def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
+    """The grid, if there is memory for a volume on it."""
     from deformnb.io import available_memory
 
-    if options.resolution is None and options.margin is None:
+    if output is None:
         return None
-    for name in ("resolution", "margin"):
-        value = getattr(options, name)
-        if value is not None and len(value) not in (1, 3):
-            raise DeformError(f"--{name} takes one length or three (x y z), got {len(value)}.")
-    grid, spacing, margin = volume.grid, options.resolution, options.margin
-    output = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
-                            margin=0.0 if margin is None else margin if len(margin) == 3 else margin[0])
     needed, free = output.size * volume.dtype.itemsize, available_memory()
     if needed > free:
         voxels = " x ".join(map(str, output.shape[::-1]))

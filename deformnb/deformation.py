@@ -300,6 +300,7 @@ class Deformation:
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
     easing, loop : names of :data:`~deformnb.easing.EASINGS` and :data:`~deformnb.easing.LOOPS`, how it is played.
+    output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
 
     Examples
     --------
@@ -319,10 +320,13 @@ class Deformation:
     keyframes: tuple[Keyframe, ...] = ()
     easing: str = "linear"
     loop: str = "once"
+    output: Grid | None = None
 
     def __post_init__(self) -> None:
         for name in ("steps", "keyframes"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+        if not isinstance(self.output, Grid | None):
+            raise DeformError(f"the output of a deformation is a Grid or None, got {self.output!r:.60}.")
         for what, value, known in (("mode", self.mode, MODES), ("easing", self.easing, EASINGS),
                                    ("loop", self.loop, LOOPS)):
             if value not in known:
@@ -389,7 +393,7 @@ class Deformation:
         return tuple(dict.fromkeys(found))
 
     def apply(self, volume: Volume, **options: Any) -> Volume:
-        """The deformed volume; options are those of :func:`deformnb.warp.warp`."""
-        return warp(volume, self.field(volume.grid), **options)
+        """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warp.warp`."""
+        return warp(volume, self.field(volume.grid), **{"output": self.output, **options})
 
 

@@ -26,9 +26,12 @@ from deformnb.plane import Plane
 from deformnb.volume import Grid
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 2)
-"""1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points. Each is left out where
-a document has none."""
+VERSION = (1, 3)
+"""1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
+result. Each is left out where a document has none."""
+
+LARGEST_OUTPUT = 2**36
+"""Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""
@@ -53,6 +56,8 @@ def to_json(deformation: Deformation) -> str:
     if deformation.keyframes:
         data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
                              for key in deformation.keyframes]
+    if deformation.output is not None:
+        data["output"] = _grid_data(deformation.output)
     text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
     return _tidied(without_surrogates(text)) + "\n"
 
@@ -88,11 +93,12 @@ def from_json(text: str | bytes) -> Deformation:
     r = Reader(data, "document")
     steps = [_step(s) for s in r.items("steps", [])]
     volume = None if data.get("volume") is None else _volume(r.part("volume"))
-    known = {"format", "version", "name", "volume", "steps", "keyframes", *_USUAL}
+    known = {"format", "version", "name", "volume", "steps", "keyframes", "output", *_USUAL}
+    output = None if data.get("output") is None else _output(r.part("output"))
     keys = tuple(Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps")))
                  for k in r.items("keyframes", []))
     return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), keyframes=keys,
-                       **{key: r.text(key, usual) for key, usual in _USUAL.items()})
+                       output=output, **{key: r.text(key, usual) for key, usual in _USUAL.items()})
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:
@@ -159,9 +165,12 @@ def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
     if volume is None:
         return None
     data = {"name": volume.name, "shape": list(volume.shape), "spacing": list(volume.spacing), "sha256": volume.sha256}
-    if volume.grid is not None:
-        data |= {"origin": list(volume.grid.origin), "direction": [list(row) for row in volume.grid.direction]}
-    return data
+    return data if volume.grid is None else data | _grid_data(volume.grid)
+
+
+def _grid_data(grid: Grid) -> dict[str, Any]:
+    return {"shape": list(grid.shape), "spacing": list(grid.spacing), "origin": list(grid.origin),
+            "direction": [list(row) for row in grid.direction]}
 
 
 def _step_data(step: Step) -> dict[str, Any]:
@@ -202,31 +211,43 @@ def _points_data(points: ControlPoints) -> dict[str, Any]:
     return {"dim": points.dim, "next_id": points.next_id, "points": rows}
 
 
-def _volume(r: Reader) -> VolumeReference:
+def _size(r: Reader) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
     z, y, x = r.numbers("shape", 3)
     a, b, c = r.numbers("spacing", 3)
     if not all(n == int(n) and n >= 1 for n in (z, y, x)) or min(a, b, c) <= 0:
         raise DeformError(f"{r.where} must have a shape of whole numbers and a spacing of positive ones.")
+    return (int(z), int(y), int(x)), (a, b, c)
+
+
+def _volume(r: Reader) -> VolumeReference:
+    shape, spacing = _size(r)
     digest = r.text("sha256")
     if not re.fullmatch(r"[0-9a-f]{64}", digest):
         raise DeformError(f"{r.where}.sha256 must be 64 hexadecimal digits.")
-    reference = VolumeReference(r.text("name", ""), (int(z), int(y), int(x)), (a, b, c), digest)
+    reference = VolumeReference(r.text("name", ""), shape, spacing, digest)
     if r.data.get("origin") is None or r.data.get("direction") is None:
         return reference
-    return _with_place(reference, r)
+    grid = _placed(shape, spacing, r)
+    return replace(reference, origin=grid.origin, direction=grid.direction)
 
 
-def _with_place(reference: VolumeReference, r: Reader) -> VolumeReference:
-    rows = r.data["direction"]
-    if not isinstance(rows, list) or len(rows) != 3:
+def _output(r: Reader) -> Grid:
+    shape, spacing = _size(r)
+    if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
+        raise DeformError(f"{r.where} asks for {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
+    return _placed(shape, spacing, r)
+
+
+def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: Reader) -> Grid:
+    rows = r.value("direction", (list,), ...)
+    if len(rows) != 3:
         raise DeformError(f"{r.where}.direction must be three rows of three numbers.")
     direction = tuple(Reader({"row": row}, f"{r.where}.direction[{k}]").numbers("row", 3) for k, row in enumerate(rows))
     x, y, z = r.numbers("origin", 3)
     try:
-        grid = Grid(reference.shape, reference.spacing, (x, y, z), direction)  # type: ignore[arg-type]
+        return Grid(shape, spacing, (x, y, z), direction)  # type: ignore[arg-type]
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
-    return replace(reference, origin=grid.origin, direction=grid.direction)
 
 
 def _step(r: Reader) -> Step:

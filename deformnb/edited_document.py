@@ -211,8 +211,12 @@ class EditedDocument(traitlets.HasTraits):
             with self.hold_trait_notifications():
                 self.deformation, self.index, self.key = state
                 self.history = self._history.labels()
+                self._show_parts()
         finally:
             self._is_checked = False
+
+    def _show_parts(self) -> None:
+        """Set what a subclass shows of the document by a trait of its own."""
 
     def _checked(self, deformation: Any) -> Deformation:
         if not isinstance(deformation, Deformation):
@@ -238,6 +242,7 @@ class EditedDocument(traitlets.HasTraits):
             self.index = min(self.index, len(self.deformation.steps) - 1)
             self.key = min(self.key, len(self.step.maps) - 1)
             self.history = self._history.labels()
+            self._show_parts()
 
     # -- the way back --------------------------------------------------------------------------------------------------
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from deformnb.deformation import Deformation
+from deformnb.document_reader import without_surrogates
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import read_volume
 from deformnb.io.meshes import is_mesh, read_mesh
@@ -31,6 +33,20 @@ def as_volume(given: Any) -> Volume:
 def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:
     """A closed mesh as a volume of grey values, to be looked at and deformed like a scan."""
     return filled(signed_distance(mesh, progress=progress))
+
+
+def source_of(given: Any) -> str:
+    """An expression that reads the volume that was given as a path, for scripts; empty for anything else.
+
+    Examples
+    --------
+    >>> source_of("scans/carp.nii.gz"), source_of("bone.stl"), source_of(np.zeros((2, 2, 2)))
+    ('dn.read_volume("scans/carp.nii.gz")', 'dn.filled(dn.signed_distance(dn.read_mesh("bone.stl")))', '')
+    """
+    if not isinstance(given, str | PathLike):
+        return ""
+    path = without_surrogates(json.dumps(str(given), ensure_ascii=False))
+    return f"dn.filled(dn.signed_distance(dn.read_mesh({path})))" if is_mesh(given) else f"dn.read_volume({path})"
 
 
 def as_deformation(given: Any) -> Deformation | None:

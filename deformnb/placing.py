@@ -41,7 +41,9 @@ def _by_the_box(deformation: Deformation, grid: Grid) -> Deformation:
     box = _Box(made.grid, grid)
     keys = tuple(Keyframe(key.time, tuple(map(box.step, key.steps))) for key in deformation.keyframes)
     # Its box is this grid's now, and not the one that it was made on: it must not be laid there a second time.
-    return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None)
+    output = None if deformation.output is None else box.grid(deformation.output)
+    return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None,
+                   output=output)
 
 
 PLACES: dict[str, Callable[[Deformation, Grid], Deformation]] = {"as it is": _as_it_is, "by the box": _by_the_box}
@@ -87,6 +89,15 @@ class _Box:
         corner = [g.origin - g.matrix @ np.full(3, 0.5) for g in (old, new)]
         self.shift = corner[1] - self.matrix @ corner[0]
         self.old, self.new = old, new
+
+    def grid(self, output: Grid) -> Grid:
+        """A box around the other volume, made of its voxels."""
+        corners = (output.corners() @ self.matrix.T) + self.shift
+        index = self.new.point_to_index(corners)
+        low, high = np.floor(index.min(axis=0) + 0.5 + _SAME), np.ceil(index.max(axis=0) + 0.5 - _SAME)
+        x, y, z = (int(n) for n in low)
+        nx, ny, nz = (max(1, int(n)) for n in high - low)
+        return self.new.crop((z, y, x), (nz, ny, nx))
 
     def step(self, step: Step) -> Step:
         """One step on the other volume."""

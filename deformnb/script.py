@@ -32,7 +32,11 @@ _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knot
           "parts", "cuts", "cut_rule", "stages")
 
 
-def as_python(deformation: Deformation, grid: Grid, *, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
+UNKNOWN_VOLUME = 'dn.read_volume("volume.nii.gz")'
+"""What a script says of a volume of which it is not known where it came from."""
+
+
+def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOLUME) -> str:
     """A script that makes ``deformation`` and applies it.
 
     Parameters
@@ -96,6 +100,8 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     step, names = steps[0] if len(steps) == 1 else (None, [])
     looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
                     if getattr(deformation, key) != usual)
+    if deformation.output is not None:
+        looks += f", output={_grid(deformation.output, grid)}"
     plain = not (deformation.name or deformation.keyframes or looks)
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
@@ -166,6 +172,15 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
     if view:
         return f'dn.Plane.along(volume.grid, "{view}")'
     return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
+
+
+def _grid(output: Grid, grid: Grid) -> str:
+    """The grid of a result: if it goes on with the voxels of the volume, as a part of those."""
+    z, y, x = (int(n) for n in np.round(grid.point_to_index(output.origin))[::-1])
+    if grid.crop((z, y, x), output.shape) == output:
+        return f"volume.grid.crop(({z}, {y}, {x}), {output.shape})"
+    return (f"dn.Grid({output.shape}, spacing={output.spacing}, origin={output.origin}, "
+            f"direction={output.direction})")
 
 
 def _options(step: Step, shared: _Shared) -> str:

@@ -11,23 +11,27 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import traitlets
+from numpy.typing import ArrayLike
 
 from deformnb.deformation import Deformation, LazyReference
 from deformnb.edited_steps import EditedSteps
 from deformnb.errors import DeformError, OtherVolumeError
+from deformnb.field_of_view import MOST, Matter, field_of_view, grown, landed, matter_of, sides_left
 from deformnb.fields import AbstractField
 from deformnb.io.documents import read_document, write_deformation
-from deformnb.io.headers import shown
+from deformnb.io.headers import human_bytes, shown
 from deformnb.io.known_files import KnownFiles
+from deformnb.io.memory import available_memory
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
-from deformnb.script import as_python
+from deformnb.script import UNKNOWN_VOLUME, as_python
 from deformnb.step_changes import turned
 from deformnb.transfer import TransferFunction, preset
-from deformnb.volume import Volume
+from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
 
 
@@ -39,6 +43,7 @@ class Session(EditedSteps):
     volume : what is deformed; never changed.
     deformation : to go on with; default is one step with a point in each corner of the picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.plane.VIEWS`.
+    output : grid of the result; default is the document's, and the volume's own if it has none.
     traits : first values of the traits below.
 
     Attributes
@@ -52,6 +57,11 @@ class Session(EditedSteps):
     history : what "undo" and "redo" would do, in words.
     notice : the last thing worth saying, such as a trend that was changed along with a kernel.
     saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
+    output : the grid of the result, which is what can be seen of it too (the field of view); None is the volume's own.
+        It is part of the document: setting it is an edit that can be undone, and it is saved, restored and written as
+        code along with the drags that need it. See :meth:`grow` and :meth:`fit_output`.
+    source : an expression that reads the volume, for scripts; empty if that is not known.
+    file : where it was last written or opened; None if nowhere.
     reference : call it for what tells the volume from others; the first call takes a moment for a large volume.
 
     Examples
@@ -70,12 +80,18 @@ class Session(EditedSteps):
     depth = traitlets.Float(0.0)
     transfer = traitlets.Any("specimen")
     saved = traitlets.Instance(Deformation, allow_none=True)
+    file = traitlets.Instance(Path, allow_none=True)
+    output = traitlets.Instance(Grid, allow_none=True)
+    source = traitlets.Unicode("")
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
-                 **traits: Any) -> None:
+                 output: Grid | None = None, **traits: Any) -> None:
+        if output is not None:
+            deformation = replace(deformation or Deformation(), output=output)
+        self._matter: Matter | None = None
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
-        self._drawing = threading.Lock()
+        self._drawing, self._looking = threading.Lock(), threading.Lock()
         self._transfer: tuple[Any, TransferFunction] | None = None
         self.reference = LazyReference(volume)
         self._files = KnownFiles()
@@ -177,11 +193,79 @@ class Session(EditedSteps):
         """Where slices may lie, from the middle of the volume."""
         return self.plane.depth_range(self.volume.grid)
 
+    # -- the box of the result -----------------------------------------------------------------------------------------
+
+    @traitlets.validate("output")
+    def _valid_output(self, proposal: Any) -> Grid | None:
+        grid = proposal["value"]
+        with self._lock:
+            if grid != self.deformation.output:  # set from outside: an edit like any other
+                self._become(replace(self.deformation, output=grid), "change the result box", "result box")
+        return grid
+
+    def _show_parts(self) -> None:
+        self.output = self.deformation.output
+
+    @property
+    def box(self) -> Grid:
+        """The grid of the result, the volume's own if there is no other."""
+        return self.output or self.volume.grid
+
+    def grow(self, margin: ArrayLike) -> None:
+        """Give the result a margin around the volume, so that what is dragged out of its box is not cut off.
+
+        Parameters
+        ----------
+        margin : a length or (x, y, z), rounded up to whole voxels; 0 is the volume's own box again, negative crops.
+        """
+        grid = grown(self.volume.grid, margin)
+        self.output = None if grid == self.volume.grid else grid
+
+    def fit_output(self, *, most: float = MOST, joins: bool = False) -> bool:
+        """Give the result a box as large as deformed matter needs, and at least that of the volume.
+
+        Parameters
+        ----------
+        most : how many times the voxels of the volume it may have; a notice says if that is too few.
+        joins : as part of the last edit, which undo takes back together with it; nothing happens if another edit, or an
+            older state, is shown by the time that the box is known.
+
+        Returns
+        -------
+        Whether all of the matter fits.
+        """
+        with self._lock:
+            deformation, field = self.deformation, self.field()
+        found = field_of_view(self.matter(), field, most=most)
+        if joins:
+            if found.grid != deformation.output:
+                self.amend(deformation, replace(deformation, output=found.grid), self.notice)
+        else:
+            self.output = found.grid
+        if found.is_limited:
+            self.notice = (f"Matter reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
+                           "it is cut off.")
+        return not found.is_limited
+
+    def sides_left(self) -> tuple[str, ...]:
+        """The sides on which deformed matter leaves the box of the result, in words; takes a moment."""
+        return sides_left(landed(self.matter(), self.field()), self.box)
+
+    def matter(self) -> Matter:
+        """Where the volume holds something; looked up once."""
+        with self._looking:
+            if self._matter is None:
+                self._matter = matter_of(self.volume)
+            return self._matter
+
     # -- results -------------------------------------------------------------------------------------------------------
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
-        """The deformed volume, warped with the document of this moment."""
-        return warp(self.volume, self.field(), progress=progress)
+        """The deformed volume on the grid :attr:`output`, warped with the document of this moment."""
+        with self._lock:
+            field, output = self.field(), self.output
+        check_room(self.volume, output)
+        return warp(self.volume, field, output=output, progress=progress)
 
     def document(self) -> Deformation:
         """The deformation together with the checksum of its volume, as it is saved."""
@@ -202,7 +286,7 @@ class Session(EditedSteps):
         """
         document = document or self.document()
         write_deformation(document, path, known=self._files, overwrite=overwrite)
-        self.saved = document
+        self.file, self.saved = Path(path), document
 
     def open(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
         """Go on with a saved document; can be undone.
@@ -219,6 +303,7 @@ class Session(EditedSteps):
         document, content = read_document(path)
         self.take(document, allow_other_volume=allow_other_volume)
         self._files.remember(path, content)
+        self.file = Path(path)
 
     def take(self, deformation: Deformation, label: str = "open a document", *,
              allow_other_volume: bool = False) -> None:
@@ -228,7 +313,7 @@ class Session(EditedSteps):
             raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it all the same.")
         with self._lock:
             self._become(deformation, label, index=max(0, len(deformation.steps) - 1), key=0)
-            self.saved = self.deformation
+            self.file, self.saved = None, self.deformation
         if difference:
             self.notice = difference
 
@@ -251,6 +336,27 @@ class Session(EditedSteps):
         return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "
                 f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
 
-    def code(self, volume: str = 'dn.read_volume("volume.nii.gz")') -> str:
-        """The document as a Python script; see :func:`deformnb.script.as_python`."""
-        return as_python(self.deformation, self.volume.grid, volume=volume)
+    def code(self, volume: str = "") -> str:
+        """The document as a Python script; see :func:`deformnb.script.as_python`.
+
+        Parameters
+        ----------
+        volume : expression that gives the volume; default reads the file that it came from.
+        """
+        return as_python(self.deformation, self.volume.grid, volume=volume or self.source or UNKNOWN_VOLUME)
+
+
+def check_room(volume: Volume, output: Grid | None) -> None:
+    """Refuse a result that there is no memory for: else the system would end the process, and the session with it.
+
+    Raises
+    ------
+    DeformError
+        With what it takes and what is free.
+    """
+    grid = output or volume.grid
+    needed, free = grid.size * volume.dtype.itemsize, available_memory()
+    if needed > free:
+        remedy = "choose a smaller result box" if grid.size > volume.grid.size else "read the volume with a stride"
+        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} are free; "
+                          f"close something else, or {remedy}.")

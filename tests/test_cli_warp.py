@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,38 @@ def test_field_of_view_and_resolution(options: str, shape: Any, spacing: Any, sm
         oracle.assert_close(out.grid.center, read_volume(small / "tiny.nrrd").grid.center, atol=1e-9)
 
 
+def a_shift(small: Path, by: float, **more: Any) -> Deformation:
+    """A document that shifts the tiny volume, written as "shift.json"."""
+    document = Deformation.on_picture(read_volume(small / "tiny.nrrd").grid, "+y",
+                                      ControlPoints.from_arrays([[0, 0]], [[by, 0]]), trend="translation")
+    document = dataclasses.replace(document, **more)
+    write_deformation(document, small / "shift.json")
+    return document
+
+
+def test_a_margin_that_fits_holds_all_that_is_moved(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    a_shift(small, 5.0)
+    volume = read_volume(small / "tiny.nrrd")
+    assert run(small, "warp shift.json tiny.nrrd out.nrrd --margin fit", monkeypatch) == 0
+    out = read_volume(small / "out.nrrd")
+    assert out.shape[:2] == volume.shape[:2]
+    assert out.shape[2] >= volume.shape[2] + 5
+    np.testing.assert_array_equal(out.values[:, :, 5 : 5 + volume.shape[2]], volume.values)
+    assert out.grid.origin == volume.grid.origin
+
+
+def test_the_box_of_a_session_is_that_of_its_result_unless_another_is_asked_for(
+        small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = read_volume(small / "tiny.nrrd").grid
+    box = grid.crop((0, 0, -2), (grid.shape[0], grid.shape[1], grid.shape[2] + 9))
+    a_shift(small, 5.0, output=box)
+    for options, wanted in (("", box), ("--margin 0", grid), ("--resolution 2", box.resampled(spacing=2.0))):
+        assert run(small, f"warp shift.json tiny.nrrd out.nrrd --force {options}", monkeypatch) == 0
+        assert read_volume(small / "out.nrrd").grid.is_like(wanted)
+    assert run(small, "replay shift.json tiny.nrrd --out results", monkeypatch) == 0
+    assert read_volume(small / "results" / "tiny.nrrd").grid.is_like(box)
+
+
 def test_fill_labels_and_method(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(small, "warp pull.json tiny.nrrd a.nrrd --fill 7 --margin 30", monkeypatch) == 0
     assert read_volume(small / "a.nrrd").values[0, 0, 0] == 7
@@ -99,6 +132,7 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json tiny.nrrd out.nrrd --resolution nan", "spacing must be positive"),
     ("warp pull.json tiny.nrrd out.nrrd --resolution 1e-5", "choose a coarser --resolution"),
     ("warp pull.json tiny.nrrd out.nrrd --margin 1 2 3 4", "--margin takes one length or three"),
+    ("warp pull.json tiny.nrrd out.nrrd --margin wide", '--margin takes "fit" or lengths'),
     ("warp pull.json tiny.nrrd out.nrrd --margin -50", "leaves nothing"),
     ("warp pull.json tiny.nrrd out.nrrd --margin inf", "leaves nothing"),
     ("warp pull.json tiny.nrrd out.nrrd --spacing -1 1 1", "spacing must be positive"),

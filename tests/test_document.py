@@ -229,11 +229,49 @@ OWN = Deformation((Step((HELD,), PLANE, stages=6), Step((POINTS, HELD), PLANE, e
 
 def test_stages_locks_and_radii_are_kept_to_the_letter() -> None:
     assert from_json(to_json(OWN)) == OWN
-    assert to_json(OWN) == (FIXTURES / "document_1.2.json").read_text(encoding="utf-8")
+    written = (FIXTURES / "document_1.2.json").read_text(encoding="utf-8")
+    assert from_json(written) == OWN
+    assert to_json(OWN) == written.replace('"version": "1.2"', f'"version": "{VERSION[0]}.{VERSION[1]}"')
 
 
 def test_a_document_without_them_does_not_mention_them() -> None:
     assert not {"stages", "locked", "radii"} & set(json.loads(to_json(SAMPLE))["steps"][0])
+
+
+BOXED = replace(SAMPLE, output=Grid((4, 6, 9), (0.5, 0.5, 1.25), (-1.5, 0.1, 1 / 3),
+                                    ((0, -1, 0), (1, 0, 0), (0, 0, 1))))
+
+
+def test_the_box_of_the_result_is_kept_to_the_letter() -> None:
+    assert from_json(to_json(BOXED)) == BOXED
+    assert to_json(BOXED) == (FIXTURES / "document_1.3.json").read_text(encoding="utf-8")
+    assert "output" not in json.loads(to_json(SAMPLE))
+
+
+def test_a_reader_that_does_not_know_the_box_keeps_it_as_a_field_of_a_newer_version() -> None:
+    """What a program of 1.2 does with it: it goes into ``extra`` and comes out again."""
+    written = json.loads(to_json(BOXED))
+    older = replace(SAMPLE, extra={"output": written["output"]})
+    assert json.loads(to_json(older)) == written
+
+
+@pytest.mark.parametrize(("key", "value", "message"), [
+    ("shape", [4, 6], r"document\.output\.shape must have 3 numbers"),
+    ("shape", [4, 6, 0], r"document\.output must have a shape of whole numbers"),
+    ("shape", [2**14, 2**14, 2**14], r"16384 x 16384 x 16384 voxels, more than can be made"),
+    ("spacing", [1, 1, -1], r"a spacing of positive ones"),
+    ("direction", [[1, 0, 0]], r"direction must be three rows"),
+    ("direction", None, r"direction must be of type list"),
+    ("direction", [[1, 0, 0], [1, 0, 0], [0, 0, 1]], r"orthonormal.*in document\.output"),
+    ("origin", [0, 0, "far"], r"origin must be a list of numbers"),
+])
+def test_a_broken_box_is_refused_at_its_place(key: str, value: Any, message: str) -> None:
+    broken = json.loads(to_json(BOXED))
+    broken["output"][key] = value
+    with pytest.raises(DeformError, match=message):
+        read(broken)
+    with pytest.raises(DeformError, match=r"document\.output must be an object"):
+        read({**broken, "output": [1, 2]})
 
 
 @pytest.mark.parametrize(("key", "value", "message"), [

@@ -125,3 +125,11 @@ def test_the_box_is_kept_in_documents() -> None:
     assert again == document
     assert again.volume is not None
     assert again.volume.grid == volume.grid
+
+
+def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
+    small, large = Grid((8, 8, 8)), Grid((8, 16, 16), (2.0, 1.0, 0.5), (10.0, 0.0, 0.0))
+    step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.along(small, "+z"))
+    document = replace(made_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
+    assert placed(document, large, "by the box").output == large.crop((0, -2, 0), (8, 18, 24))
+    assert placed(document, large).output == document.output

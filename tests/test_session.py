@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import traitlets
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -17,6 +18,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.errors import DeformError, FileChangedError, OtherVolumeError, VolumeFileError
 from deformnb.kernels import KERNELS
+from deformnb.opening import source_of
 from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
 from deformnb.session import Session
@@ -424,3 +426,125 @@ def test_a_picture_that_an_edit_overtakes_is_of_its_own_moment_and_not_kept(sess
     assert session.picture().plane == before
     assert session.picture().plane == session.plane != before
     assert session.picture() is session.picture()
+
+
+# -- the box of the result ---------------------------------------------------------------------------------------------
+
+
+def a_brick() -> Session:
+    """A session on a brick with air around it; its middle can be dragged out of the box."""
+    values = np.zeros((16, 16, 16), np.uint8)
+    values[4:12, 4:12, 4:12] = 200
+    return Session(Volume(values, Grid((16, 16, 16), (2.0, 2.0, 2.0)), "brick"))
+
+
+def drag_out(session: Session, by: float = 24.0) -> None:
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, middle + np.array([by, 0.0])))
+
+
+def test_what_is_dragged_out_of_the_box_is_kept_by_a_larger_one() -> None:
+    session = a_brick()
+    assert session.sides_left() == ()
+    drag_out(session)
+    assert session.sides_left() == ("left (+x)",)
+    small = session.result()
+    assert small.grid == session.volume.grid
+    assert session.fit_output()
+    large = session.result()
+    assert session.output == large.grid != session.volume.grid
+    assert session.sides_left() == ()
+    assert_array_equal(large.values[:, :, : small.shape[2]], small.values)
+    wide = warp(session.volume, session.field(), output=session.volume.grid.crop((-9, -9, -9), (40, 40, 60)))
+    assert (large.values > 100).sum() == (wide.values > 100).sum() > (small.values > 100).sum()
+
+
+def test_the_box_goes_along_with_undo_and_is_an_edit_of_its_own() -> None:
+    session = a_brick()
+    told: list[Any] = []
+    session.observe(lambda change: told.append(change["new"]), "output")
+    drag_out(session)
+    session.fit_output()
+    fitted = session.output
+    assert told == [fitted]
+    assert session.undo() == "change the result box"
+    assert session.output is None
+    assert len(session.points) == 5
+    assert session.redo() == "change the result box"
+    assert session.output == fitted
+    session.grow(5.0)
+    assert session.box.shape == (22, 22, 22)  # whole voxels
+    session.grow(0.0)
+    assert session.output is None
+    with pytest.raises(traitlets.TraitError):
+        session.output = (3, 4, 5)
+    session.deformation = replace(session.deformation, output=fitted)  # by the document as well
+    assert session.output == fitted
+    session.reset()
+    assert session.output == fitted  # where the result ends is no deformation
+
+
+def test_a_box_that_joins_the_last_edit_is_taken_back_with_it() -> None:
+    session = a_brick()
+    session.fit_output()
+    assert session.output == session.volume.grid
+    drag_out(session)
+    session.notice = "said before"
+    session.fit_output(joins=True)
+    assert session.notice == "said before"
+    assert session.sides_left() == ()
+    assert session.history["undo"] == "move points"
+    session.undo()
+    assert session.output == session.volume.grid
+    session.fit_output(joins=True)  # an older state stays as it was
+    assert session.history["redo"] == "move points"
+
+
+def test_a_box_that_would_be_too_large_is_told() -> None:
+    session = a_brick()
+    drag_out(session, 200.0)
+    assert not session.fit_output(most=1.5)
+    assert "farther than a box of 1.5 times" in session.notice
+    assert session.box.size <= 1.5 * session.volume.grid.size
+
+
+def test_the_box_is_saved_opened_and_written_as_code(tmp_path: Path) -> None:
+    session = a_brick()
+    drag_out(session)
+    session.fit_output()
+    session.save(tmp_path / "fitted.json")
+    other = a_brick()
+    other.open(tmp_path / "fitted.json")
+    assert other.output == session.output
+    assert_array_equal(other.result().values, session.result().values)
+    space: dict[str, Any] = {"brick": session.volume}
+    exec(session.code(volume="brick"), space)
+    assert space["deformation"] == session.deformation
+    assert_array_equal(space["deformed"].values, session.result().values)
+    assert "volume.grid.crop((0, 0, 0), (16, 16, " in session.code()
+
+
+def test_a_session_may_begin_with_a_box_of_another_resolution() -> None:
+    grid = a_brick().volume.grid.resampled(spacing=3.0, margin=4.0)
+    session = Session(a_brick().volume, output=grid)
+    assert session.output == grid
+    assert session.result().grid == grid
+    assert session.history["undo"] == ""
+    space: dict[str, Any] = {"brick": session.volume}
+    exec(session.code(volume="brick"), space)
+    assert space["deformed"].grid == grid
+
+
+def test_a_result_without_room_is_refused() -> None:
+    session = a_brick()
+    session.output = replace(session.volume.grid, shape=(2**12, 2**13, 2**13))
+    with pytest.raises(DeformError, match=r"takes 256\.0 GiB and .* smaller result box"):
+        session.result()
+
+
+def test_a_script_reads_the_file_that_the_volume_came_from() -> None:
+    session = a_brick()
+    assert 'dn.read_volume("volume.nii.gz")' in session.code()
+    session.source = source_of('scans/a "carp".nrrd')
+    assert r'volume = dn.read_volume("scans/a \"carp\".nrrd")' in session.code()
+    assert "volume = brick" in session.code(volume="brick")
