@@ -174,6 +174,23 @@ def test_a_smaller_card_gets_a_smaller_volume() -> None:
     assert answers[-1][0]["planar"] is not None
 
 
+def test_a_card_with_too_little_memory_gets_fewer_voxels_and_the_same_deformation() -> None:
+    view = Recorded(ball(Grid((20, 30, 40))))
+    view.show_deformation(Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(
+        view._volume.grid, "+z"))))
+    view.say({"type": "hello", "view": "a", "largest": 2048})
+    fine = view.volume_info["id"]
+    for voxels, shape in ((20 * 30 * 40, [40, 30, 20]), (12_000, [20, 30, 20]), (6_000, [20, 15, 20])):
+        answers = view.say({"type": "hello", "view": "a", "largest": 2048, "voxels": voxels})
+        assert view.volume_info["shape"] == shape
+        assert answers[-1][0]["planar"] is not None
+    assert view.volume_info["id"] != fine
+    assert view.volume_info["note"] == "shown at 1/2 along x, 1/2 along y"
+    view.show(ball(Grid((20, 20, 20))))  # another one is no larger either
+    assert int(np.prod(view.volume_info["shape"])) <= 6000
+    assert view.say({"type": "hello", "view": "a", "largest": 2048, "voxels": 0}) == []  # dropped
+
+
 def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     rng = np.random.default_rng(1)
     grid = Grid((5, 7, 9), (0.5, 1.0, 2.0), (3, 4, 5), TURNED)

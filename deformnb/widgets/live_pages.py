@@ -1,11 +1,12 @@
 """What a live view and its pages say to each other.
 
-Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, renderer, background: the
-page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that field is on the screen), ``screenshot`` (id, with
-a PNG), ``stats``, and ``still`` and ``drawn`` (see :mod:`~deformnb.widgets.stand_in`). Messages to the page: ``chunk``
-(id, index, start, with gzip), ``field`` (see :mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow:
-the index of the map that an editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot``
-(id: asks for one), and ``drawn``. What the page sends is checked and dropped if it is wrong.
+Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, voxels if the card has been
+found to hold no more, renderer, background: the page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that
+field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
+:mod:`~deformnb.widgets.stand_in`). Messages to the page: ``chunk`` (id, index, start, with gzip), ``field`` (see
+:mod:`~deformnb.widgets.card_maps`; seq: to be confirmed unless 0; follow: the index of the map that an editor moves,
+and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: asks for one), and ``drawn``. What the
+page sends is checked and dropped if it is wrong.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
+_ANY = 2**53  # a number of voxels that no card limits
+
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
 """Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
@@ -48,6 +51,7 @@ class AnswersPages(AbstractMoments):
     is_quick: bool
     editor: Any
     send: Callable[..., None]
+    _limit: int
     _map_size: int
     _space_size: int
     _volume: Volume | None = None
@@ -187,15 +191,17 @@ class AnswersPages(AbstractMoments):
         if largest == 0:
             return  # it cannot draw, and will ask to be drawn for
         self._has_page = True
-        if largest < self._largest and self._make_smaller(largest):
+        voxels = whole(content.get("voxels", _ANY), 1, _ANY)
+        if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
             view = None  # for all pages: what they have is of a finer volume
         self._send_field(0, view)
 
-    def _make_smaller(self, largest: int) -> bool:
-        """Whether there had to be fewer voxels for a card that holds no more along an axis."""
+    def _make_smaller(self, largest: int, voxels: int) -> bool:
+        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
         with self._lock:
-            self._largest = largest
-            if self._volume is None or self._shown is None or max(self._shown.volume.shape) <= largest:
+            self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
+            size = None if self._shown is None else self._shown.volume.grid
+            if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
                 return False
             moments = self._moments
             self._put(self._volume, self._window, self._field, self._output, self._followed)

@@ -276,6 +276,56 @@ def _until(page: LivePage, condition: Callable[[], bool], timeout: float = 60.0)
     raise TimeoutError(f"it did not come true; the page said {page.errors}")
 
 
+# The card says that it is out of memory whenever a texture holds more voxels than this.
+SCARCE = """(most) => { const gl = WebGL2RenderingContext.prototype, { texStorage3D, getError } = gl;
+    gl.texStorage3D = function (target, levels, format, x, y, z) {
+      this.tooMuch = x * y * z > most; texStorage3D.call(this, target, levels, format, x, y, z); };
+    gl.getError = function () {
+      const error = this.tooMuch ? this.OUT_OF_MEMORY : getError.call(this); this.tooMuch = false; return error; }; }"""
+
+
+def test_a_volume_that_the_card_does_not_hold_is_shown_with_fewer_voxels(browser: Any) -> None:
+    size = 96
+    volume = shape_without_symmetry(Grid((size, size, size)))
+    page = LivePage(browser)
+    page.page.evaluate(SCARCE, size**3 // 4)
+    view = opened(page, volume)
+    assert int(np.prod(view.volume_info["shape"])) == size**3 // 4
+    assert page.page.text_content(".dnb-badge") == (
+        "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds")
+    view.set_camera((0, 1, 0))
+    assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
+    assert page.page.is_hidden(".dnb-progress")
+    assert page.page.is_hidden(".dnb-notice")
+    assert page.errors == []
+    page.close()
+
+
+def test_a_card_that_holds_nothing_says_so(browser: Any) -> None:
+    page = LivePage(browser)
+    page.page.evaluate(SCARCE, 10)
+    page.add(LiveView(Volume(np.zeros((40, 40, 40), np.uint8), Grid((40, 40, 40)))))
+    page.wait("document.querySelector('.dnb-notice').textContent.includes('graphics memory does not hold')")
+    page.close()
+
+
+def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(browser: Any) -> None:
+    page = LivePage(browser)
+    size = 64
+    page.page.evaluate("""(most) => { const gl = WebGL2RenderingContext.prototype, { texSubImage3D } = gl;
+        gl.texSubImage3D = function (...all) {
+          texSubImage3D.apply(this, all);
+          if (all[5] * all[6] * models.view.get("volume_info").shape[2] <= most || window.loss) return;
+          window.loss = this.getExtension("WEBGL_lose_context"); window.loss.loseContext();
+          setTimeout(() => { window.loss.restoreContext(); }, 300); }; }""", size**3 // 2)
+    view = opened(page, shape_without_symmetry(Grid((size, size, size))))
+    assert int(np.prod(view.volume_info["shape"])) == size**3 // 2
+    view.set_camera((0, 1, 0))
+    assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
+    view.close()
+    page.close()
+
+
 def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(fields()["replicate"])

@@ -23,8 +23,8 @@ const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["origi
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
 /** What people must know of what they see. */
-function remarksOn({ info, field, caster }) {
-  return [info?.note, field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
+function remarksOn({ info, field, caster, isScarce }) {
+  return [info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note, field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
 }
 
 /** What stands over each picture; layer: the one that is seen of a picture that flickers. */

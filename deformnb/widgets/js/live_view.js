@@ -2,6 +2,8 @@
 // names.
 // To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, screenshot.
 
+const FEWEST = 32 ** 3; // voxels that are still worth a look
+
 class LiveViewPage extends VolumePage {
   constructor(model, el) {
     super(model, el);
@@ -31,9 +33,21 @@ class LiveViewPage extends VolumePage {
     this.setInfo();
   }
 
-  hello() {
+  /** voxels: how many the card holds at most, where it has been found not to hold all. */
+  hello(voxels = null) {
     const { largest = 0, name = "", isSoftware = true } = this.caster || {};
-    this.send({ type: "hello", largest, renderer: name, software: isSoftware, background: this.theme.name });
+    this.send({ type: "hello", largest, renderer: name, software: isSoftware, background: this.theme.name,
+      ...(voxels && { voxels }) });
+  }
+
+  /** The card does not hold the volume: Python is asked for half of the voxels, until they are too few to look at. */
+  #askForFewer(why) {
+    const fewer = Math.floor(this.info.shape.reduce((product, n) => product * n, 1) / 2);
+    if (fewer < FEWEST) throw why;
+    this.isScarce = true;
+    this.loader = null;
+    this.values = null;
+    this.hello(fewer);
   }
 
   #prepare() {
@@ -61,6 +75,7 @@ class LiveViewPage extends VolumePage {
     if (this.closed) return;
     if (this.loop) this.loop.close();
     this.loop = null;
+    this.wasTooMuch = Boolean(this.caster?.volume && !this.caster.volume.loaded); // lost by what it was just given
     this.fall("Drawn in Python until the lost graphics context comes back.");
   }
 
@@ -74,7 +89,8 @@ class LiveViewPage extends VolumePage {
     this.#prepare();
     this.setShows();
     this.setTable();
-    if (this.values) this.upload();
+    if (this.values && this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD));
+    else if (this.values) this.upload().catch((error) => this.fail(error));
   }
 
   // -- what comes from Python ----------------------------------------------------------------------------------------
@@ -111,7 +127,7 @@ class LiveViewPage extends VolumePage {
     if (content.view && content.view !== this.id) return undefined; // for another page of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
-    if (content.type === "still") return this.still?.receive(buffers[0]);
+    if (content.type === "still") return this.receiveStill(buffers[0]);
     if (content.type === "drawn") return this.still?.drawn();
     if (content.type === "screenshot") return this.screenshot(content);
     return undefined;
@@ -139,6 +155,11 @@ class LiveViewPage extends VolumePage {
     this.progress.hidden = share >= 1;
   }
 
+  receiveStill(png) {
+    if (!this.still) this.fall(NOT_HELD); // nobody here can make the volume smaller
+    this.still.receive(png);
+  }
+
   async receiveChunk(content, packed) {
     const { loader } = this;
     if (!loader || loader.id !== content.id) return;
@@ -154,8 +175,16 @@ class LiveViewPage extends VolumePage {
     const frame = () => new Promise((resolve) => { setTimeout(resolve, 0); });
     const { low, high } = info.box;
     const { shape, spacing, outside, grey, is_labels: isLabels } = info;
-    const done = await caster.setVolume(this.values, { shape, spacing, outside, isLabels, grey, box: { low, high }, ownBox: info.box },
-    (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); });
+    const tick = (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); };
+    const about = { shape, spacing, outside, isLabels, grey, box: { low, high }, ownBox: info.box };
+    let done = false;
+    try {
+      done = await caster.setVolume(this.values, about, tick);
+    } catch (error) {
+      if (!(error instanceof MemoryError)) throw error;
+      if (caster === this.caster && info === this.info) this.#askForFewer(error);
+      return;
+    }
     if (!done || caster !== this.caster) return;
     this.applyField();
     this.setProgress(1);

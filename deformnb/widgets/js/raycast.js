@@ -10,6 +10,9 @@ const BACKGROUNDS = {
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
 
+class MemoryError extends Error {}
+const NOT_HELD = "The graphics memory does not hold this volume.";
+
 class RayCaster {
   /** canvas without a context; throws an Error with a readable reason if there is no WebGL2. */
   constructor(canvas) {
@@ -89,7 +92,7 @@ class RayCaster {
     this.volume = volume;
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.RGBA8, nx, ny, nz);
-    if (gl.getError() === gl.OUT_OF_MEMORY) throw new Error("the graphics memory does not hold this volume");
+    this.#held();
     const slab = Math.max(1, Math.round(2 ** 20 / (nx * ny))); // about 10 ms of work
     for (let z = 0; z < nz; z += slab) {
       const last = Math.min(nz, z + slab);
@@ -99,10 +102,21 @@ class RayCaster {
       if (tick) await tick(last / nz);
       if (this.volume !== volume) return false;
     }
+    this.#held(); // some cards take the memory only when they are given what it holds
     volume.extremes = blockExtremes(values, info.shape);
     volume.loaded = true;
     if (this.table) this.setTable(this.table.rgba, this.table.unit);
     return true;
+  }
+
+  /** Throws a MemoryError, and gives back what was taken, where the card has not enough for the volume. */
+  #held() {
+    const { gl } = this;
+    if (gl.getError() !== gl.OUT_OF_MEMORY) return;
+    this.volume = null;
+    this.#texture("volume", gl.TEXTURE_3D, true);
+    gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    throw new MemoryError(NOT_HELD);
   }
 
   /** Colours and opacities: 256 x 4 floats, opacities for layers of thickness `unit`. */

@@ -38,8 +38,9 @@ function editorAnswers(model) {
 
 function viewAnswers(model, { chunks, field, still, falls }) {
   const answers = {
-    hello: ({ largest }) => {
-      if (!largest) falls(); // no card, no volume
+    hello: ({ largest, voxels }) => {
+      if (!largest || voxels) falls(); // no card, no volume; and no Python that could make it smaller
+      if (voxels) return answers.still();
       return [field.content, field.buffers];
     },
     chunk: ({ id, index }) => [{ type: "chunk", id, index, start: chunks[index].start }, [chunks[index].packed]],
