@@ -27,8 +27,8 @@ from deformnb.widgets.assets import joined, style
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
 
-_SCRIPTS = ("plain_model.js", "elements.js", "camera.js", "scale_bar.js", "live_parts.js", "orientation.js", "app_remote.js",
-            "app_bridge.js")
+_SCRIPTS = ("plain_model.js", "elements.js", "camera.js", "scale_bar.js", "live_parts.js", "orientation.js",
+            "app_remote.js", "app_bridge.js")
 
 _LOG = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from deformnb.quality import FitQuality, bending_energy
 from deformnb.session import Session
 from deformnb.trust import LEAST, picture_raster, step_folds, step_quality, step_uncertainty
 from deformnb.volume import Grid
-from deformnb.widgets.shown_volume import unit_of as unit_of
+from deformnb.widgets.shown_volume import unit_of
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
                  ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]

@@ -35,9 +35,9 @@ from deformnb.widgets.view_messages import take_traits
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
           "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
           "displacement_glsl.js", "raycast_glsl.js", "programs.js", "clipping.js", "raycast.js", "camera.js",
-          "frame_loop.js", "cut_layers.js", "field_link.js", "scale_bar.js", "live_parts.js", "orientation.js", "volume_loader.js",
-          "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js", "live_page.js",
-          "live_view.js")
+          "frame_loop.js", "cut_layers.js", "field_link.js", "scale_bar.js", "live_parts.js", "orientation.js",
+          "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js",
+          "live_page.js", "live_view.js")
 
 
 class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):

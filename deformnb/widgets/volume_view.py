@@ -35,8 +35,8 @@ from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
 from deformnb.widgets.volume_pages import ServesPages
 
-_FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js", *POINT_FILES,
-          "hands.js", "pictures_page.js", "volume_view.js")
+_FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
+          *POINT_FILES, "hands.js", "pictures_page.js", "volume_view.js")
 
 _Result = TypeVar("_Result")
 
