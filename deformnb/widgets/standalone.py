@@ -33,6 +33,7 @@ from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_cuts import cut_plane
 from deformnb.widgets.card_maps import MOST_MAPS, CardMaps, card_maps
+from deformnb.widgets.clip_controls import CLIP_FILES, CLIP_STYLES
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.refit import with_map
@@ -99,8 +100,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         "shows": _SHOWN, "document": _document(editor, part, name),
     }
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
-               joined("plain_model.js", "standalone.js")]
-    styles = [Editor._css, *([LiveView._css] if part else []), style("standalone.css")]
+               joined("elements.js", "camera.js", "clipping.js", *CLIP_FILES, "plain_model.js", "standalone.js")]
+    styles = [Editor._css, *([LiveView._css] if part else []), style(*CLIP_STYLES, "standalone.css")]
     texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
     return _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
 

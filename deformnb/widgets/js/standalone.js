@@ -104,6 +104,7 @@ class StandalonePage {
     pagePart("volume").classList.add("dnb-page-flat");
     sayOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be dragged.");
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
+    if (this.cut) this.cut.hidden = true;
     this.view.update({ background: this.data.still_background });
     this.fit();
   }
@@ -131,6 +132,7 @@ class StandalonePage {
       "how far the points are dragged: 100 % as they are, 0 not at all, below 0 the opposite way");
     this.#kernels(bar);
     if (this.view && this.view.get("shows") !== undefined) this.#shows(bar);
+    if (this.view?.get("clip")) this.#clip();
     this.#slider(bar, "Grid", "density", { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
       "cells of the grid along the longer side of the picture");
     const buttons = pageNode("div", "dnb-page-buttons", bar);
@@ -180,6 +182,16 @@ class StandalonePage {
     this.data.kernels.forEach(([, , least], k) => { select.options[k].disabled = order < least; }); // no fit exists
   }
 
+  // In a box of its own under the others, which is opened where one wants to see inside.
+  #clip() {
+    this.cut = pageNode("details", "dnb-page-clip", null);
+    pageNode("summary", "dnb-page-label", this.cut, { title: "cut away parts of the volume to see inside", ...CONTROLS }, "See inside");
+    this.sliders = new ClipSliders(this.cut, this.view);
+    this.cut.open = isClipped(clipOf(this.view));
+    this.cut.addEventListener("toggle", () => this.fit());
+    pagePart("controls").append(this.cut);
+  }
+
   #shows(bar) {
     this.#menu(bar, "Show", "shows", this.view, this.data.shows, "what of the volume is seen");
   }
@@ -187,7 +199,8 @@ class StandalonePage {
   reset() {
     const { points, kernel, strength, density, show_net } = this.data.editor;
     this.editor.update({ points, selected: [], kernel, strength, density, show_net });
-    this.view?.update({ camera: { ...this.data.view.camera }, shows: this.data.view.shows });
+    const { camera, shows, clip } = this.data.view ?? {};
+    this.view?.update({ camera: { ...camera }, shows, clip });
   }
 
   // Locks and radii stand beside the points, as deformnb/document.py writes them.
