@@ -102,25 +102,30 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             with closed_on_failure(self._end):
                 self._make(view, height, folder, *shown)
         except BaseException:
+        is_whole = threading.Event()
+        self._worker.call(is_whole.wait)  # nothing is done for half a studio
             close_all(self._words.box)
             raise
         self._worker.latest("warm up", self.session.warm_up)
         self._ask_for_status()
 
     def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
+        finally:
+            is_whole.set()
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
         self.view = parts.make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
-        self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker, self._words)
+        self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
+                                      self._weakly(Studio.undo))
         self._edits.stand_on(self._editors, self._picture)
         self._panels = self._make_panels(folder, labels, label_names, target)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
         arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
-        self._words.box.children += (self._picture.ways_on,)
+        self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
@@ -177,9 +182,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             return
         self._shown = now
         self._words.say(self.session.notice)
-        if not self._picture.is_shown:
-            self._picture.ask()
-        else:
+        if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._refresh_panels()
@@ -194,8 +197,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _picture_changed(self, _change: Any = None) -> None:
         self._refresh_panels()
-        if not self._picture.is_shown:
-            self._picture.ask()
+        self._picture.renew()
 
     def _tell_history(self, _change: Any) -> None:
         self._editors.tell(history=dict(self.session.history))

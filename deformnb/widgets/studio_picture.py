@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
 
 from deformnb.session import Session
@@ -13,7 +14,7 @@ from deformnb.widgets.cell_widgets import weakly
 from deformnb.widgets.controls import button, row
 from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_link import StudioLink
-from deformnb.widgets.studio_words import StudioWords
+from deformnb.widgets.studio_words import as_html, reason_of
 from deformnb.widgets.worker import Worker
 
 _MAKING = "The picture is being made"
@@ -37,31 +38,39 @@ class StudioPicture:
     session : says which picture is wanted; editors : show it.
     link : shows the volume from the side of the picture; view : where.
     worker : the thread that makes it.
-    words : says what went wrong.
+    undo : takes back the last edit.
 
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
-    ways_on : two buttons that are seen while the picture that is wanted cannot be made.
+    ways_on : why the picture that is wanted cannot be made, and two buttons; unseen while it can.
     """
 
     def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
-                 words: StudioWords) -> None:
-        self._session, self._editors, self._link, self._worker, self._words = session, editors, link, worker, words
-        self._view = view
+                 undo: Callable[[], None]) -> None:
+        self._session, self._editors, self._link, self._view, self._worker = session, editors, link, view, worker
         self._shown = self._wanted()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
         again = weakly(self, StudioPicture.ask, StudioPicture._is_open)
-        back = weakly(self, lambda it: it._words.guarded(it._session.undo), StudioPicture._is_open)
-        self.ways_on = row(button("Try again", "Make the picture once more", again),
-                           button("Undo", "Take back the last edit", back))
+        self._reason = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self.ways_on = row(self._reason, button("Try again", "Make the picture once more", again),
+                           button("Undo", "Take back the last edit", undo))
         self.ways_on.layout.display = "none"
 
     @property
     def is_shown(self) -> bool:
         """Whether the editor shows the picture that the session asks for."""
         return bool(self._shown == self._wanted())
+
+    def renew(self) -> bool:
+        """Ask for the picture that the session wants, if it is another than the one that is shown; says whether."""
+        if not self.is_shown:
+            self.ask()
+            return True
+        if self._reason.value:  # back from a picture that could not be made to the one that still stands there
+            self._settle("")
+        return False
 
     def ask(self) -> None:
         """Make the picture that is wanted and show it; until then the editor takes no gesture."""
@@ -82,14 +91,19 @@ class StudioPicture:
 
     def _show(self) -> None:
         wanted = self._wanted()
-        is_made = self._words.guarded(lambda: self._set(wanted))
-        if wanted != self._wanted():
-            return  # another one is asked for by now
-        # Points of one picture on another are worse than none: what cannot be shown stays out of reach.
-        self._editors.tell(waiting="" if is_made else _FAILED)
-        if is_made and not self.ways_on.layout.display:
-            self._words.say("")  # what was wrong is so no more
-        self.ways_on.layout.display = "none" if is_made else ""
+        reason = ""
+        try:
+            self._set(wanted)
+        except Exception as error:
+            reason = reason_of(error)
+        if wanted == self._wanted():  # else another one is asked for by now
+            self._settle(reason)
+
+    def _settle(self, reason: str) -> None:
+        """Let the editor be used, or say why not: points of one picture on another are worse than none."""
+        self._reason.value = as_html(reason, is_error=True)
+        self._editors.tell(waiting=_FAILED if reason else "")
+        self.ways_on.layout.display = "" if reason else "none"
 
     def _set(self, wanted: Any) -> None:
         start = time.perf_counter()

@@ -37,21 +37,34 @@ class StudioWords:
 
     def say(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""
-        colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
-        shown = f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>'
-        self.notice.value = shown if text else ""
+        self.notice.value = as_html(text, is_error)
 
     def guarded(self, action: Callable[[], None]) -> bool:
         """Do something that may go wrong, and say it in the page if it does; returns whether it went well."""
         try:
             action()
         except Exception as error:
-            if not isinstance(error, DeformError):
-                _LOG.exception("an action of the studio failed")
-            self.failed(error)
+            self.say(reason_of(error), is_error=True)
             return False
         return True
 
     def failed(self, error: Exception) -> None:
-        """Say what went wrong."""
-        self.say(str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}", is_error=True)
+        """Say what went wrong in a thread, which has been logged."""
+        self.say(_in_words(error), is_error=True)
+
+
+def as_html(text: str, is_error: bool = False) -> str:
+    """A text as it is seen; nothing for an empty one."""
+    colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
+    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>' if text else ""
+
+
+def reason_of(error: Exception) -> str:
+    """What an error says; one that nobody has foreseen is logged."""
+    if not isinstance(error, DeformError):
+        _LOG.error("an action of the studio failed", exc_info=error)
+    return _in_words(error)
+
+
+def _in_words(error: Exception) -> str:
+    return str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}"
