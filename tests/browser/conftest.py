@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -46,11 +45,19 @@ def tab(browser: Any) -> Iterator[Any]:
     opened.close()
 
 
-@pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    """JupyterLab on this machine, started."""
-    with running(Lab, tmp_path) as server:
+@pytest.fixture(scope="session")
+def lab_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    """JupyterLab on this machine, started once: it takes longer to start than most tests."""
+    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
         yield server
+
+
+@pytest.fixture(scope="module")
+def lab(lab_server: Lab, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    """JupyterLab with a folder and a workspace for this module, without kernels or files of another."""
+    lab_server.place = f"{request.module.__name__.rpartition('.')[2]}/"
+    yield lab_server
+    lab_server.end_kernels()
 
 
 @pytest.fixture

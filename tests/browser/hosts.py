@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
@@ -13,7 +14,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,8 @@ class Host:
     options: tuple[str, ...] = ()
     address = "{name}"
     ready = "/api"
+    place = ""
+    """Folder of the notebooks within the server's, with a slash at its end."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.folder = folder
@@ -62,7 +65,8 @@ class Host:
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
         # The server's extension is enabled by the file that the package installs, also where it is not installed.
         own["DEFORMNB_STATE"] = str(self.folder / "state")  # what other servers have left is not offered here
-        return {**os.environ, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
+        inherited = {name: value for name, value in os.environ.items() if name != "JAX_DEBUG_NANS"}  # of the tests
+        return {**inherited, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
                 "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config")}
 
     @classmethod
@@ -102,7 +106,9 @@ class Host:
         code = [{"cell_type": "code", "id": f"cell-{k}", "metadata": {}, "execution_count": None, "outputs": [],
                  "source": cell} for k, cell in enumerate(cells)]
         notebook = {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}, "cells": code}
-        (self.folder / name).write_text(json.dumps(notebook), encoding="utf-8")
+        path = self.folder / self.place / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(notebook), encoding="utf-8")
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         """A notebook with these cells in a page of a browser, all of them run."""
@@ -130,7 +136,7 @@ class _Application(Host):
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         self.write_notebook(cells, name)
-        page.goto(self.url(self.address.format(name=name)))
+        page.goto(self.url(self.address.format(name=self.place + name, workspace=self.place.rstrip("/") or "test")))
         self.wait_until_open(page)
         self.run_all(page)
 
@@ -162,6 +168,18 @@ class _Application(Host):
             return text;
         }""", code))
 
+    def end_kernels(self) -> None:
+        """Ends all kernels, and forgets what they have written by themselves."""
+        for kernel in self._ask("GET", "/api/kernels"):
+            self._ask("DELETE", f"/api/kernels/{kernel['id']}")
+        shutil.rmtree(self.folder / "state", ignore_errors=True)
+
+    def _ask(self, method: str, path: str) -> Any:
+        request = urllib.request.Request(self.url(path), method=method,
+                                         headers={"Authorization": f"token {self.token}"})
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.loads(answer.read() or "null")
+
     def dark(self, page: Any, dark: bool = True) -> None:
         """The dark theme or the light one."""
         theme = "JupyterLab Dark" if dark else "JupyterLab Light"
@@ -173,7 +191,7 @@ class Lab(_Application):
     """JupyterLab."""
 
     name, module, requires = "JupyterLab", "jupyterlab", ("jupyterlab",)
-    address = "/lab/tree/{name}"
+    address = "/lab/workspaces/{workspace}/tree/{name}"  # else it opens the notebooks of other pages as well
     options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
                "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
                "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate")
@@ -205,6 +223,18 @@ class Voila(Host):
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         self.write_notebook(cells, name)
         page.goto(self.url(self.address.format(name=name)), timeout=90_000)
+
+
+def told(page: Any, reached: Callable[[Any], bool] = lambda state: True, patience: float = 60.0) -> Any:
+    """What the label with class "told" says, as JSON, once it is as wanted; after a minute whatever it says."""
+    end = time.monotonic() + patience
+    while True:
+        page.wait_for_function("document.querySelector('.told')?.innerText.length > 1")  # empty while it is drawn anew
+        text = page.locator(".told").first.inner_text()
+        state = json.loads(text) if text else None
+        if state is not None and (reached(state) or time.monotonic() > end):
+            return state
+        page.wait_for_timeout(100)
 
 
 @contextmanager

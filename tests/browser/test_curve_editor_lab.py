@@ -34,8 +34,8 @@ STATE = """print(json.dumps({"curve": curve.curve, "nodes": curve.nodes, "alpha"
 
 
 def settled(lab: Lab, page: Any, reached: Callable[[Any], bool]) -> Any:
-    """The kernel's state once it is as wanted, or after ten seconds: a busy machine delivers edits late."""
-    end = time.monotonic() + 10
+    """The kernel's state once it is as wanted, or after a minute: a busy machine delivers edits late."""
+    end = time.monotonic() + 60
     while True:
         state = json.loads(lab.run(page, STATE))
         if reached(state) or time.monotonic() > end:

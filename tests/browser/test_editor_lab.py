@@ -45,8 +45,8 @@ def middle(page: Any, point: int) -> tuple[float, float]:
 
 
 def settled(lab: Lab, page: Any, reached: Callable[[Any, list[int], int], bool]) -> tuple[Any, list[int], int]:
-    """The kernel's state once it is as wanted, or after ten seconds: a busy machine delivers edits late."""
-    end = time.monotonic() + 10
+    """The kernel's state once it is as wanted, or after a minute: a busy machine delivers edits late."""
+    end = time.monotonic() + 60
     while True:
         targets, ids, ends = json.loads(lab.run(page, STATE))
         if reached(targets, ids, ends) or time.monotonic() > end:

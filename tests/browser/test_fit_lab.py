@@ -5,12 +5,11 @@ A label in the page says what the kernel knows.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, running
+from browser.hosts import Lab, told
 
 pytestmark = pytest.mark.needs_browser
 
@@ -44,36 +43,25 @@ EDITOR = "document.querySelector('.dnb-editor').deformnb"
 
 
 @pytest.fixture(scope="module")
-def shown(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Any]]:
-    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
-        page = browser.new_page(viewport={"width": 1280, "height": 1100})
-        server.open_notebook(page, [SETUP, "told"])
-        page.wait_for_selector(".told", timeout=120_000)
-        page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
-        page.locator(".lm-TabBar-tab", has_text="Fit").first.click()
-        yield server, page
-        page.close()
-
-
-def _told(page: Any, wanted: Any) -> dict[str, Any]:
-    for _ in range(1200):
-        page.wait_for_function("document.querySelector('.told').innerText.length > 1")  # empty while it is drawn anew
-        state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
-        if wanted(state):
-            break
-        page.wait_for_timeout(100)
-    return state
+def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
+    page = browser.new_page(viewport={"width": 1280, "height": 1100})
+    lab.open_notebook(page, [SETUP, "told"])
+    page.wait_for_selector(".told", timeout=120_000)
+    page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+    page.locator(".lm-TabBar-tab", has_text="Fit").first.click()
+    yield lab, page
+    page.close()
 
 
 def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(shown: tuple[Any, Any]) -> None:
     _, page = shown
-    before = _told(page, lambda state: True)
+    before = told(page, lambda state: True)
     assert before["miss"] > 2.5
     image = page.locator(".jupyter-widgets.widget-image:visible")
     image.wait_for()
     first = image.get_attribute("src")
     page.get_by_role("button", name="Fit all points").click()
-    state = _told(page, lambda state: state["undo"] == "fit all points")
+    state = told(page, lambda state: state["undo"] == "fit all points")
     assert state["miss"] < 1
     status = page.locator("[role=status]", has_text="Likeness")
     status.wait_for(timeout=60_000)
@@ -84,7 +72,7 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
     assert shown_to_the_hand == 4
     page.locator(".dnb-ed-stage").focus()
     page.keyboard.press("Control+z")
-    assert _told(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
+    assert told(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
 
 
 def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
@@ -96,7 +84,7 @@ def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
     page.keyboard.press("Control+a")
     page.wait_for_function(f"{EDITOR}.model.get('selected').length > 5")
     button.click()
-    state = _told(page, lambda state: state["undo"] == "snap selected points")
+    state = told(page, lambda state: state["undo"] == "snap selected points")
     assert state["undo"] == "snap selected points"
     status = page.locator("[role=status]", has_text="of 10 points snapped")
     status.wait_for(timeout=60_000)

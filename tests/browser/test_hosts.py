@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Host, Lab, Notebook, Voila, running
+from browser.hosts import Host, Lab, Notebook, Voila, running, told
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -97,12 +97,8 @@ class Shown:
             self.page.wait_for_timeout(300)
 
     def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
-        """What the kernel knows, once it is as wanted, or after ten seconds."""
-        for _ in range(100):
-            state: dict[str, Any] = json.loads(self.page.locator(".told").first.inner_text())
-            if reached(state):
-                break
-            self.page.wait_for_timeout(100)
+        """What the kernel knows, once it is as wanted, or after a minute."""
+        state: dict[str, Any] = told(self.page, reached)
         return state
 
     def handle(self, point: int) -> tuple[float, float]:
@@ -165,6 +161,11 @@ def shift_by_the_core(x: float, y: float) -> NDArray[np.float64]:
 @pytest.fixture(scope="module", params=[Lab, Notebook, Voila], ids=lambda host: host.__name__)
 def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
     host: type[Host] = request.param
+    if host is Lab:
+        page = Shown(request.getfixturevalue("lab"), browser)
+        yield page
+        page.page.close()
+        return
     options = ["--theme=dark"] if host is Voila else []
     with running(host, tmp_path_factory.mktemp(host.__name__.lower()), *options) as server:
         page = Shown(server, browser)

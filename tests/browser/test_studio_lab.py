@@ -6,14 +6,13 @@ A label in the page says what the kernel knows and what the core makes of it; pi
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Lab, running
+from browser.hosts import Lab, told
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -63,11 +62,7 @@ class StudioInLab:
 
     def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
         """What the kernel knows, once it is as wanted, or after a minute."""
-        for _ in range(600):
-            state: dict[str, Any] = json.loads(self.page.locator(".told").first.inner_text())
-            if reached(state):
-                break
-            self.page.wait_for_timeout(100)
+        state: dict[str, Any] = told(self.page, reached)
         return state
 
     def at(self, a: float, b: float) -> tuple[float, float]:
@@ -100,9 +95,8 @@ class StudioInLab:
     def row(self) -> NDArray[np.bool_]:
         """Where the ball is seen on the picture, along x through its middle: one value a voxel."""
         image = self.pixels(".dnb-ed-stage")
-        box = self.page.locator(".dnb-ed-stage").bounding_box()
-        places = [np.subtract(self.at(a, 29.5), (box["x"], box["y"])) for a in range(60)]
-        return np.array([image[int(y), int(x)].min() > 190 for x, y in places])
+        x, y, k = self.page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        return np.array([image[int(y + k * 29.5), int(x + k * a)].min() > 190 for a in range(60)])
 
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
@@ -119,11 +113,10 @@ def runs(row: Any) -> list[tuple[int, int]]:
 
 
 @pytest.fixture(scope="module")
-def shown(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioInLab]:
-    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
-        opened = StudioInLab(server, browser)
-        yield opened
-        opened.page.close()
+def shown(browser: Any, lab: Lab) -> Iterator[StudioInLab]:
+    opened = StudioInLab(lab, browser)
+    yield opened
+    opened.page.close()
 
 
 def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.hosts import Lab
+from browser.hosts import Lab, told
 
 pytestmark = pytest.mark.needs_browser
 
@@ -32,17 +30,12 @@ studio
 VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb)"
 
 
-def told(page: Any, count: int) -> Any:
+def points_of_kernel(page: Any, count: int) -> Any:
     """Names, sources and targets of the kernel's points, once there are so many."""
-    for _ in range(600):
-        found = json.loads(page.locator(".told").first.inner_text())
-        if len(found[0]) == count:
-            break
-        page.wait_for_timeout(100)
-    return found
+    return told(page, lambda found: len(found[0]) == count)
 
 
-def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any, tmp_path: Path) -> None:
+def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any) -> None:
     errors: list[str] = []
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.set_viewport_size({"width": 1280, "height": 1000})
@@ -61,7 +54,7 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.mouse.move(x + 20, y - 12, steps=5)
     tab.wait_for_function(f"{VIEWS}[0].points.length === 5 && {VIEWS}[2].points.length === 5")  # while the mouse moves
     tab.mouse.up()
-    names, source, target = told(tab, 5)
+    names, source, target = points_of_kernel(tab, 5)
     k = tab.evaluate(f"() => {VIEWS}[2].view.k")
     assert names[-1] == "net 2,2"
     assert source[-1] == pytest.approx([-0.5 + 20, -0.5 + 20])
@@ -70,8 +63,8 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     for kind in ("SVG", "PDF", "PNG"):
         tab.get_by_role("button", name=kind, exact=True).click()
         tab.wait_for_function(f"document.body.innerText.includes('Wrote ball_grids.{kind.lower()}')", timeout=120_000)
-    assert {p.suffix for p in tmp_path.rglob("ball_grids.*")} >= {".svg", ".pdf", ".png"}
+    assert {p.suffix for p in lab.folder.rglob("ball_grids.*")} >= {".svg", ".pdf", ".png"}
     tab.locator(".dnb-th-after [data-id='4']").focus()
     tab.keyboard.press("Control+z")
-    assert len(told(tab, 4)[0]) == 4
+    assert len(points_of_kernel(tab, 4)[0]) == 4
     assert errors == []

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, running
+from browser.hosts import Lab, told
 
 pytestmark = pytest.mark.needs_browser
 
@@ -37,29 +34,15 @@ studio
 EDITOR = "document.querySelector('.dnb-editor').deformnb"
 
 
-def told(page: Any, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """What the kernel knows, once it is as wanted, or after a minute."""
-    for _ in range(600):
-        state: dict[str, Any] = json.loads(page.locator(".told").first.inner_text())
-        if reached(state):
-            break
-        page.wait_for_timeout(100)
-    return state
-
-
-def test_a_drag_that_folds_is_told_and_unfolded(browser: Any, tmp_path: Path) -> None:
-    with running(Lab, tmp_path) as host:
-        page = browser.new_page(viewport={"width": 1280, "height": 1000})
-        try:
-            errors: list[str] = []
-            page.on("pageerror", lambda error: errors.append(str(error)))
-            host.open_notebook(page, [SETUP, "told"])
-            page.wait_for_selector(".told", timeout=120_000)
-            page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
-            _unfold_in(page)
-            assert errors == []
-        finally:
-            page.close()
+def test_a_drag_that_folds_is_told_and_unfolded(lab: Lab, tab: Any) -> None:
+    tab.set_viewport_size({"width": 1280, "height": 1000})
+    errors: list[str] = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    lab.open_notebook(tab, [SETUP, "told"])
+    tab.wait_for_selector(".told", timeout=120_000)
+    tab.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+    _unfold_in(tab)
+    assert errors == []
 
 
 def _unfold_in(page: Any) -> None:
