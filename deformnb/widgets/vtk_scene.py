@@ -279,7 +279,7 @@ class VtkScene:
             mapper.SetBlendModeToComposite()
         prop.SetShade(self._projection == "shaded")
         if self._warp is not None:
-            self._warp.set_projection(self._projection == "mip")
+            self._warp.set_projection(self._projection == "mip", self._projection == "shaded")
 
     def _apply_clip(self) -> None:
         if self._warp is not None:

@@ -18,6 +18,9 @@ from deformnb.volume import Grid
 from deformnb.widgets.card_maps import CardMaps
 from deformnb.widgets.vtk_cuts import REPLACED as _REPLACED_FOR_CUTS
 from deformnb.widgets.vtk_cuts import cut_glsl
+from deformnb.widgets.vtk_empty import GLSL as _SKIP_EMPTY
+from deformnb.widgets.vtk_empty import HOOK as _RAY_HOOK
+from deformnb.widgets.vtk_empty import REPLACED as _REPLACED_FOR_EMPTY
 from deformnb.widgets.vtk_folds import REPLACED as _REPLACED_FOR_FOLDS
 from deformnb.widgets.vtk_folds import fold_glsl, fold_step
 
@@ -104,7 +107,7 @@ class VolumeWarp:
         self._textures["dnb_space"].load(np.zeros((1, 1, 1, 4)))
         self._textures["dnb_cuts"].load(np.zeros((1, 1, 1)))
         self._bind()
-        self._is_boxed = self._is_red = False
+        self._is_boxed = self._is_red = self._is_lit = False
         self._kind: Any = None
         self._what: tuple[str, bool, Any] = ("none", False, None)
         self._inject(*self._what)
@@ -133,7 +136,7 @@ class VolumeWarp:
         """Write what is needed into VTK's shader, which is compiled anew if that is another text than before."""
         self._what = (planar, space, cut)
         is_red = self._is_red and (planar != "none" or space)
-        wanted = (*self._what, self._is_boxed, is_red)
+        wanted = (*self._what, self._is_boxed, is_red, self._is_lit)
         if self._kind == wanted:
             return
         self._kind = wanted
@@ -143,6 +146,10 @@ class VolumeWarp:
         ours = (_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
                 cut_glsl(cut[0], cut[1], planar == "weighted", inside, more))
         add(_HOOK, True, f"{ours}{fold_glsl(cut is not None) if is_red else ''}\n{_HOOK}", False)
+        if self._is_lit:  # else a sample costs no more than to find out that it is empty
+            add(_RAY_HOOK, True, f"{_SKIP_EMPTY}{_RAY_HOOK}", False)
+            for theirs, replacement in _REPLACED_FOR_EMPTY.items():  # VTK takes the words in the order of the alphabet
+                add(theirs, False, replacement, True)
         for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
         replaced = _REPLACED if cut is None else _REPLACED_FOR_CUTS
@@ -170,9 +177,11 @@ class VolumeWarp:
         """The picture's row from below that the window starts with: stripes go on from one part to the next."""
         self._uniforms.SetUniformf("dnb_fold_row", float(row))
 
-    def set_projection(self, is_mip: bool) -> None:
-        """Whether the largest value of a ray is seen, for which what has been cut away is background."""
+    def set_projection(self, is_mip: bool, is_lit: bool) -> None:
+        """Whether the largest value of a ray is seen, for which what was cut away is background; whether slopes are."""
         self._uniforms.SetUniformf("dnb_is_mip", float(is_mip))
+        self._is_lit = is_lit
+        self._inject(*self._what)
 
     def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Float3) -> None:
         """Displace by these maps; None for no deformation.
