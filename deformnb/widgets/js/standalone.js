@@ -132,13 +132,13 @@ class StandalonePage {
       "how far the points are dragged: 100 % as they are, 0 not at all, below 0 the opposite way");
     this.#kernels(bar);
     if (this.view && this.view.get("shows") !== undefined) this.#shows(bar);
-    if (this.view?.get("clip")) this.#clip();
     this.#slider(bar, "Grid", "density", { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
       "cells of the grid along the longer side of the picture");
     const buttons = pageNode("div", "dnb-page-buttons", bar);
     this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
       () => this.reset());
     this.#button(buttons, "Download points", "a JSON file that deformnb opens", () => this.download());
+    if (this.view?.get("clip")) this.#clip(bar);
   }
 
   #field(bar, label, title) {
@@ -183,13 +183,12 @@ class StandalonePage {
   }
 
   // In a box of its own under the others, which is opened where one wants to see inside.
-  #clip() {
-    this.cut = pageNode("details", "dnb-page-clip", null);
+  #clip(bar) {
+    this.cut = pageNode("details", "dnb-page-clip", bar);
     pageNode("summary", "dnb-page-label", this.cut, { title: "cut away parts of the volume to see inside", ...CONTROLS }, "See inside");
     this.sliders = new ClipSliders(this.cut, this.view);
     this.cut.open = isClipped(clipOf(this.view));
     this.cut.addEventListener("toggle", () => this.fit());
-    pagePart("controls").append(this.cut);
   }
 
   #shows(bar) {
