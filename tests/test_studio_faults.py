@@ -11,7 +11,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, controls, drag, wait_for
+from driven_studio import a_drag, a_volume, controls, drag, panel, wait_for
 from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
 
@@ -19,6 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.session import Session
 from deformnb.widgets import LiveView, Studio
 from deformnb.widgets.controls import Panel, fill
+from deformnb.widgets.save_button import SaveButton
 from deformnb.widgets.studio_parts import latency_text
 
 
@@ -254,3 +255,69 @@ def test_the_grid_can_be_as_fine_as_the_editor_draws_it(studio: Studio) -> None:
 
 def _all_of(widget: Any) -> list[Any]:
     return [widget, *(w for child in getattr(widget, "children", ()) for w in _all_of(child))]
+
+
+def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
+    files = panel(studio, "Files")
+    for name in ("ball.py", "ball.json", "ball.svg"):
+        (tmp_path / name).write_bytes(b"somebody's")
+        files.name.value = name
+        files.write.click()
+        assert f"{name} is already there. Write over it?" in files.question.text.value
+        assert not files.write.disabled
+        files.question.refuse.click()
+        assert (tmp_path / name).read_bytes() == b"somebody's"
+    files.name.value = "ball.py"
+    files.write.click()
+    files.question.agree.click()
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+    assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
+    files.said.value = ""
+    files.write.click()  # its own by now
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+
+
+# -- saving ------------------------------------------------------------------------------------------------------------
+
+
+def save_button(studio: Studio) -> SaveButton:
+    return next(w for w in _all_of(studio) if isinstance(w, SaveButton))
+
+
+def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path) -> None:
+    button = save_button(studio)
+    (tmp_path / "ball.json").write_text("somebody's")
+    assert not button.unsaved
+    drag(studio, a_drag(studio))
+    assert button.unsaved
+    button._handle_custom_msg({"type": "save"}, [])
+    wait_for(lambda: "Saved ball-2.json." in studio._words.notice.value)
+    assert not button.unsaved
+    assert "ball-2.json" in button.tip
+    assert (tmp_path / "ball.json").read_text() == "somebody's"
+    first = (tmp_path / "ball-2.json").read_bytes()
+    drag(studio, a_drag(studio, 1.0))
+    button.press()
+    wait_for(lambda: not button.unsaved)
+    assert (tmp_path / "ball-2.json").read_bytes() != first  # the same one
+    studio.save(tmp_path / "mine.json")
+    assert "mine.json" in button.tip
+    (tmp_path / "mine.json").write_text("changed by someone")
+    drag(studio, a_drag(studio, 2.0))
+    button.press()
+    wait_for(lambda: "changed by someone else" in studio._words.notice.value)
+    assert button.unsaved
+    assert (tmp_path / "mine.json").read_text() == "changed by someone"
+    panel(studio, "Files")._open([{"name": "s.json", "content": memoryview(first)}])
+    assert not button.unsaved
+    button.press()  # what was opened from elsewhere goes over nobody's file
+    wait_for(lambda: "Saved ball-3.json." in studio._words.notice.value)
+
+
+def test_a_page_cannot_say_where_to_save(studio: Studio, tmp_path: Path) -> None:
+    button = save_button(studio)
+    for wrong in (None, "save", {"type": "delete"}, ["save"]):
+        button._handle_custom_msg(wrong, [])
+    button.set_state({"unsaved": True, "tip": "x"})
+    assert not button.unsaved
+    assert list(tmp_path.iterdir()) == []

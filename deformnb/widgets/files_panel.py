@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import re
 import threading
 from collections.abc import Callable
@@ -48,7 +49,7 @@ class FilesPanel(Panel):
         self._write_page = write_page
         self._stop = threading.Event()
         self._writing = ""
-        self._own: set[Path] = set()  # volumes and other files written here
+        self._own: set[Path] = set()  # written here
         self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
@@ -87,10 +88,11 @@ class FilesPanel(Panel):
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, dict(self._view.camera))
-        if path.name.lower().endswith(EXPORTS["volume"].suffixes) and path.exists() and path not in self._own:
-            self.said.value = ""  # it may be the scan itself
-            self.question.ask(f"{path.name} is already there, and may be the original. Write over it?",
-                              "Write over it", lambda: self._begin(path, frozen, downloads))
+        if os.path.lexists(path) and path not in self._own:
+            self.said.value = ""
+            doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
+            self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
+                              lambda: self._begin(path, frozen, downloads))
             return
         self._begin(path, frozen, downloads)
 

@@ -29,6 +29,7 @@ from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell,
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.restore_bar import RestoreBar
+from deformnb.widgets.save_button import SaveButton
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_editors import StudioEditors
@@ -126,6 +127,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
         arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
         self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
+        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
+        self._panels[0].box.children += (save,)
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
