@@ -93,9 +93,14 @@ class VolumePage {
     if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
   }
 
-  say(text) {
+  /** again: what a button behind the text does. */
+  say(text, again = null) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
+    if (!again) return;
+    const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
+    button.textContent = "Try again";
+    button.addEventListener("click", again);
   }
 
   // -- the camera ----------------------------------------------------------------------------------------------------

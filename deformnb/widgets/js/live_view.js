@@ -144,7 +144,15 @@ class LiveViewPage extends VolumePage {
     if (!this.caster) { this.still?.ask(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
-      (share) => this.setProgress(0.8 * share));
+      (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
+  }
+
+  setStuck(isStuck) {
+    if (!isStuck) { this.say(""); return; }
+    this.say("The volume does not come. Is the kernel running?", () => {
+      if (!this.field) this.hello();
+      this.loader.again();
+    });
   }
 
   mark() { this.badge.textContent = remarksOn(this); }
@@ -186,6 +194,7 @@ class LiveViewPage extends VolumePage {
       return;
     }
     if (!done || caster !== this.caster) return;
+    if (!this.field) this.hello(); // lost on its way
     this.applyField();
     this.setProgress(1);
     this.touch();
