@@ -31,6 +31,7 @@ class Playback:
     animation : what is played now, None for nothing; asked at every moment.
     grid : of the volume.
     guard : does something and shows what goes wrong with it.
+    output : the grid whose box is seen now, None for the volume's own; asked at every moment.
 
     Notes
     -----
@@ -38,10 +39,11 @@ class Playback:
     """
 
     def __init__(self, view: Any, player: Any, animation: Callable[[], Animation | None], grid: Grid,
-                 guard: Callable[[Callable[[], None]], Any]) -> None:
+                 guard: Callable[[Callable[[], None]], Any], output: Callable[[], Grid | None] = lambda: None) -> None:
+        self._output = output
         self._view, self._player, self._animation, self._grid, self._guard = view, player, animation, grid, guard
         self._worker = Worker("deformnb-playback")
-        self._made: tuple[Animation, TimeMaps | None] | None = None
+        self._made: tuple[tuple[Animation, Grid | None], TimeMaps | None] | None = None
         if not hasattr(view, "play"):
             player.sync_ms = min(player.sync_ms, _PYTHON_MS)
         player.observe(self._moved, ["time", "is_playing"])
@@ -58,18 +60,19 @@ class Playback:
         animation = self._animation()
         if animation is None:
             return
-        maps = self._maps(animation)
+        output = self._output()
+        maps = self._maps(animation, output)
         if maps is None:
-            self._view.show_deformation(animation.field(self._player.time, self._grid))
+            self._view.show_deformation(animation.field(self._player.time, self._grid), output=output)
         elif not hasattr(self._view, "play"):
-            self._view.show_deformation(maps.field(self._player.time))
+            self._view.show_deformation(maps.field(self._player.time), output=output)
         elif self._view.moments is not maps:
-            self._view.play(maps, self._player)
+            self._view.play(maps, self._player, output=output)
 
-    def _maps(self, animation: Animation) -> TimeMaps | None:
+    def _maps(self, animation: Animation, output: Grid | None) -> TimeMaps | None:
         """All moments as maps, made once; None where they are no maps."""
-        if self._made is None or self._made[0] != animation:
-            self._made = (animation, _stacked(animation, self._grid))
+        if self._made is None or self._made[0] != (animation, output):
+            self._made = ((animation, output), _stacked(animation, self._grid, output))
         return self._made[1]
 
     def wait(self, timeout: float = 60.0) -> None:
@@ -82,8 +85,8 @@ class Playback:
         self._worker.close()
 
 
-def _stacked(animation: Animation, grid: Grid) -> TimeMaps | None:
+def _stacked(animation: Animation, grid: Grid, output: Grid | None) -> TimeMaps | None:
     try:
-        return animation.stack(grid, size=_MAP_SIZE)
+        return animation.stack(grid, size=_MAP_SIZE, output=output)
     except DeformError:  # several steps, cuts, points in space: each moment is solved for
         return None

@@ -13,6 +13,7 @@ import traitlets
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
+from deformnb.volume import Grid
 
 POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_rays.js",
                "space_points.js")
@@ -39,6 +40,11 @@ class ShowsPoints(traitlets.HasTraits):
     """Whether what is shown is on its way, so that less of it will do."""
 
     show_deformation: Callable[..., None]
+
+    @property
+    def shown_output(self) -> Grid | None:
+        """The grid whose box is seen, None for that of the volume."""
+        return None
 
     def edit_points(self, editor: Any, field: FieldOf | None = None) -> None:
         """Show the points of an editor in space, to be dragged here as well, and what they make of the volume.
@@ -72,7 +78,7 @@ class ShowsPoints(traitlets.HasTraits):
         if timer is not None:
             timer.cancel()
         self.is_quick = phase == "move"
-        self.show_deformation(field)
+        self.show_deformation(field, output=self.shown_output)
         if self.is_quick:  # a drag that is given up ends without a word
             self._rest_timer = threading.Timer(_REST, _weakly(self, make, points))
             self._rest_timer.daemon = True

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from deformnb.deformation import Deformation
 from deformnb.exports import export
-from deformnb.opening import as_deformation, as_volume, best_view
+from deformnb.opening import as_deformation, as_volume, best_view, source_of
 from deformnb.plane import Plane
 from deformnb.session import Session
-from deformnb.volume import Volume
+from deformnb.volume import Grid, Volume
 from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, closed_on_failure, weakly
 from deformnb.widgets.controls import Panel
@@ -62,6 +62,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
         regions can be made rigid or cut out; label_names : what the numbers are called.
     target : what the volume shall look like: a volume, an array as large, or a file, chosen in the panel "Fit".
+    output : grid of the result, which is what can be seen; default is the document's, or the volume's own. See
+        :meth:`Session.grow <deformnb.session.Session.grow>` and :meth:`Session.fit_output
+        <deformnb.session.Session.fit_output>`.
 
     Attributes
     ----------
@@ -89,30 +92,31 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  method: str = "mip", transfer: Any = "specimen", view: str | AbstractView = "live", height: int = 430,
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  label_names: Mapping[int, str] | None = None,
-                 target: Volume | NDArray[Any] | str | PathLike[str] | None = None) -> None:
+                 target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
+                 output: Grid | None = None) -> None:
         given = as_volume(volume)
         shown = parts.as_labels(labels, given), label_names, parts.as_target(target, given)
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
-                               transfer=transfer)
+                               transfer=transfer, output=output, source=source_of(volume))
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
         self._words = StudioWords()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
+        is_whole = threading.Event()
+        self._worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
             with closed_on_failure(self._end):
                 self._make(view, height, folder, *shown)
         except BaseException:
-        is_whole = threading.Event()
-        self._worker.call(is_whole.wait)  # nothing is done for half a studio
             close_all(self._words.box)
             raise
+        finally:
+            is_whole.set()
         self._worker.latest("warm up", self.session.warm_up)
         self._ask_for_status()
 
     def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
-        finally:
-            is_whole.set()
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
@@ -123,12 +127,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                                       self._weakly(Studio.undo))
         self._edits.stand_on(self._editors, self._picture)
         self._panels = self._make_panels(folder, labels, label_names, target)
+        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
+        self._panels[0].box.children += (save,)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
         arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
         self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
-        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
-        self._panels[0].box.children += (save,)
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
@@ -246,7 +250,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return self.session.volume
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
-        """The deformed volume."""
+        """The deformed volume, on the grid ``session.output``."""
         return self.session.result(progress)
 
     def undo(self) -> None:

@@ -56,9 +56,9 @@ class StudioLink:
             self._serial += 1
             self._editor, self._has_previewed = editor, False
             if follows:
-                self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1))
+                self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1), output=session.output)
             else:
-                self._view.follow(None, field)
+                self._view.follow(None, field, output=session.output)
         in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:
             self._in_space = in_space
@@ -123,7 +123,7 @@ class StudioLink:
             return
         with self._lock:
             if serial == self._serial:
-                self._view.show_deformation(field)
+                self._view.show_deformation(field, output=self._session.output)
                 self.previews += 1
 
     def _field_of(self, points: ControlPoints) -> AbstractField:

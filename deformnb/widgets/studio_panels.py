@@ -16,6 +16,7 @@ from deformnb.widgets.files_panel import FilesPanel
 from deformnb.widgets.fit_panel import FitPanel
 from deformnb.widgets.history_panel import HistoryPanel
 from deformnb.widgets.points_panel import PointsPanel
+from deformnb.widgets.result_box import ResultBox
 from deformnb.widgets.shapes_panel import ShapesPanel
 from deformnb.widgets.steps_panel import StepsPanel
 from deformnb.widgets.studio_editors import StudioEditors
@@ -57,8 +58,11 @@ class PanelParts:
 
 
 def make_panels(s: PanelParts) -> list[Panel]:
-    """All panels of a studio."""
+    """All panels of a studio; one without a title stands in another one."""
     head, _ = strip(s.session, s.guard, s.view)
+    files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
+    result_box = ResultBox(s.session, s.guard, s.worker)  # last of all: what others do of themselves comes before it
+    files.box.children = (result_box.box, *files.box.children)
     return [
         head,
         PicturePanel(s.session, s.guard, s.editors.plane),
@@ -73,5 +77,6 @@ def make_panels(s: PanelParts) -> list[Panel]:
         AnimationPanel(s.session, s.guard, s.view, s.folder),
         LookPanel(s.session, s.guard, s.view, s.opacity),
         HistoryPanel(s.session, s.guard),
-        FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html),
+        files,
+        result_box,
     ]

@@ -95,6 +95,7 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: 
     pictures = ipw.HBox([editors.box, editors.beside],
                         layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
     head, *others = panels
+    others = [panel for panel in others if panel.title]
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
                    layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
     tell = _tell_opened(others)

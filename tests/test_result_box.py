@@ -1,0 +1,160 @@
+"""The studio's controls of the result's box: what they choose, what they say, and that the view follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deformnb.session import Session
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.result_box import ResultBox
+from deformnb.widgets.studio import Studio
+from deformnb.widgets.worker import Worker
+
+
+def a_brick() -> Volume:
+    values = np.zeros((16, 16, 16), np.uint8)
+    values[4:12, 4:12, 4:12] = 200
+    return Volume(values, Grid((16, 16, 16), (2.0, 2.0, 2.0)), "brick")
+
+
+def drag_out(session: Session, by: float = 24.0) -> None:
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, middle + np.array([by, 0.0])))
+
+
+def at_once(action: Callable[[], None]) -> bool:
+    action()
+    return True
+
+
+@pytest.fixture
+def box() -> Iterator[ResultBox]:
+    """A box whose thread is the test: what it asks for is done by "look"."""
+    made = ResultBox(Session(a_brick()), at_once, Worker())
+    yield made
+    made._worker.close()
+
+
+def looked(box: ResultBox) -> None:
+    box.refresh()
+    box._worker.call(lambda: None).result(30)
+    box.look()
+
+
+def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
+    assert (box.choice.value, box.margin.layout.display) == ("volume", "none")
+    assert box.words.value == "16 x 16 x 16 voxels, 4.0 KiB"
+    box.choice.value = "margin"
+    box.refresh()
+    assert box.session.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
+    assert box.margin.layout.display == ""
+    box.margin.value = 8.0
+    box.refresh()
+    assert box.session.box.shape == (24, 24, 24)
+    assert box.words.value == "24 x 24 x 24 voxels, 13.5 KiB"
+    box.choice.value = "volume"
+    box.refresh()
+    assert box.session.output is None
+    assert box.margin.layout.display == "none"
+
+
+def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
+    box.choice.value = "needed"
+    looked(box)
+    assert box.session.output == box.session.volume.grid
+    assert box.choice.value == "needed"
+    drag_out(box.session)
+    looked(box)
+    assert box.session.box.shape[2] > 16
+    assert box.session.sides_left() == ()
+    assert box.session.history["undo"] == "move points"  # the box belongs to the edit
+    box.session.undo()
+    box.refresh()
+    assert box.session.output == box.session.volume.grid
+    box.session.undo()
+    looked(box)
+    assert box.session.output is None
+    assert (box.choice.value, box.follows) == ("volume", False)
+
+
+def test_what_is_cut_off_is_said_once_and_stands_beside_the_menu(box: ResultBox) -> None:
+    session = box.session
+    said: list[str] = []
+    session.observe(lambda change: said.append(change["new"]), "notice")
+    drag_out(session)
+    looked(box)
+    assert said[-1].startswith("Matter leaves the box on the left (+x) and is cut off")
+    assert box.words.value.endswith("cut off on the left (+x)")
+    drag_out(session, 20.0)
+    looked(box)
+    assert "Matter leaves" not in session.notice  # once is enough
+    box.choice.value = "needed"
+    looked(box)
+    assert "cut off" not in box.words.value
+    session.output = None
+    looked(box)
+    assert "Matter leaves" in session.notice  # it fitted meanwhile
+
+
+def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
+    box.session.output = box.session.volume.grid.resampled(spacing=1.0)
+    looked(box)
+    assert box.choice.value == "own"
+    assert ("a box of its own", "own") in box.choice.options
+    box.choice.value = "volume"
+    box.refresh()
+    assert ("a box of its own", "own") not in box.choice.options
+
+
+def test_the_view_of_a_studio_shows_the_box_at_once() -> None:
+    studio = Studio(a_brick())
+    try:
+        drag_out(studio.session)
+        studio.session.grow(12.0)
+        grid = studio.session.output
+        assert grid is not None
+        assert isinstance(studio.view, LiveView)
+        assert studio.view.shown_output == grid
+        assert studio.result().grid == grid
+        corner = grid.crop((0, 0, 22), (28, 28, 6))  # what was cut off
+        wide = studio.session.result()
+        inside = wide.values[:, :, 22:28]
+        assert corner.is_like(wide.grid.crop((0, 0, 22), (28, 28, 6)))
+        assert (inside > 100).any()
+        studio.undo()
+        assert studio.view.shown_output is None
+    finally:
+        studio.close()
+
+
+def test_previews_and_points_in_space_keep_the_box() -> None:
+    studio = Studio(a_brick(), output=a_brick().grid.crop((-2, -2, -2), (20, 20, 30)))
+    try:
+        wanted = studio.session.output
+        shown: list[Any] = []
+        drag_out(studio.session)
+        put = studio.view.show_deformation
+
+        def show(field: Any, *, output: Grid | None = None) -> None:
+            shown.append(output)
+            put(field, output=output)
+
+        studio.view.show_deformation = show  # type: ignore[method-assign]
+        studio._link.preview(studio.session.step)
+        studio.wait()
+        assert shown == [wanted]
+        studio.session.add_step(in_space=True)
+        studio.wait()
+        points = studio.session.points
+        moved = points.move(points.ids[0], points.target[0] + 3.0)
+        studio.editor.points = moved
+        studio.wait()
+        assert studio.view.shown_output == wanted
+        assert set(shown) == {wanted}
+    finally:
+        studio.close()
