@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import a_volume
+from driven_studio import a_drag, a_volume, drag, panel, wait_for
 
 from deformnb.extrusion import EXTRUSIONS, modulate
 from deformnb.fields import AbstractField
 from deformnb.session import Session
+from deformnb.widgets import Studio
 from deformnb.widgets.depth_panel import DepthPanel
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.worker import Worker
@@ -175,6 +176,24 @@ def test_a_rule_that_was_registered_later_is_offered_and_said(made: Any, monkeyp
     assert depth.panel._rule.value == "half"
     assert "of its own" in depth.panel._hint.value
     assert (depth.panel.curve.layout.display, depth.panel.keys.layout.display) == ("none", "none")
+
+
+def test_the_studio_shows_a_curve_on_its_way_and_makes_one_edit_of_it() -> None:
+    studio = Studio(a_volume())
+    drag(studio, a_drag(studio))
+    studio.session.change(extrusion="modulate")
+    studio.wait()
+    document, curve = studio.deformation, panel(studio, "Depth").curve
+    for seq, (height, phase) in enumerate(((0.5, "move"), (1.0, "move"), (1.0, "end")), 1):
+        if phase == "end":
+            wait_for(lambda: studio.stats()["previews"] > 0)
+            assert studio.deformation is document
+        curve._handle_custom_msg({"type": "edit", "seq": seq, "view": "v", "phase": phase,
+                                  "value": {"nodes": [[0, height], [1, 1]], "smooth": False}}, [])
+    assert studio.session.step.curve == (1.0, 1.0)
+    studio.undo()
+    assert studio.deformation == document
+    studio.close()
 
 
 def _until(condition: Any) -> None:

@@ -41,7 +41,7 @@ def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
     (np.arange(200, dtype=np.uint8), 200, 0, 199),
     (np.arange(200, dtype=np.int16) * 16 - 1000, 200, -1000, 2184),  # 12 bits in 16
     ((np.arange(200) / 255).astype(np.float32), 200, 0, 199 / 255),  # what was once bytes
-    (np.arange(1000, dtype=np.int32), 250, 0, 999),  # four values to a bin
+    (np.arange(4000, dtype=np.int32), 999, 0, 3995),  # four values to a bin, but for the very brightest
 ])
 def test_bins_hold_whole_steps_so_that_none_is_empty(values: Any, bins: int, first: float, last: float) -> None:
     volume = Volume.from_array(np.stack([values.reshape(-1, 20)] * 4).repeat(2, 1).repeat(2, 2))

@@ -18,7 +18,7 @@ from deformnb.widgets.assets import joined, style
 from deformnb.widgets.curve_nodes import MOST_NODES
 from deformnb.widgets.edited import SCRIPTS, AbstractEdited, is_number, nodes_from_json
 
-_BINS, _SLICES = 256, 24
+_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the page adds up what is finer than a pixel
 _TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
 _FELT = 16  # more steps than this in a bin, and one more or less is not seen
 

@@ -358,6 +358,31 @@ def test_the_window_fills_the_plot_on_demand_and_keys_go_back(drawn: Any) -> Non
     assert page.widget.transfer == FUNCTION.windowed(100, 110)
 
 
+def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: Any) -> None:
+    values = np.zeros((20, 40, 50), np.int16)
+    values[5:15] = np.repeat(np.arange(0, 4000, 2, dtype=np.int16), 10).reshape(10, 40, 50)
+    values[7, :20] = 2400  # a peak two values wide
+    page = Drawn(browser, TransferEditor(Volume.from_array(values)), listens=False)
+    assert len(page.widget.histogram["heights"]) > 900
+
+    def bars() -> int:
+        return page.js("w.bars.getAttribute('d').split('H').length - 2")  # type: ignore[no-any-return]
+
+    assert bars() < page.js("w.box.width") / 1.5 + 1
+    high = page.page.locator(".dnb-cv-bars").bounding_box()["height"]
+    page.js("w.zoomTo([2300, 2500])")
+    page.settled()
+    assert bars() > 900
+    ink = np.asarray(Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")).astype(int)
+
+    def seen(value: float) -> Any:
+        x, y = page.at(value, -0.6 * high)
+        return ink[round(y), round(x)]
+
+    assert (seen(2401) < seen(2450) - 10).all()
+    page.close()
+
+
 def test_what_an_arrow_key_takes_beyond_the_edge_is_seen_again(drawn: Any) -> None:
     page = drawn()
     page.js("w.zoomTo([118, 122])")

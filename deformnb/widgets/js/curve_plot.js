@@ -266,7 +266,7 @@ class CurvePlot extends EditedPage {
     const [first, last] = this.endWords();
     this.write(left, top + height + 16, first, "start");
     this.write(left + width, top + height + 16, last, "end");
-    const taken = 5.2 * Math.max(first.length, last.length) + 18;
+    const taken = 6.5 * Math.max(first.length, last.length) + 22;
     for (const x of this.placeTicks(x0, x1)) {
       const px = this.toPixel([x, y0])[0];
       svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);

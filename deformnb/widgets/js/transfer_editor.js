@@ -2,6 +2,7 @@
 // files that transfer_editor.py names.
 
 const ROWS = { ...PLOT, left: 58, bottom: 92 }; // room for colours and window under the axis
+const LEAST_BAR = 1.5; // CSS pixels
 const VALUE_ICONS = {
   in: "M11.4 11.4l3 3M12.5 7.2a5.2 5.2 0 1 1-10.4 0 5.2 5.2 0 0 1 10.4 0M7.3 5v4.4M5 7.2h4.5",
   out: "M11.4 11.4l3 3M12.5 7.2a5.2 5.2 0 1 1-10.4 0 5.2 5.2 0 0 1 10.4 0M5 7.2h4.5",
@@ -287,8 +288,12 @@ class TransferEditorPage extends CurvePlot {
   drawBack() {
     const { left, top, width, height } = this.box, { low, high, heights } = this.model.get("histogram");
     const x = (value) => this.toPixel([value, 0])[0], floor = top + height, each = (high - low) / heights.length;
-    const edge = (k) => Math.max(left, Math.min(left + width, x(low + k * each))).toFixed(2);
-    const steps = heights.map((h, k) => `V${(floor - h * height * 0.97).toFixed(2)}H${edge(k + 1)}`);
+    const edge = (k) => Math.max(left, Math.min(left + width, x(Math.min(high, low + k * each)))).toFixed(2);
+    const together = Math.max(1, Math.ceil(LEAST_BAR / (x(each) - x(0)))), steps = []; // finer bars are seen when zoomed
+    for (let k = 0; k < heights.length; k += together) {
+      const h = Math.max(...heights.slice(k, k + together));
+      steps.push(`V${(floor - h * height * 0.97).toFixed(2)}H${edge(k + together)}`);
+    }
     this.bars.setAttribute("d", `M${edge(0)} ${floor}${steps.join("")}V${floor}Z`);
     const outline = this.outline();
     this.area.setAttribute("d", `${pathOf(outline)}L${outline[outline.length - 1][0]} ${floor}L${outline[0][0]} ${floor}Z`);
