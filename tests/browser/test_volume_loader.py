@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from PIL import Image
 
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.live_view import LiveView
@@ -91,6 +93,25 @@ def test_the_bar_says_how_far_it_is(browser: Any) -> None:
     assert page.page.is_hidden(".dnb-progress")
     assert not values_differ(page, view)
     page.close()
+
+
+def test_until_the_volume_comes_the_background_is_the_pages(browser: Any) -> None:
+    page = LivePage(browser)
+    page.page.emulate_media(color_scheme="light")
+    view = sent(page, lambda content, buffers: None)
+    view.width = 300
+    page.wait(f"{VIEW}.canvas.width === 300")
+    assert _brightness(page) > 180
+    page.page.emulate_media(color_scheme="dark")
+    page.wait(f"{VIEW}.root.dataset.background === 'dark'")
+    assert _brightness(page) < 60
+    page.close()
+
+
+def _brightness(page: LivePage) -> int:
+    """Of a place on the screen that nothing but the background covers."""
+    image = Image.open(io.BytesIO(page.page.locator(".dnb-canvas").screenshot())).convert("L")
+    return int(np.asarray(image)[image.height // 3, image.width // 2])
 
 
 def test_where_nothing_comes_the_page_says_so_and_can_be_asked_to_try_again(browser: Any) -> None:

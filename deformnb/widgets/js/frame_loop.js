@@ -242,6 +242,6 @@ class FrameLoop {
     this.#present();
   }
 
-  /** Shows again what was drawn last, after the canvas was cleared or the background changed. */
-  again() { if (this.showing) this.caster.present(this.showing, this.parts); }
+  /** Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed. */
+  again() { this.caster.present(this.showing || null, this.parts); }
 }

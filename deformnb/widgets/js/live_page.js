@@ -47,6 +47,7 @@ class VolumePage {
     this.root.dataset.background = this.background;
     if (!this.caster || this.caster.background === this.background) return;
     this.caster.background = this.background;
+    this.loop?.again();
     this.touch();
   }
 
