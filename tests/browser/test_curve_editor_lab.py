@@ -30,6 +30,7 @@ VBox([curve, transfer, keys])
 """,
 ]
 STATE = """print(json.dumps({"curve": curve.curve, "nodes": curve.nodes, "alpha": transfer.transfer.opacities[1],
+    "colors": transfer.transfer.colors, "window": transfer.transfer.window,
     "knots": keys.knots, "selected": keys.selected, "ends": heard.count("end")}))"""
 
 
@@ -43,11 +44,11 @@ def settled(lab: Lab, page: Any, reached: Callable[[Any], bool]) -> Any:
         time.sleep(0.2)
 
 
-def drag(page: Any, node: Any, dx: float, dy: float) -> None:
-    node.locator(".dnb-cv-dot").scroll_into_view_if_needed()
+def drag(page: Any, node: Any, dx: float, dy: float, mark: str = ".dnb-cv-dot") -> None:
+    node.locator(mark).scroll_into_view_if_needed()
     box = None
     for _ in range(40):  # until Lab has come to rest
-        before, box = box, node.locator(".dnb-cv-dot").bounding_box()
+        before, box = box, node.locator(mark).bounding_box()
         if box is not None and box == before:
             break
         page.wait_for_timeout(250)
@@ -88,6 +89,23 @@ def test_the_curve_editors_work_in_jupyterlab(lab: Lab, tab: Any) -> None:
         page.keyboard.press(key)
     state = settled(lab, page, lambda s: s["ends"] == 7)
     assert len(state["knots"]) == 3
+
+    before = state["colors"]
+    drag(page, page.locator(".dnb-transfer-editor [data-stop='1']"), 20, 0, ".dnb-cv-pin")
+    state = settled(lab, page, lambda s: s["ends"] == 8)
+    assert state["colors"][1][0] > before[1][0] + 5
+    for key in ("a", "Delete", "d", "d", "x", "0", "0"):  # of Lab's own, 0 twice restarts the kernel
+        page.keyboard.press(key)
+    state = settled(lab, page, lambda s: s["ends"] == 10)
+    assert len(state["colors"]) == len(before)
+    page.locator(".dnb-cv-color").fill("#00ff00")
+    state = settled(lab, page, lambda s: s["ends"] == 11)
+    assert [0, 1, 0] in [row[1:] for row in state["colors"]]
+    before = state["window"]
+    drag(page, page.locator(".dnb-transfer-editor [data-window='low']"), 60, 0, ".dnb-cv-end")
+    state = settled(lab, page, lambda s: s["ends"] == 12)
+    assert state["window"][0] > before[0] + 3
+    assert state["window"][1] == before[1]
     assert page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length") == cells
     assert page.locator(".dnb-curves .dnb-cv-alert:visible").count() == 0
 
