@@ -262,7 +262,7 @@ class LookPanel(Panel):
             menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
                                   lambda: view.projection, lambda value: view.set_trait("projection", value)))
         self.clip = ClipControls(view if view.has_trait("clip") else None)
-        self.box = ipw.VBox([row(*menus), ipw.Box([transfer], layout=ipw.Layout(max_width="720px")), self.clip])
+        self.box = ipw.VBox([row(*menus), ipw.VBox([transfer], layout=ipw.Layout(max_width="720px")), self.clip])
 
     def close(self) -> None:
         self.clip.close()
