@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import ipaddress
 import logging
+import re
 import secrets
 import time
 from collections.abc import Awaitable, Callable, Mapping
@@ -37,6 +38,7 @@ MOST_PAGES = 16
 LOGIN_SECONDS = 10.0
 """After which a connection without the password is closed."""
 
+_ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
 _PER_SECOND = 240.0  # messages of one page that are read; a hand that drags makes 60, a camera another 60
 _AT_ONCE = 480.0
@@ -84,13 +86,13 @@ def own_names(host: str, port: int) -> frozenset[str]:
     return frozenset(f"{name}:{port}" for name in names)
 
 
-def headers_for(name: str) -> dict[str, str]:
-    """Headers of every answer: the page loads from and speaks to this server only, and nobody may frame it."""
+def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
+    """Headers of every answer: the page loads from and speaks to this server only, and nobody else may frame it."""
     # The client that trame brings compiles its templates in the page: that is what unsafe-eval is for.
     policy = {
         "default-src": "'self'", "script-src": "'self' 'unsafe-eval' blob:", "style-src": "'self' 'unsafe-inline'",
         "img-src": "'self' blob: data:", "font-src": "'self' data:", "connect-src": f"'self' ws://{name}",
-        "object-src": "'none'", "base-uri": "'self'", "form-action": "'none'", "frame-ancestors": "'none'",
+        "object-src": "'none'", "base-uri": "'self'", "form-action": "'none'", "frame-ancestors": framed_by,
     }
     return {
         "Content-Security-Policy": "; ".join(f"{what} {where}" for what, where in policy.items()),
@@ -99,13 +101,27 @@ def headers_for(name: str) -> dict[str, str]:
     }
 
 
-def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int]) -> Any:
+def checked_origin(origin: Any) -> str:
+    """Where a page came from, as a browser says it; DeformError for anything else: it becomes part of a header.
+
+    Examples
+    --------
+    >>> checked_origin("http://localhost:8888")
+    'http://localhost:8888'
+    """
+    if not isinstance(origin, str) or not _ORIGIN.fullmatch(origin):
+        raise DeformError("a page's origin is http:// or https:// with a name and at most a port.")
+    return origin
+
+
+def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int], framed_by: str = "'none'") -> Any:
     """A middleware that answers 403 to foreign names and origins.
 
     Parameters
     ----------
     names : the server's own, see :func:`own_names`; asked at each request, for the port is chosen late.
     connections : how many pages are connected.
+    framed_by : the one origin whose pages may show ours in a frame.
     """
 
     @web.middleware
@@ -123,7 +139,7 @@ def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int]) ->
             return _refused(503, "too many pages")
         response = await handler(request)
         if not response.prepared:
-            response.headers.update(headers_for(name))
+            response.headers.update(headers_for(name, framed_by))
         return response
 
     return check

@@ -39,7 +39,49 @@ _BLINK = 0.7  # seconds of each of two pictures that are shown in turn
 _LONGEST_WORK = 30.0  # seconds: the first picture, with its shaders, on a slow machine
 
 
-class RemoteView:
+class MouseLooks:
+    """Turns the mouse over trame's remote controlled area into other cameras; the thread is that of trame's loop.
+
+    Attributes
+    ----------
+    box : whose box is seen.
+    """
+
+    box: Grid
+    _shows = "deformed"
+    _held: tuple[str, float, float] | None = None
+
+    def on_event(self, event: Any) -> None:
+        """The mouse over the area: left turns, middle or Shift moves, right or the wheel zooms."""
+        kind = event.get("type") if isinstance(event, dict) else None
+        if not isinstance(kind, str):
+            raise DeformError("no event of a mouse.")
+        if kind == "MouseWheel":
+            notches = max(-3.0, min(3.0, _number(event, "spinY")))
+            self._look(lambda camera: zoomed(camera, _ZOOM**-notches))
+        elif kind.endswith("ButtonPress"):
+            way = {"LeftButtonPress": "turn", "MiddleButtonPress": "move", "RightButtonPress": "zoom"}.get(kind, "turn")
+            way = "move" if way == "turn" and event.get("shiftKey") else way
+            self._held = (way, _number(event, "x"), _number(event, "y"))
+        elif kind.endswith("ButtonRelease"):
+            self._held = None
+        elif kind == "MouseMove" and self._held is not None:
+            self._drag(event, *self._held)
+
+    def _drag(self, event: dict[str, Any], way: str, x: float, y: float) -> None:
+        now = _number(event, "x"), _number(event, "y")
+        height = max(16.0, _number(event, "h", 512.0))
+        dx, dy = (now[0] - x) / height, (now[1] - y) / height
+        aspect = max(16.0, _number(event, "w", 512.0)) / height / (2 if self._shows == "side_by_side" else 1)
+        self._held = (way, *now)
+        self._look(lambda camera: dragged(camera, way, dx, dy, seen_height(
+            self.box, camera["direction"], camera["up"], aspect, camera["zoom"])))
+
+    def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        raise NotImplementedError
+
+
+class RemoteView(MouseLooks):
     """A scene behind trame's remote controlled area.
 
     What is asked of it may come from any thread, before the first size of a page as well.
@@ -70,8 +112,6 @@ class RemoteView:
         self._layers: list[tuple[bytes, dict[str, Any]]] = []
         self._size: tuple[int, int] | None = None
         self._camera = self._drawn = checked_camera(camera or {})
-        self._held: tuple[str, float, float] | None = None
-        self._shows = "deformed"
         self._scene: Any = None
         self._said = ""
 
@@ -86,32 +126,6 @@ class RemoteView:
         pixels = (max(16, round(width * factor)), max(16, round(height * factor)))
         self._size = pixels
         self._loop.change("size", lambda scene: scene.set_size(pixels))
-
-    def on_event(self, event: Any) -> None:
-        """The mouse over the area: left turns, middle or Shift moves, right or the wheel zooms."""
-        kind = event.get("type") if isinstance(event, dict) else None
-        if not isinstance(kind, str):
-            raise DeformError("no event of a mouse.")
-        if kind == "MouseWheel":
-            notches = max(-3.0, min(3.0, _number(event, "spinY")))
-            self._look(lambda camera: zoomed(camera, _ZOOM**-notches))
-        elif kind.endswith("ButtonPress"):
-            way = {"LeftButtonPress": "turn", "MiddleButtonPress": "move", "RightButtonPress": "zoom"}.get(kind, "turn")
-            way = "move" if way == "turn" and event.get("shiftKey") else way
-            self._held = (way, _number(event, "x"), _number(event, "y"))
-        elif kind.endswith("ButtonRelease"):
-            self._held = None
-        elif kind == "MouseMove" and self._held is not None:
-            self._drag(event, *self._held)
-
-    def _drag(self, event: dict[str, Any], way: str, x: float, y: float) -> None:
-        now = _number(event, "x"), _number(event, "y")
-        height = max(16.0, _number(event, "h", 512.0))
-        dx, dy = (now[0] - x) / height, (now[1] - y) / height
-        aspect = max(16.0, _number(event, "w", 512.0)) / height / (2 if self._shows == "side_by_side" else 1)
-        self._held = (way, *now)
-        self._look(lambda camera: dragged(camera, way, dx, dy, seen_height(
-            self.box, camera["direction"], camera["up"], aspect, camera["zoom"])))
 
     def seen(self, number: Any, page: Any = "") -> None:
         """A page, by a name of its own, has received the picture of this number."""
@@ -178,12 +192,9 @@ class RemoteView:
         message, pictures = self._frames.pack(frame)
         layers = []
         for layer, (image, picture) in enumerate(zip(frame.images, pictures, strict=True)):
-            rows, columns = image.shape[:2]
-            layers.append((picture, {
-                "type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows,
-                "st": int(time.time() * 1000), "n": message["seq"], "full": frame.is_full,
-                "layer": layer, "shows": self._shows,
-                "camera": {name: self._drawn[name] for name in ("direction", "up")}, "badge": self._badge()}))
+            about = {"n": message["seq"], "full": frame.is_full, "layer": layer, "shows": self._shows,
+                     "badge": self._badge()}
+            layers.append((picture, {**about_picture(image, self._drawn), **about}))
         with self._lock:
             self._layers = layers
             self._push(*layers[0])
@@ -208,6 +219,13 @@ class RemoteView:
             self._layers.reverse()
             self._push(*self._layers[0])
         self._blink.at_rest(_BLINK, self._show_other)
+
+
+def about_picture(image: Any, camera: dict[str, Any]) -> dict[str, Any]:
+    """What trame's area wants to know of a JPEG, and where the viewer stands in it."""
+    rows, columns = image.shape[:2]
+    return {"type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows, "st": int(time.time() * 1000),
+            "camera": {name: camera[name] for name in ("direction", "up")}}
 
 
 def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float) -> dict[str, Any]:

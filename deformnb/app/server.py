@@ -40,6 +40,8 @@ class AppServer:
     ----------
     desk : what the page shows and changes.
     host, port : where to listen; port 0 takes a free one.
+    page : gives trame's server its page.
+    framed_by : the one origin whose pages may show ours in a frame; else nobody's may.
     idle : seconds without a page after which the server ends.
 
     Attributes
@@ -48,13 +50,14 @@ class AppServer:
     reason : why it ended.
     """
 
-    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = IDLE_SECONDS) -> None:
+    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = IDLE_SECONDS,
+                 page: Callable[[Any, Any], None] = build_page, framed_by: str = "'none'") -> None:
         from trame.app import get_server
 
         self.desk, self.host, self.idle = desk, host, idle
         self.url, self.reason = "", ""
         self.token = secrets.token_urlsafe(32)
-        self._wanted_port = port
+        self._wanted_port, self._framed_by = port, framed_by
         self._parent = os.getppid()
         self._guards: list[MessageGuard] = []
         self._handlers: list[Any] = []
@@ -65,7 +68,7 @@ class AppServer:
         self.bridge = Bridge(desk, self._trame)
         self._trame.add_protocol_to_configure(self._configure)
         self._trame.controller.on_server_bind.add(self._bind)
-        build_page(self._trame, desk)
+        page(self._trame, desk)
 
     @property
     def port(self) -> int:
@@ -168,7 +171,8 @@ class AppServer:
         self.bridge.others = lambda: [client for handler in self._handlers for client in handler.authentified_client_ids
                                       if client != served.last_active_client_id]
         served.app.middlewares.append(gate(lambda: own_names(self.host, self.port),
-                                           lambda: sum(len(h.connections) for h in self._handlers)))
+                                           lambda: sum(len(h.connections) for h in self._handlers),
+                                           self._framed_by))
         pages = _assets()
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
 
