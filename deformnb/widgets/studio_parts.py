@@ -34,6 +34,9 @@ VIEW_KINDS = ("live", "vtk")
 def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: int) -> Any:
     """A view of the volume by its name in :data:`VIEW_KINDS`, or one that was made by hand."""
     if isinstance(kind, AbstractView):
+        if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
+            raise DeformError(f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
+                              "a trait named camera, deformnb.widgets.view.CameraTrait().")
         kind.show(volume)
         kind.set_transfer(transfer)
         return kind

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, ABCMeta, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import traitlets
@@ -30,6 +30,9 @@ SHOWS = {
 
 HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
 """The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""
+
+
+_FARTHEST = {"zoom": 1e6, "pan": 1e12}  # no volume is seen from there, and the numbers of a picture would overflow
 
 
 class ShowsTrait(traitlets.TraitType[str, str]):
@@ -91,6 +94,9 @@ def checked_camera(value: Any) -> dict[str, Any]:
         raise DeformError("direction and up of a camera have three finite numbers, pan has two, zoom is one.")
     if camera["zoom"] <= 0:
         raise DeformError(f"zoom must be a positive number, got {given['zoom']}.")
+    far = _FARTHEST["zoom"]
+    if not (1 / far < camera["zoom"] < far and np.abs(camera["pan"]).max() < _FARTHEST["pan"]):
+        raise DeformError("pan and zoom of the camera lead to where nothing can be seen; set them to (0, 0) and 1.")
     plane = Plane.through((0, 0, 0), camera["direction"], camera["up"] if "up" in given else None)
     if "direction" in given and "up" not in given:
         camera["up"] = -np.asarray(plane.v)
@@ -146,10 +152,13 @@ class AbstractView(ABC):
     shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
+    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the viewer's hand change it.
     """
 
     shows: Any
     clip: Any
+    camera: Any
+    _following: Any = None
 
     @abstractmethod
     def show(self, volume: Volume) -> None:
@@ -164,6 +173,42 @@ class AbstractView(ABC):
         deformation : a document, a backward field in space, or None for the volume as it is.
         output : its box is what can be seen (the field of view); default is the volume's own.
         """
+
+    def follow(self, editor: Any, field: AbstractField, index: int = 0, *, output: Grid | None = None) -> None:
+        """Let an editor move what is shown: each movement of its points, not only the end of an edit.
+
+        Parameters
+        ----------
+        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
+        field : what is shown until the next movement: an extrusion over the editor's plane, or a composition that ends
+            with one. Its plane, depths and weights stay, also while points move.
+        index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: what is dragged meanwhile stays where the hand is. Unless a view has a way of
+        its own, the core fits the map anew and :meth:`show_deformation` shows it.
+        """
+        from deformnb.widgets.refit import Following, Refit
+
+        following = self._following
+        if following is not None and following.goes_on(editor, index):
+            self.show_deformation(following.show(field)(), output=output)
+            return
+        self._stop_following()
+        self.show_deformation(field, output=output)
+        if editor is not None:
+            self._followed_output = output
+            self._following = Following(editor, Refit(field, index), self._show_followed)
+
+    def _show_followed(self, make: Callable[[], AbstractField | None]) -> None:
+        self.show_deformation(make(), output=self._followed_output)
+
+    def _stop_following(self) -> None:
+        """Hear the editor no more."""
+        following, self._following = self._following, None
+        if following is not None:
+            following.close()
 
     @abstractmethod
     def set_transfer(self, transfer: TransferFunction | str) -> None:

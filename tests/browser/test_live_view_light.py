@@ -1,0 +1,133 @@
+"""The normals by which the card lights deformed matter, pixel by pixel, against those of the package's fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import LivePage
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.deformation import Deformation, Step
+from deformnb.fields import AbstractField
+from deformnb.plane import Plane
+from deformnb.transfer import TransferFunction
+from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
+
+pytestmark = pytest.mark.needs_browser
+
+GRID = Grid((40, 40, 40), (1.5, 1.5, 1.5))
+CENTER, RADIUS = np.array([29.0, 29.0, 29.0]), 16.0
+SOLID = TransferFunction(((0, 1, 1, 1),), ((0, 0), (99, 0), (101, 0.98), (255, 0.98)))
+LIT = "rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));"
+# What is written into the picture instead of a colour: the direction in which matter gets denser.
+AS_COLOUR = "rgba.rgb = g / max(length(g), 1e-6) * .5 + .5;"
+
+
+def ball() -> Volume:
+    """A ball whose value is 100 on its surface and rises steadily inwards."""
+    x = GRID.index_to_point(np.stack(np.meshgrid(*map(np.arange, GRID.shape), indexing="ij"), -1)[..., ::-1])
+    depth = RADIUS - np.linalg.norm(x - CENTER, axis=-1)
+    return Volume(np.clip(100 + 15 * depth, 0, 255).astype(np.uint8), GRID, "ball")
+
+
+def points(dim: int, move: Any) -> ControlPoints:
+    """Corners of a square or a cube around the ball, moved by a function."""
+    source = np.array(list(np.ndindex(*(2,) * dim)), dtype=float) * 30 + 14
+    return ControlPoints.from_arrays(source, source + move(source))
+
+
+def sheared(p: NDArray[Any]) -> NDArray[Any]:
+    return np.stack([0.6 * (p[:, 1] - 29), 0 * p[:, 0], *(() if p.shape[1] == 2 else (0.35 * (p[:, 0] - 29),))], -1)
+
+
+def fields() -> dict[str, Deformation]:
+    front, above, oblique = Plane.along(GRID, "+y"), Plane.along(GRID, "-z"), Plane.through(GRID.center, (1, 2, -0.7))
+    flat = points(2, sheared)
+    centred = ControlPoints.from_arrays(flat.source - 29, flat.target - 29)  # an oblique plane begins in the middle
+    bend = ControlPoints.from_arrays([[29.0, 29.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]],
+                                     [[37.0, 25.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]])
+    first = Step((flat,), above)
+    return {
+        "a shear": Deformation.on_picture(GRID, above, flat),
+        "a bump": Deformation.on_picture(GRID, front, bend),
+        "an oblique plane": Deformation.on_picture(GRID, oblique, centred),
+        "less with depth": Deformation.on_picture(GRID, front, bend, extrusion="modulate", curve="1 - z"),
+        "two planes": Deformation((first, Step((bend,), front))),
+        "in space": Deformation.in_space(points(3, sheared)),
+    }
+
+
+@pytest.fixture(scope="module")
+def view_on_page(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
+    page = LivePage(browser)
+    view = LiveView(ball(), transfer=SOLID, width=160, height=160, settle_ms=60000, background="dark", show_folds=False,
+                    space_size=96)
+    assert view._esm.count(LIT) == 1
+    view._esm = view._esm.replace(LIT, AS_COLOUR)
+    view.set_camera((0, 1, 0))
+    page.add(view)
+    page.loaded()
+    yield page, view
+    page.close()
+
+
+@pytest.mark.parametrize("name", list(fields()))
+def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage, LiveView], name: str) -> None:
+    page, view = view_on_page
+    field = fields()[name].field(GRID)
+    view.show_deformation(field)
+    page.wait("document.querySelector('.dnb-view').deformnb.field")
+    picture = page.pixels().astype(float)
+    scale = page.page.evaluate("(({ camera, canvas }) => camera.height / canvas.height)"
+                               "(document.querySelector('.dnb-view').deformnb)")
+    right, up = (np.arange(160) + 0.5 - 80) * scale, (79.5 - np.arange(160)) * scale
+    x, hit = surface(field, right, up)
+    undeformed, normal = gradients(field, x)
+    facing = hit & (normal[:, 1] > 0.45)  # where a pixel of another place makes no great difference
+    shown = picture.reshape(-1, 3) / 255 * 2 - 1
+    angle, without = degrees(shown, normal)[facing], degrees(undeformed, normal)[facing]
+    assert facing.sum() > 1500
+    assert np.median(without) > 4.5  # so much does the deformation turn the surface here
+    # A byte of the gradient counts 1/127 of the steepest, and one of the colour half a degree.
+    assert np.median(angle) < 2.2
+    assert np.percentile(angle, 95) < 6
+    assert page.errors == []
+
+
+def surface(field: AbstractField, right: NDArray[Any], up: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Where rays along +y meet the deformed ball first, (rays, 3), and whether they do."""
+    across = np.stack(np.meshgrid(right, up), -1).reshape(-1, 2) + np.asarray(GRID.center)[[0, 2]]
+    steps = np.arange(0.0, 59.0, 1.0)
+    inside = np.stack([depth(field, at(across, y)) > 0 for y in steps])
+    hit, first = inside.any(axis=0), inside.argmax(axis=0)
+    low, high = steps[np.maximum(first - 1, 0)], steps[first]
+    for _ in range(12):
+        middle = (low + high) / 2
+        deep = depth(field, at(across, middle)) > 0
+        low, high = np.where(deep, low, middle), np.where(deep, middle, high)
+    return at(across, high), hit & (first > 0)
+
+
+def at(across: NDArray[Any], y: Any) -> NDArray[Any]:
+    return np.stack([across[:, 0], np.broadcast_to(y, len(across)), across[:, 1]], -1)
+
+
+def depth(field: AbstractField, x: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(RADIUS - np.linalg.norm(x + field.displacement(x) - CENTER, axis=-1))
+
+
+def gradients(field: AbstractField, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Into the ball, as it was where the matter comes from, and as the deformation has turned it: its Jacobian."""
+    before = CENTER - (x + field.displacement(x))
+    after = np.einsum("nij,ni->nj", np.eye(3) + field.jacobian(x), before)
+    return tuple(g / np.linalg.norm(g, axis=1, keepdims=True) for g in (before, after))  # type: ignore[return-value]
+
+
+def degrees(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-9)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
