@@ -28,7 +28,8 @@ def chromium() -> str | None:
         import playwright  # noqa: F401
     except ImportError:
         return None
-    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")  # the first takes half the time
+    return next((path for name in names if (path := shutil.which(name))), None)
 
 
 def run_script(files: tuple[str, ...], main: str, data: Any) -> Any:
