@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from running_app import RunningApp
 
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
 
 PATIENCE = 30_000  # milliseconds, on a busy machine
 
@@ -35,6 +38,32 @@ def cube() -> Volume:
     voxels = np.zeros((28, 24, 32), np.uint8)
     voxels[9:19, 6:18, 11:21] = 255
     return Volume(voxels, Grid(voxels.shape), "cube.nii")
+
+
+def grey(image: NDArray[Any]) -> NDArray[np.float64]:
+    """The grey levels of a picture in colour, as a browser's are here."""
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(image).convert("L"), float)
+
+
+def finer(grid: Grid) -> Grid:
+    """The same box, which says how large things are seen, with voxels a third as long: the edges are sharper."""
+    first = grid.index_to_point(np.full(3, -1 / 3))
+    return replace(grid, shape=tuple(3 * n for n in grid.shape), spacing=tuple(np.asarray(grid.spacing) / 3),
+                   origin=tuple(first))
+
+
+def silhouette(image: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where the cube is, on a dark ground."""
+    found = image > 60
+    assert found.sum() > 200
+    return found
+
+
+def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    """How much two silhouettes of the same size share: 1 if they are the same."""
+    return float(2 * (a & b).sum() / (a.sum() + b.sum()))
 
 
 class Tab:
@@ -82,6 +111,34 @@ class Tab:
     def volume(self) -> NDArray[np.float64]:
         """What is drawn of the volume."""
         return self._image(_VOLUME)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Of the picture of the volume in pixels."""
+        return tuple(self.page.evaluate("['width', 'height'].map((n) => document.querySelector('.dnb-canvas')[n])"))
+
+    @property
+    def camera(self) -> dict[str, Any]:
+        """From where the volume is seen."""
+        return dict(self.app.desk.live.camera)
+
+    def core(self) -> NDArray[np.float64]:
+        """What the page should show of the volume: the core's own warp of what the session says, from the same side."""
+        session = self.app.desk.session
+        view = LiveView(session.volume, transfer=session.transfer, background="dark")
+        view.show_deformation(session.field(), output=finer(session.volume.grid))
+        view.camera = self.camera
+        return grey(view.still(self.size))
+
+    def follows(self, before: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Wait until the volume is as the core deforms it, which is not as it was before; returns its picture."""
+        self.app.settled()
+        wanted = silhouette(self.core())
+        assert dice(silhouette(before), wanted) < 0.92  # else a volume that stands still would do
+        end = time.monotonic() + PATIENCE / 1000
+        while dice(silhouette(now := self.volume()), wanted) < 0.96:
+            assert time.monotonic() < end, "the volume is not as the core deforms it"
+        return now
 
     def picture(self) -> NDArray[np.float64]:
         """What is drawn of the picture, without its net."""
