@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
 import pytest
 from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
+from deformnb.session import Session
 from deformnb.transfer import PRESETS, TransferFunction, levels, preset
 from deformnb.volume import Volume
-from deformnb.widgets import TransferEditor
+from deformnb.widgets import LiveView, TransferEditor
+from deformnb.widgets.controls import LookPanel
 from deformnb.widgets.transfer_editor import shown_histogram
 
 
@@ -259,3 +262,12 @@ def test_colour_stops_keep_their_order_and_a_new_one_changes_nothing() -> None:
     assert inner == [[stops[0], [2, 0.5, 0.5, 0], *stops[1:]], 1]
     assert (first[0][0], first[1], after[0][3], after[1]) == ([-1, 1, 0, 0], 0, [8, 0, 0, 1], 3)
     assert (text, rgb, at) == ("#ff8000", [0, 128 / 255, 1], [0.25, 0.75, 0])
+
+
+def test_the_panel_of_the_look_gives_it_one_width_whatever_it_says(volume: Volume) -> None:
+    editor = TransferEditor(volume)
+    panel = LookPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
+    place = next(box for box in panel.box.children if editor in getattr(box, "children", ()))
+    assert isinstance(place, ipw.VBox)  # stretches what it holds; a Box would be as wide as the words below the plot
+    assert place.layout.max_width == "720px"
+    panel.close()

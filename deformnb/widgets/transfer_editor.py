@@ -75,7 +75,7 @@ class TransferEditor(AbstractEdited):
         self._volume = volume
         self._named: tuple[str, TransferFunction] | None = None
         counts, self._extent = shown_histogram(volume)
-        super().__init__(histogram=_bars(counts), **{"label": "Opacity", **traits})
+        super().__init__(histogram=_bars(counts), **{"label": "Opacities and colours", **traits})
         self.set_transfer(transfer)
         self._show()
 
