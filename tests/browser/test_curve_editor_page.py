@@ -525,6 +525,21 @@ def test_keys_of_the_keyboard(drawn: Any) -> None:
     assert page.widget.knots == (0.0, 0.5, 1.0)
 
 
+@pytest.mark.parametrize("kind", ["curve", "transfer", "keys"])
+def test_a_click_with_ctrl_removes_nothing_for_on_a_mac_it_opens_menus(drawn: Any, kind: str) -> None:
+    page = drawn(made(kind))
+    marks = page.page.locator(".dnb-cv-node, .dnb-cv-grip[data-stop]")
+    before = marks.count()
+    for mark in (marks.nth(1), marks.last):
+        box = mark.locator(".dnb-cv-dot, .dnb-cv-pin").bounding_box()
+        page.page.keyboard.down("Control")
+        page.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, button="right")
+        page.page.keyboard.up("Control")
+    page.settled()
+    assert marks.count() == before
+    assert page.sent("edit") == []
+
+
 # ---- how it looks ----------------------------------------------------------------------------------------------------
 
 

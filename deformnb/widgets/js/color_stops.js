@@ -41,7 +41,7 @@ class ColorStops {
       const k = this.#at(event);
       if (k === null || page.isReadOnly) return;
       event.preventDefault();
-      this.remove(k);
+      if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
     });
   }
 

@@ -194,7 +194,7 @@ class CurvePlot extends EditedPage {
     const k = this.nodeAt(event);
     if (k === null || this.isReadOnly) return;
     event.preventDefault();
-    this.remove(k);
+    if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
   }
 
   key(event) {

@@ -31,7 +31,7 @@ class DepthKeysPage extends EditedPage {
       const k = this.keyAt(event);
       if (k === null || this.isReadOnly) return;
       event.preventDefault();
-      this.remove(k);
+      if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
     });
     this.listen(this.root, "keydown", (event) => this.key(event));
     this.listen(this.root, "keyup", (event) => { if (STEPS[event.key]) this.settle(); });
