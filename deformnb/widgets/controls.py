@@ -6,6 +6,7 @@ edit never comes back as another one.
 
 from __future__ import annotations
 
+import html
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -106,6 +107,11 @@ def slider(description: str, low: float, high: float, step: float, tooltip: str 
     """A slider that follows the hand."""
     return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
                            readout_format=text, tooltip=tooltip or description, continuous_update=True)
+
+
+def prose(text: str) -> str:
+    """A text for an HTML widget, in as many lines as it needs: a label would cut it, and lines be far apart."""
+    return f'<div style="line-height: 1.35">{html.escape(text)}</div>'
 
 
 def row(*widgets: Any) -> ipw.HBox:

@@ -66,13 +66,14 @@ class FilesPanel(Panel):
                                      tooltip="Go on with a saved session; can be undone")
         self.upload.observe(lambda change: self._open(change["new"]), "value")
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
-        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
         self.said = ipw.Label("")
         self.hand_over = HandOver()
         self.question = Question(guard)
         self._idle()
-        writing = [self.kind, self.name, self.write, self.download, self.cancel, self.bar]
-        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.said), self.question.box, self.hand_over])
+        writing = [self.kind, self.name, self.write, self.download, self.cancel]
+        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.said), self.question.box,
+                             self.hand_over])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
@@ -101,7 +102,7 @@ class FilesPanel(Panel):
         self._stop.clear()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
-        self.bar.value, self.bar.layout.visibility = 0.0, "visible"
+        self.bar.value, self.bar.layout.display = 0.0, ""
         self._writing = self.said.value = f"Writing {path.name} ..."
         self._thread.call(lambda: self._do(path, frozen, downloads))
 
@@ -140,7 +141,7 @@ class FilesPanel(Panel):
     def _idle(self) -> None:
         self.write.disabled = self.download.disabled = False
         self.cancel.disabled = True
-        self.bar.layout.visibility = "hidden"
+        self.bar.layout.display = "none"
 
     # -- reading -------------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import ipywidgets as ipw
 from deformnb.history import HistoryNode
 from deformnb.session import Session
 from deformnb.widgets.cell_widgets import weakly
-from deformnb.widgets.controls import Guard, Panel
+from deformnb.widgets.controls import Guard, Panel, prose
 from deformnb.widgets.history_rows import go_to, history_rows
 from deformnb.widgets.item_list import ItemList
 
@@ -40,7 +40,7 @@ class HistoryPanel(Panel):
         self._is_seen = True  # until somebody says that another tab is
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
-        self.box = ipw.VBox([self.items, ipw.Label(_HINT)])
+        self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
         # Going between equal documents changes nothing else, and refreshes no panel.
         self._heard = weakly(self, HistoryPanel._history_changed, lambda panel: True)
         session.observe(self._heard, "history")

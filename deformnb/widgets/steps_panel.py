@@ -10,7 +10,7 @@ import numpy as np
 
 from deformnb.deformation import Step
 from deformnb.session import Session
-from deformnb.widgets.controls import SIDES, Guard, Panel, button, row
+from deformnb.widgets.controls import SIDES, Guard, Panel, button, prose, row
 from deformnb.widgets.item_list import ItemList
 
 _MODES = {"compose": "one after the other", "blend": "added up"}
@@ -39,7 +39,7 @@ class StepsPanel(Panel):
                                      layout=ipw.Layout(width="210px"),
                                      tooltip="One after the other is what hands would do; added up blends them"),
                         lambda: session.deformation.mode, session.set_mode)
-        self._hint = ipw.Label(layout=ipw.Layout(flex="1 1 300px", min_width="0"))
+        self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
 
@@ -61,7 +61,7 @@ class StepsPanel(Panel):
         session = self.session
         steps = session.deformation.steps
         self.items.show([_row(step, session.view_of(step.plane)) for step in steps], session.index)
-        self._hint.value = _HINTS[session.deformation.mode] if len(steps) > 1 else _ALONE
+        self._hint.value = prose(_HINTS[session.deformation.mode] if len(steps) > 1 else _ALONE)
 
 
 def _row(step: Step, view: str | None) -> dict[str, Any]:
