@@ -18,7 +18,7 @@ from __future__ import annotations
 import logging
 import threading
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import anywidget
@@ -30,6 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.kernels import kernel_named
 from deformnb.staged import MOST_STAGES
 from deformnb.trend import trend_named
+from deformnb.widgets.hand_traits import PAGE_TRAITS
 from deformnb.widgets.point_messages import (
     EditMessage,
     HistoryMessage,
@@ -78,6 +79,7 @@ class EditedPoints(anywidget.AnyWidget):
     """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
 
     points: Any
+    page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
 
     next_id = traitlets.Int(0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
@@ -189,7 +191,7 @@ class EditedPoints(anywidget.AnyWidget):
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
-        state = checked_state(sync_data)
+        state = checked_state(sync_data, self.page_traits)
         if state:
             super().set_state(state)
 

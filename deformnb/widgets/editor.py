@@ -36,8 +36,8 @@ _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits
           "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
           "fold_map.js", "net_places.js", "strain_crosses.js", "ghost.js", "overlay.js", "shape_handles.js",
           "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
-          "hand_marks.js", "draw_rate.js", "gestures.js", "net_nodes.js", "editor_drawing.js", "editor_shapes.js",
-          "editor_edits.js", "editor_hand.js", "editor.js")
+          "hand_marks.js", "draw_rate.js", "editor_keys.js", "gestures.js", "net_nodes.js", "editor_drawing.js",
+          "editor_shapes.js", "editor_edits.js", "editor_hand.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 

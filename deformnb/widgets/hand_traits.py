@@ -6,18 +6,27 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import traitlets
+
 from deformnb.errors import DeformError
 
-_AXES = ("a", "b")
+
+def _flat_mirror(value: Any) -> None:
+    _mirror(value, ("a", "b"))
 
 
-def _mirror(value: Any) -> None:
+def _space_mirror(value: Any) -> None:
+    _mirror(value, ("x", "y", "z"))
+
+
+def _mirror(value: Any, axes: tuple[str, ...]) -> None:
     keys = {"on", "axis", "at"}
     if not isinstance(value, dict) or set(value) != keys:
-        raise DeformError('the mirror must have "on", "axis" and "at", such as {"on": True, "axis": "a", "at": None}; '
-                          f"got {value!r:.80}.")
-    if not isinstance(value["on"], bool) or value["axis"] not in _AXES:
-        raise DeformError(f'the mirror is on or off, and its axis "a" or "b"; got {value!r:.80}.')
+        raise DeformError(f'the mirror must have "on", "axis" and "at", such as {{"on": True, "axis": "{axes[0]}", '
+                          f'"at": None}}; got {value!r:.80}.')
+    if not isinstance(value["on"], bool) or value["axis"] not in axes:
+        names = " or ".join(f'"{axis}"' for axis in axes)
+        raise DeformError(f"the mirror is on or off, and its axis {names}; got {value!r:.80}.")
     if value["at"] is not None and not _is_length(value["at"]):
         raise DeformError(f"the axis of the mirror must be at a finite number or None, got {value['at']!r:.40}.")
 
@@ -37,5 +46,20 @@ def _is_length(value: Any) -> bool:
 
 
 PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
-    "mirror": _mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
+    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
 """What checks a value of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
+
+SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
+"""The same for an editor in space."""
+
+
+class SpaceHandTraits(traitlets.HasTraits):
+    """How a hand works in space: the plane of its mirror, and the lattice to which targets keep."""
+
+    mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
+    snap = traitlets.Float(0.0).tag(sync=True)
+
+    @traitlets.validate("mirror", "snap")
+    def _of_the_hand(self, proposal: Any) -> Any:
+        SPACE_TRAITS[proposal["trait"].name](proposal["value"])
+        return proposal["value"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,6 @@ import numpy as np
 from deformnb.control_points import ControlPoints
 from deformnb.degenerate import LARGEST_SET
 from deformnb.errors import DeformError
-from deformnb.widgets.hand_traits import PAGE_TRAITS
 
 LONGEST_MESSAGE = 65536
 """Bytes of a trait that the page sets at most."""
@@ -192,8 +192,14 @@ def _drawn(said: Any) -> dict[str, float]:
     return {name: float(given[name]) for name in ("hz", "ms") if _is_number(given.get(name)) and 0 <= given[name] < 1e6}
 
 
-def checked_state(state: Any) -> dict[str, Any]:
-    """The part of a state update by the page that is right; the rest is logged and dropped."""
+def checked_state(state: Any, own: Mapping[str, Callable[[Any], None]]) -> dict[str, Any]:
+    """The part of a state update by the page that is right; the rest is logged and dropped.
+
+    Parameters
+    ----------
+    state : traits and their values.
+    own : what checks the traits of this kind of editor, besides those that all have.
+    """
     if not isinstance(state, dict):
         _LOG.warning("a state update of an editor was dropped: it is no object.")
         return {}
@@ -201,14 +207,14 @@ def checked_state(state: Any) -> dict[str, Any]:
     for name, value in state.items():
         try:
             check_size(value, LONGEST_MESSAGE)
-            _check_trait(name, value)
+            _check_trait(name, value, own)
             kept[name] = value
         except DeformError as error:
             _LOG.warning("the trait %.40r from the page was dropped: %s", name, error)
     return kept
 
 
-def _check_trait(name: Any, value: Any) -> None:
+def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]) -> None:
     if name == "selected":
         if not isinstance(value, list) or not all(_is_id(v) for v in value):
             raise DeformError("a selection is a list of ids.")
@@ -218,8 +224,8 @@ def _check_trait(name: Any, value: Any) -> None:
     elif name == "overlay":
         if value not in OVERLAYS:
             raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
-    elif name in PAGE_TRAITS:
-        PAGE_TRAITS[name](value)
+    elif name in own:
+        own[name](value)
     elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
         raise DeformError("the page does not own it.")
 

@@ -30,6 +30,7 @@ from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
+from deformnb.widgets.hand_traits import SPACE_TRAITS, SpaceHandTraits
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.point_messages import EditMessage, Message
 from deformnb.widgets.space_pictures import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
@@ -37,9 +38,9 @@ from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view_messages import dropping, text, whole
 from deformnb.widgets.worker import Worker
 
-_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "sender.js", "handles.js", "key_help.js", "toolbar.js",
-          "draw_rate.js", "editor_drawing.js", "space_edits.js", "space_pane.js", "space_gestures.js",
-          "space_editing.js", "space_editor.js")
+_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "turns.js", "mirror.js", "sender.js", "handles.js",
+          "hand_marks.js", "key_help.js", "toolbar.js", "draw_rate.js", "editor_drawing.js", "space_edits.js",
+          "space_pane.js", "space_gestures.js", "space_editing.js", "space_hand.js", "space_editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ _PREVIEW_DPI = 80
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 
-class SpaceEditor(EditedPoints):
+class SpaceEditor(SpaceHandTraits, EditedPoints):
     """Control points in space, placed and dragged in three pictures at right angles.
 
     Parameters
@@ -73,6 +74,9 @@ class SpaceEditor(EditedPoints):
     It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
     ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
     ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
+    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what a hand does in the
+    pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
+    that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
 
     Examples
     --------
@@ -87,6 +91,7 @@ class SpaceEditor(EditedPoints):
     _css = style("editor.css", "editor_hand.css", "space_editor.css")
 
     points = PointsTrait(3)
+    page_traits = SPACE_TRAITS
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)

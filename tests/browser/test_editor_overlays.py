@@ -241,6 +241,34 @@ def test_the_menu_and_its_key_choose_the_overlay(opened: Any, picture: Picture, 
     page.settled()
     assert menu.input_value() == "uncertainty"
     assert "haze" in menu.get_attribute("title")
+    assert menu.locator("option").all_inner_texts() == ["Plain", "Folds", "Area", "Strain", "Doubt"]
+
+
+def test_the_legend_lies_where_it_hides_no_point(opened: Any, picture: Picture) -> None:
+    a0, a1, b0, b1 = picture.raster.box
+    low_left, low_right = [a0 + 4, b1 - 4], [a1 - 4, b1 - 4]
+    page = opened(Editor(picture, overlay="area"), size=(700, 600))
+    left_of_middle = """(([k, s]) => k.left + k.right < s.left + s.right)(['.dnb-ed-key', '.dnb-ed-stage'].map(
+        (name) => document.querySelector(name).getBoundingClientRect()))"""
+    assert page.js(left_of_middle) is True  # where it always was
+    hidden = """[...document.querySelectorAll(".dnb-ed-disc")].filter((disc) => {
+        const d = disc.getBoundingClientRect(), k = document.querySelector(".dnb-ed-key").getBoundingClientRect();
+        return d.left < k.right && d.right > k.left && d.top < k.bottom && d.bottom > k.top; }).length"""
+    for places in ([low_left], [low_left, low_right], [low_left, low_right, [a1 - 4, b0 + 4]]):
+        page.editor.points = ControlPoints.from_arrays(places)
+        page.settled()
+        assert page.js(hidden) == 0
+    page.editor.points = ControlPoints.from_arrays([low_left, [a1 - 4, b0 + 4], [a0 + 4, b0 + 4], [70, 25]])
+    page.settled()
+    assert page.js(hidden) == 0
+    assert page.js(left_of_middle) is False
+    page.page.mouse.move(*page.on_screen([70, 25]))
+    page.page.mouse.down()
+    page.page.mouse.move(*page.on_screen(low_right), steps=4)  # over the legend: it stays while the hand moves
+    page.wait(f"{hidden} === 1")
+    page.page.mouse.up()
+    page.settled()
+    assert page.js(hidden) <= 1  # all corners are taken now
 
 
 def test_before_has_no_overlay(opened: Any, picture: Picture, points: ControlPoints) -> None:

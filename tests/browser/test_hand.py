@@ -170,6 +170,26 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Pictu
     assert page.page.locator(".dnb-ed-bar").bounding_box()["height"] < 45  # one row, as in the studio
 
 
+@pytest.mark.parametrize("height", [120, 560])
+def test_a_flat_picture_does_not_cut_the_menu_off(opened: Any, picture: Picture, points: ControlPoints,
+                                                 height: int) -> None:
+    page = opened(Editor(picture, points, height=height), size=(545, 700))
+    page.js("{ document.body.style.height = '3000px'; document.getElementById('root').style.overflow = 'hidden'; }")
+    page.page.locator("[data-command=more]").click()
+    reached = page.js("""[...document.querySelectorAll(".dnb-ed-item")].map((item) => {
+        const b = item.getBoundingClientRect(), x = b.left + b.width / 2, y = b.top + b.height / 2;
+        return document.elementFromPoint(x, y)?.closest(".dnb-ed-item") === item; })""")
+    assert len(reached) > 8
+    assert all(reached)
+    page.page.mouse.move(300, 400)
+    page.page.mouse.wheel(0, 200)  # it does not stay where its button was
+    page.wait("document.querySelector('.dnb-ed-more').hidden")
+    assert page.js("document.activeElement.dataset.command") == "more"
+    page.page.locator("[data-command=more]").click()
+    page.page.keyboard.press("Tab")
+    page.wait("document.querySelector('.dnb-ed-more').hidden")
+
+
 # ---- locks ----------------------------------------------------------------------------------------------------------
 
 

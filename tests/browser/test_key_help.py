@@ -36,7 +36,7 @@ def told(table: str) -> set[str]:
 
 
 @pytest.mark.parametrize(("scripts", "table"), [
-    (("gestures.js", "pen.js", "brush_tool.js"), "EDITOR_KEYS"), (("space_gestures.js",), "SPACE_EDITOR_KEYS"),
+    (("editor_keys.js", "pen.js", "brush_tool.js"), "EDITOR_KEYS"), (("space_gestures.js",), "SPACE_EDITOR_KEYS"),
     (("hands.js",), "VIEW_KEYS")])
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
     keys = set().union(*(heard(name) for name in scripts))
@@ -52,7 +52,9 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)
-    scripts = "editor.js editor_hand.js gestures.js" if table == "EDITOR_KEYS" else "space_editing.js space_gestures.js"
+    scripts = "editor.js editor_hand.js"
+    if table != "EDITOR_KEYS":
+        scripts = "space_editing.js space_hand.js space_gestures.js"
     text = "".join((JS / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
         assert re.search(rf'[{{,\s]"?{command}"?: \((?:page)?\) =>', text), command
@@ -93,7 +95,8 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, pict
     assert tips["mirror-axis"] == ["Lay the line of the mirror level or upright (Shift+M)", "Shift+M"]
     assert tips["zoom-in"][1] == "+"
     for command, key in (("smudge", "s"), ("size", "e"), ("cut", "x"), ("part", "p"), ("ground", "g"), ("net", "n"),
-                         ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r")):
+                         ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r"),
+                         ("select", "b")):
         button = page.page.locator(f"[data-command={command}]")
         state = "aria-checked" if button.get_attribute("role") == "menuitemcheckbox" else "aria-pressed"
         before = button.get_attribute(state)

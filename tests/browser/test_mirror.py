@@ -200,3 +200,23 @@ def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(opened: Any, pi
     page.settled()
     assert shows_axis(page)
     assert page.page.locator("[data-command=mirror]").get_attribute("aria-checked") == "true"
+
+
+def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(opened: Any, picture: Picture,
+                                                                         points: ControlPoints) -> None:
+    bent = points.move(0, [49.0, 5]).move(4, [104, 38])
+    page = with_mirror(opened, picture, bent, show_net=False)
+    before, fit = page.canvas(), page.editor.fit()
+    page.page.mouse.dblclick(*page.on_screen([52, 24]))
+    added = page.points
+    assert len(added) == 7
+    # The same matter of both sides, each where it is seen.
+    assert added.source[6] == pytest.approx(mirrored(added.source[5]), abs=1e-9)
+    for k in (5, 6):
+        assert added.target[k] + fit.displacement(added.target[k]) == pytest.approx(added.source[k], abs=1e-4)
+    assert np.abs(added.target[6] - mirrored(added.target[5])).max() > 3
+    assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 1
+    k = page.js(f"{PAGE}.view.k")
+    page.drag(added.target[5], (14, 10))  # from here on both sides do the same
+    assert page.points.target[5] == pytest.approx(added.target[5] + np.array([14, 10]) / k, abs=1e-9)
+    assert page.points.target[6] == pytest.approx(mirrored(page.points.target[5]), abs=1e-9)

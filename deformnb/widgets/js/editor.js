@@ -17,7 +17,7 @@ class EditorPage extends EditorHand {
     this.sender.receive();
     Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
       selected: new Set(model.get("selected")), layered: null,
-      error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isComparing: false, isFitted: true, frame: 0,
+      error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isSelecting: false, isComparing: false, isFitted: true, frame: 0,
       isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
     this.#build(el);
     this.painter = new Painter(this.canvas);
@@ -176,6 +176,9 @@ class EditorPage extends EditorHand {
     this.guard(() => this.layout());
   }
 
+  // Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll.
+  get isWorkedIn() { return Boolean(this.model.get("fill")) || this.root.matches(":focus-within"); }
+
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
   get isLocked() { return this.isWaiting || this.model.get("read_only") || this.isBefore; }
@@ -250,16 +253,27 @@ class EditorPage extends EditorHand {
   }
 
   setAdding(isAdding) {
-    if (isAdding) { this.pen.stop(); this.brush.stop(); }
+    if (isAdding) { this.pen.stop(); this.brush.stop(); this.setSelecting(false); }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
     this.invalidate();
   }
 
-  stopAdding() {
-    const was = this.isAdding;
+  // While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+  setSelecting(isSelecting) {
+    if (isSelecting) { this.pen.stop(); this.brush.stop(); this.setAdding(false); }
+    this.isSelecting = isSelecting;
+    this.stage.classList.toggle("dnb-ed-selecting", isSelecting);
+    if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
+    this.invalidate();
+  }
+
+  // Whether there was one.
+  stopModes() {
+    const was = this.isAdding || this.isSelecting;
     this.setAdding(false);
+    this.setSelecting(false);
     return was;
   }
 

@@ -28,9 +28,10 @@ class EditorDrawing {
     const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH);
     const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
     this.stage.style.height = `${height}px`;
+    this.stage.classList.toggle("dnb-ed-filling", isFilling);
     this.root.setAttribute("aria-label", `Editor of ${this.model.get("label") || "Picture"}`);
-    this.stage.setAttribute("aria-label", `${this.model.get("label") || "Picture"} with control points. Tab goes through ` +
-      "them, arrows move, Enter adds, question mark lists the keys.");
+    this.stage.setAttribute("aria-label", `${this.model.get("label") || "Picture"} with control points. Tab leads to ` +
+      "them, Ctrl and arrows from one to the next, arrows move, Enter adds, question mark lists the keys.");
     const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
     const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
     Object.assign(v, { width, height, ratio });
@@ -273,6 +274,7 @@ class EditorDrawing {
     const isUntouched = this.points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
     if (this.brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
+    if (this.isSelecting) return "Drag a band around points, or tap them; a second tap takes one out again; Escape ends";
     if (this.pen.isOn) return "Backspace takes the last place back, Escape gives up";
     if (this.chosenShape) {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +

@@ -1,6 +1,5 @@
 // Further tools of the editor's hand: turning, locks, the mirror, the grid that holds, and what brushes write.
 
-const TURN_STEPS = [2, 15]; // degrees, or percent, of a key alone and with Shift
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
 
 class EditorHand extends EditorEdits {
@@ -46,13 +45,16 @@ class EditorHand extends EditorEdits {
 
   sideOfPoint(id) {
     const p = this.points.find((q) => q.id === id);
-    return p && this.mirror.on ? sideOf(this.mirror, p.source, this.mirrorNear.axis) : 0;
+    return p && this.mirror.on ? mirrorSide(this.mirror, p.source, this.mirrorNear.axis) : 0;
   }
 
-  symmetric(before, after, lead = 0) {
+  // `holds`: new points take hold of what is seen, on both sides.
+  symmetric(before, after, lead = 0, holds = false) {
     const { mirror } = this;
     if (!mirror.on) return after;
-    return mirroredEdit(mirror, before, after, { near: this.mirrorNear, lead, id: nextId(after, this.sender.nextId) });
+    const seenAt = (source) => (holds && this.layered && this.strength === 1 && !this.isComparing
+      ? placeSeen(this.layered, source, 1e-6 * this.mirrorNear.axis) : null);
+    return mirroredEdit(mirror, before, after, { near: this.mirrorNear, lead, id: nextId(after, this.sender.nextId), seenAt });
   }
 
   // ---- the grid that holds ------------------------------------------------------------------------------------------
@@ -111,12 +113,7 @@ class EditorHand extends EditorEdits {
     this.speak(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
   }
 
-  turnKey(way, { isLarge, isScale }) {
-    if (this.isLocked) return;
-    const step = TURN_STEPS[isLarge ? 1 : 0] * way;
-    if (isScale) this.turnBy(0, (1 + Math.abs(step) / 100) ** Math.sign(step));
-    else this.turnBy(step * Math.PI / 180, 1);
-  }
+  turnKey(way, how) { if (!this.isLocked) this.turnBy(...turnOfKey(way, how)); }
 
   beginTurn() {
     const held = this.isLocked ? null : this.turnables();
@@ -146,6 +143,7 @@ class EditorHand extends EditorEdits {
     this.brush.stop();
     if (was === tool || this.isLocked) return;
     this.setAdding(false);
+    this.setSelecting(false);
     this.pen.stop();
     this.chooseShape(null);
     this.select([]);
@@ -157,13 +155,13 @@ class EditorHand extends EditorEdits {
   beginStroke(place, radius, tool) {
     if (this.isLocked) return null;
     const { mirror } = this, settings = this.settings;
-    const isNear = (at) => mirror.on && sideOf(mirror, at, BRUSH_SETTLES * radius) === 0;
+    const isNear = (at) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
     const sourceAt = (points) => this.sourcesOf(points.some((p) => p.active) ? layeredFit(points, settings) : null);
     const stroke = new Stroke(this.points, place, radius, { tool, box: this.box, id: nextId(this.points, this.sender.nextId),
       sourceAt, reach: this.settings.support ?? 0, settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
     if (stroke.lockedBy) { this.tellLocked([stroke.lockedBy.id]); return null; }
     if (!stroke.isPossible) { this.hint("There is nothing here to take hold of"); return null; }
-    stroke.lead = mirror.on ? sideOf(mirror, place, 0) : 0;
+    stroke.lead = mirror.on ? mirrorSide(mirror, place, 0) : 0;
     this.beginDrag();
     return stroke;
   }
@@ -187,7 +185,7 @@ class EditorHand extends EditorEdits {
   // Those of the toolbar and the keys that this file is about; false for others.
   runTool(command, ids) {
     const commands = {
-      smudge: () => this.setBrush("smudge"), size: () => this.setBrush("size"), lock: () => this.toggleLock(ids),
+      select: () => this.setSelecting(!this.isSelecting), smudge: () => this.setBrush("smudge"), size: () => this.setBrush("size"), lock: () => this.toggleLock(ids),
       mirror: () => this.toggleMirror(), "mirror-axis": () => this.turnMirror(), snap: () => this.toggleSnap(),
       stop: () => this.set("stop_at_folds", !this.model.get("stop_at_folds")),
       "turn-left": () => this.turnKey(-1, { isLarge: true }), "turn-right": () => this.turnKey(1, { isLarge: true }),
@@ -199,7 +197,7 @@ class EditorHand extends EditorEdits {
 
   get pressedTools() {
     const chosen = this.points.filter((p) => this.selected.has(p.id));
-    return { smudge: this.brush.tool === "smudge", size: this.brush.tool === "size", mirror: this.mirror.on,
+    return { select: this.isSelecting, smudge: this.brush.tool === "smudge", size: this.brush.tool === "size", mirror: this.mirror.on,
       snap: this.model.get("snap") > 0, stop: Boolean(this.model.get("stop_at_folds")),
       lock: chosen.length > 0 && chosen.every((p) => p.locked) };
   }

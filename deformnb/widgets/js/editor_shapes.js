@@ -235,6 +235,7 @@ class EditorShapes extends EditorDrawing {
     this.brush.stop();
     if (!tool || was === tool || this.isLocked) { this.invalidate(); return; }
     this.setAdding(false);
+    this.setSelecting(false);
     this.chooseShape(null);
     this.pen.start(tool);
     this.focusStage();

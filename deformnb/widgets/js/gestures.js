@@ -1,5 +1,6 @@
-// Pointer, wheel and keys of the editor, turned into calls of the page. One finger or the mouse drags points, draws a
-// band or, with space or the middle button, moves the view; two fingers move and zoom it.
+// Pointer and wheel of the editor, turned into calls of the page; the keys are in editor_keys.js. The mouse drags points,
+// draws a band or, with space or the middle button, moves the view. One finger drags points and moves the view, or draws
+// a band while several are selected; two fingers move and zoom it. Until someone works in the editor, a finger scrolls.
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
 const SLACK = { mouse: 2, pen: 3, touch: 6 }; // a press that moves less is a click
@@ -22,8 +23,10 @@ class Gestures {
     on(svg, "lostpointercapture", (e) => { if (this.pointers.has(e.pointerId)) this.up(e, true); });
     on(svg, "dblclick", (e) => this.doubleClick(e));
     on(svg, "contextmenu", (e) => this.contextMenu(e));
+    on(svg, "touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, { passive: false });
     on(stage, "wheel", (e) => this.wheel(e), { passive: false });
-    on(root, "keydown", (e) => this.key(e));
+    const keys = new EditorKeys(page, this);
+    on(root, "keydown", (e) => keys.key(e));
     on(root, "keyup", (e) => { if (e.key === " ") this.space(false); });
     on(root, "focusout", (e) => { if (!root.contains(e.relatedTarget)) this.space(false); });
   }
@@ -59,12 +62,13 @@ class Gestures {
   // The handle that turns, or the axis of the mirror.
   markAt(event) { return event.target.closest?.("[data-mark]")?.dataset.mark ?? null; }
 
-  // ---- pointers -----------------------------------------------------------------------------------------------------
+  // ---- keyspointers -----------------------------------------------------------------------------------------------------
 
   down(event) {
     if (this.page.isWaiting) return;
     this.pointers.set(event.pointerId, this.place(event));
     this.kind = event.pointerType || "mouse";
+    this.isOthers = this.kind === "touch" && !this.page.isWorkedIn; // before this press gives it the focus
     this.page.svg.setPointerCapture(event.pointerId);
     if (this.pointers.size === 2 && !["points", "turn", "axis"].includes(this.gesture?.kind)) { this.startPinch(); return; }
     if (this.gesture) return;
@@ -81,22 +85,28 @@ class Gestures {
       this.gesture = { kind: "brush", from: at, at };
       this.page.brush.press(at);
     } else if (mark === "turn") this.grabTurn(at);
-    else if (!grabbed && !this.page.isAdding && this.shapeAt(event)) this.grabShape(this.shapeAt(event), at);
+    else if (!grabbed && this.ownsShape(event)) this.grabShape(this.shapeAt(event), at);
     else if (grabbed) this.grab(event, grabbed, at);
     else if (this.page.isAdding) {
       this.page.focusStage();
       this.grab(event, { id: this.page.addAt(at, event.altKey), what: "target" }, at, true);
-    } else {
-      this.page.focusStage();
-      const isFinger = this.kind === "touch";
-      this.gesture = { kind: isFinger ? "pan" : "band", from: at, at, isPress: true, adds: event.shiftKey || event.ctrlKey };
-    }
+    } else this.press(event, at);
     this.page.stage.classList.toggle("dnb-ed-panning", this.gesture?.kind === "pan" && this.kind !== "touch");
+  }
+
+  // On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
+  press(event, at) {
+    const { page, isOthers } = this, isFinger = this.kind === "touch";
+    if (!isOthers) page.focusStage();
+    const kind = isOthers ? "tap" : isFinger && !page.isSelecting ? "pan" : "band";
+    this.gesture = { kind, from: at, at, isPress: true, adds: page.isSelecting || event.shiftKey || event.ctrlKey,
+      shape: page.isSelecting ? null : this.shapeAt(event) };
   }
 
   grab(event, { id, what }, at, isNew = false) {
     if (id === null) return; // where nothing could be added
-    const { page } = this, adds = event.shiftKey || event.ctrlKey || event.metaKey, was = page.selected.has(id);
+    const { page } = this, was = page.selected.has(id);
+    const adds = page.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     if (!was) page.select(adds ? [...page.selected, id] : [id]);
     page.handles.focus(id);
     const ids = page.selected.has(id) ? [...page.selected] : [id];
@@ -113,16 +123,8 @@ class Gestures {
 
   // The middle of the selection is the middle of the turn; Alt scales instead, Shift goes in steps.
   turn(g, at, event) {
-    const to = [at[0] - g.about[0], at[1] - g.about[1]], [x, y] = g.start, step = Math.PI / 12;
-    if (event.altKey) {
-      const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
-      g.scales = true;
-      this.page.turnTo(g.held, 0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor);
-      return;
-    }
-    const angle = Math.atan2(x * to[1] - y * to[0], x * to[0] + y * to[1]);
-    g.scales = false;
-    this.page.turnTo(g.held, event.shiftKey ? step * Math.round(angle / step) : angle, 1);
+    g.scales = event.altKey;
+    this.page.turnTo(g.held, ...turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event));
   }
 
   grabAxis(at) {
@@ -131,15 +133,24 @@ class Gestures {
     this.gesture = { kind: "axis", from: at, at, isPress: true, c, start: page.mirror.at };
   }
 
+  // Whether an event is about the shape that is chosen. Another one is chosen by a click: a drag that begins on its line
+  // is one on the picture, and nobody moves what he did not see.
+  ownsShape(event) {
+    const { page } = this, grip = page.isAdding || page.isSelecting ? null : this.shapeAt(event);
+    return grip !== null && page.chosen?.what === grip.chosen.what && page.chosen.index === grip.chosen.index;
+  }
+
   grabShape(grip, at) {
-    const { page } = this, was = page.chosen, { what, index } = grip.chosen;
-    const isSame = was !== null && was.what === what && was.index === index;
+    this.focusShape(grip);
+    this.gesture = { kind: "shape", grip, from: at, at, isPress: true };
+  }
+
+  focusShape(grip) {
+    const { page } = this;
     page.chooseShape(grip.chosen);
     page.drawNow();
     if (grip.corner !== null) page.shapeHandles.focusCorner(grip.corner);
     else page.shapeHandles.focus(grip.chosen);
-    // A line that is only now chosen stays where it is: nobody shall move what he wanted to look at.
-    this.gesture = { kind: "shape", grip, from: at, at, isPress: true, isFirst: !isSame };
   }
 
   move(event) {
@@ -159,7 +170,7 @@ class Gestures {
     else if (g.kind === "pen") this.page.pen.drag(at);
     else if (g.kind === "turn") this.turn(g, at, event);
     else if (g.kind === "axis") this.page.moveAxis(g.start + (at[g.c] - g.from[g.c]) / this.page.view.k, false);
-    else if (g.kind === "shape" && !g.isFirst) {
+    else if (g.kind === "shape") {
       if (g.isPress) this.page.beginShapeDrag(g.grip);
       this.page.dragShape(at[0] - g.from[0], at[1] - g.from[1]);
     }
@@ -188,7 +199,7 @@ class Gestures {
     this.page.stage.classList.remove("dnb-ed-panning");
     this.page.handles.showBand(null);
     if (g.kind === "pen") { if (!isCancelled && this.page.pen.isOn) this.page.pen.up(g.from, this.place(event)); }
-    else if (g.kind === "shape") { if (!g.isPress && !g.isFirst) this.page.endShapeDrag(isCancelled); }
+    else if (g.kind === "shape") { if (!g.isPress) this.page.endShapeDrag(isCancelled); }
     else if (g.kind === "brush") {
       this.page.brush.lift(isCancelled);
       if (this.kind === "touch") this.page.brush.hover(null); // a finger that is away points nowhere
@@ -197,10 +208,19 @@ class Gestures {
     else if (g.kind === "points") {
       if (!g.isPress) this.page.endDrag(isCancelled);
       else if (g.was && !g.isNew) this.page.select(g.adds ? [...this.page.selected].filter((id) => id !== g.id) : [g.id]);
-    } else if (g.isPress && !isCancelled && !g.adds && g.from) { this.page.select([]); this.page.chooseShape(null); }
+    } else if (g.isPress && !isCancelled && g.from) this.clicked(g);
+    else if (g.kind === "tap" && !isCancelled) this.page.hint("Tap the picture first, then a finger moves it", 4000);
     else if (g.kind === "band" && !g.isPress && !isCancelled && this.page.selected.size === 0 && !this.page.isLocked) {
       this.page.hint("Double-click adds a point to drag", 5000);
     }
+  }
+
+  // A press on the picture that did not move.
+  clicked(g) {
+    const { page } = this;
+    if (g.kind === "tap") page.focusStage();
+    if (g.shape && !g.adds) this.focusShape(g.shape);
+    else if (!g.adds) { page.select([]); page.chooseShape(null); }
   }
 
   // Escape during a drag: as if it had not begun.
@@ -211,13 +231,14 @@ class Gestures {
     if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") this.page.endDrag(true);
     if (g?.kind === "brush") this.page.brush.lift(true);
     if (g?.kind === "axis") this.page.moveAxis(g.start, true);
-    if (g?.kind === "shape" && !g.isPress && !g.isFirst) this.page.endShapeDrag(true);
+    if (g?.kind === "shape" && !g.isPress) this.page.endShapeDrag(true);
     return g !== null;
   }
 
   startPinch() {
     this.page.handles.showBand(null);
     if (this.gesture?.kind === "brush") this.page.brush.lift(true);
+    if (this.gesture?.before) this.page.select(this.gesture.before); // a band that was to be two fingers
     this.gesture = { kind: "pinch", was: this.twoFingers() };
   }
 
@@ -235,7 +256,7 @@ class Gestures {
   }
 
   doubleClick(event) {
-    if (this.page.isWaiting || this.page.brush.isOn) return;
+    if (this.page.isWaiting || this.page.brush.isOn || this.page.isSelecting) return;
     const grabbed = this.idAt(event), shape = this.shapeAt(event);
     if (this.page.pen.isOn) this.page.pen.finish(this.page.pen.draft.tool === "part");
     else if (this.page.pen.hasJustEnded) return; // the second press has set the last place
@@ -248,9 +269,9 @@ class Gestures {
   contextMenu(event) {
     event.preventDefault();
     event.stopPropagation();
-    const grabbed = this.idAt(event); // a long press of a finger also comes here, and must not delete
-    if (grabbed && this.kind !== "touch") this.page.remove([grabbed.id]);
-    const shape = grabbed || this.kind === "touch" ? null : this.shapeAt(event);
+    if (!isRightClick(event) || this.kind === "touch") return;
+    const grabbed = this.idAt(event), shape = grabbed ? null : this.shapeAt(event);
+    if (grabbed) this.page.remove([grabbed.id]);
     if (shape && !this.page.isLocked) {
       this.page.chooseShape(shape.chosen);
       if (shape.corner !== null) this.page.removeCorner(shape.corner);
@@ -260,7 +281,7 @@ class Gestures {
 
   // The wheel belongs to the page that scrolls, until someone works in the editor.
   wheel(event) {
-    const isWanted = event.ctrlKey || event.metaKey || this.page.root.contains(document.activeElement);
+    const isWanted = event.ctrlKey || event.metaKey || this.page.isWorkedIn;
     if (!isWanted) { this.page.hint("Click the picture, or hold Ctrl, to zoom with the wheel"); return; }
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
@@ -269,100 +290,20 @@ class Gestures {
     this.page.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), ...this.place(event));
   }
 
-  // ---- keys ---------------------------------------------------------------------------------------------------------
+  // ---- keyskeys ---------------------------------------------------------------------------------------------------------
 
   space(isDown) {
     this.isSpaceDown = isDown;
     this.page.stage.classList.toggle("dnb-ed-can-pan", isDown);
   }
 
-  key(event) {
-    const { page } = this, isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
-    const isCommand = (event.ctrlKey || event.metaKey) && !isThird, isAlt = event.altKey && !isThird;
-    if (event.target.closest("input, select")) { // have keys of their own
-      if (event.key === "Escape" && event.target === page.brush.slider) { page.brush.stop(); page.focusStage(); }
-      return;
-    }
-    if (!isCommand && event.target.closest(".dnb-ed-help")) { if (event.key === "Escape" || event.key === "?") page.closeHelp(); return; }
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const handled = isCommand ? this.command(key, event.shiftKey) : this.plain(key, event, isAlt);
-    if (!handled) return;
-    event.preventDefault();
-    event.stopPropagation();
-  }
-
-  command(key, isShift) {
-    const { page } = this;
-    if (key === "z") page.stepHistory(isShift ? "redo" : "undo");
-    else if (key === "y") page.stepHistory("redo");
-    else if (key === "a") page.select(page.points.map((p) => p.id));
-    else return false;
-    return true;
-  }
-
-  // Keys on a line, a corner or the middle of an edge.
-  shapeKey(key, event, shape, arrow) {
-    const { page } = this, isOther = JSON.stringify(shape.chosen) !== JSON.stringify(page.chosen);
-    if (key === "Enter" && shape.middle !== null) { if (!page.isLocked) page.insertCorner(shape.middle); return true; }
-    if (key === "Enter") { page.chooseShape(isOther || shape.corner !== null ? shape.chosen : null); return true; }
-    if (!arrow && !["Delete", "Backspace", "F2", "o", "f"].includes(key)) return false;
-    if (isOther) page.chooseShape(shape.chosen);
-    if (page.isLocked) return true;
-    if (arrow) page.nudgeShape(shape, arrow, event.shiftKey ? 10 : 1);
-    else if ((key === "Delete" || key === "Backspace") && shape.middle !== null) page.hint("Here is no corner to delete yet");
-    else if (shape.corner !== null && (key === "Delete" || key === "Backspace")) page.removeCorner(shape.corner);
-    else page.run(commandOf(EDITOR_KEYS, key), null);
-    return true;
-  }
-
-  plain(key, event, isAlt) {
-    const { page } = this, onButton = event.target.closest("button");
-    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-    const focused = this.idAt(event), shape = focused ? null : this.shapeAt(event);
-    if (!onButton && page.pen.isOn && !isAlt && page.pen.key(key, event, arrows[key])) return true;
-    if (!onButton && page.brush.isOn && !isAlt && page.brush.key(key, event, arrows[key])) return true;
-    if (this.markAt(event) === "axis" && key in arrows) return this.axisKey(arrows[key], event.shiftKey ? 10 : 1);
-    if (shape && !onButton && !isAlt && this.shapeKey(key, event, shape, arrows[key])) return true;
-    if (onButton && (key in arrows)) return page.toolbar.focusNext(onButton, key);
-    if (onButton && (key === "Enter" || key === " ")) return false;
-    if (key in arrows) {
-      page.nudge(focused?.id ?? null, arrows[key], event.shiftKey ? 10 : 1, isAlt ? "both" : "target");
-      return true;
-    }
-    const way = TURN_WAYS[isAlt ? TURN_CODES[event.code] : key];
-    if (way) { page.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt }); return true; }
-    if (isAlt) return false;
-    if (key === " ") { this.space(true); return true; }
-    if (key === "Enter") {
-      if (focused) page.toggleSelected(focused.id);
-      else if (!page.isLocked) page.addInMiddle();
-      return true;
-    }
-    if (key === "Escape") return this.escape();
-    if (key === "[" || key === "]") { page.brush.grow(key === "]" ? 1 : -1); return true; }
-    const command = (event.shiftKey && commandOf(EDITOR_KEYS, `Shift+${key}`)) || commandOf(EDITOR_KEYS, key);
-    if (!command) return false;
-    page.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, focused?.id ?? null);
-    return true;
-  }
-
-  axisKey([dx, dy], pixels) {
-    const { page } = this, c = page.mirror.axis === "a" ? 0 : 1;
-    page.moveAxis(page.mirror.at + pixels * [dx, dy][c] * page.model.get("raster").spacing[c], true);
-    page.speak(`axis at ${shownLength(page.mirror.at)}`);
-    return true;
-  }
-
   // Gives up what is under way, one thing after the other; false where nothing is.
   escape() {
     const { page } = this;
-    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp() || page.stopAdding()) return true;
+    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp() || page.stopModes()) return true;
     if (page.selected.size === 0 && !page.chosen) return false;
     page.chooseShape(null);
     page.select([]);
     return true;
   }
 }
-
-// Ways of a turn: clockwise is 1. With Shift the same keys write other signs, with Alt on some keyboards as well.
-const TURN_WAYS = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 }, TURN_CODES = { Comma: ",", Period: "." };

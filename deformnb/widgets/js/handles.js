@@ -2,10 +2,19 @@
 // Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
 
 const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown where the mouse is, as numbers are
+const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
 function shownLength(value) {
   return String(Number(value.toFixed(Math.abs(value) >= 100 ? 0 : 1)));
+}
+
+// A press of the right button. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click, a key.
+function isRightClick(event) { return event.button === 2 && !event.ctrlKey && event.pointerType !== "touch"; }
+
+// A finger on what can be dragged must not scroll the page; touch-action of a part of an SVG does not keep it from that.
+function keepFromScrolling(event) {
+  if (event.cancelable && event.target.closest("[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip")) event.preventDefault();
 }
 
 // What a screen reader says of a point.
@@ -32,10 +41,16 @@ class Handles {
     this.words = words;
     this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
     this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
-    this.points = svgElement("g", { class: "dnb-ed-points" }, svg);
+    this.points = svgElement("g", { class: "dnb-ed-points", role: "group", "aria-label": "Points" }, svg);
     this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
     this.byId = new Map();
     this.suspects = new Set(); // ids of points that get a dashed ring
+    this.stop = null; // the one point that Tab leads to: that in focus, or the last that was
+    // Not on the SVG: Chromium takes a part of an SVG that listens to the focus for one that can have it.
+    svg.parentElement?.addEventListener("focusin", ({ target }) => {
+      const point = this.points.contains(target) ? target.closest("[data-id]") : null;
+      if (point) this.#stopAt(Number(point.dataset.id));
+    });
   }
 
   // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
@@ -49,6 +64,7 @@ class Handles {
       isFocusLost ||= parts.target === focused;
       for (const part of [parts.arrow, parts.source, parts.target, parts.radius]) part.remove();
       this.byId.delete(id);
+      if (id === this.stop) this.stop = null;
     }
     points.forEach((p, k) => {
       const parts = this.byId.get(p.id) ?? this.#make(p.id);
@@ -60,7 +76,25 @@ class Handles {
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
       setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
+    if (this.stop === null && points.length) {
+      const chosen = points.filter((p) => selected.has(p.id)), ids = (chosen.length ? chosen : points).map((p) => p.id);
+      this.#stopAt(ids.reduce((least, id) => Math.min(least, id)));
+    }
     return isFocusLost;
+  }
+
+  // With two hundred points nobody wants to press Tab two hundred times.
+  #stopAt(id) {
+    if (id === this.stop) return;
+    this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
+    this.byId.get(id)?.target.setAttribute("tabindex", "0");
+    this.stop = id;
+  }
+
+  // The focus to the next point of a list of ids or, by -1, to the one before; from none of them to where Tab leads.
+  focusNext(ids, by, from = null) {
+    const at = ids.indexOf(from);
+    return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
   }
 
   #make(id) {
@@ -72,7 +106,7 @@ class Handles {
     svgElement("circle", { r: 9, class: "dnb-ed-hit" }, source);
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
-    const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "0", role: "button",
+    const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "-1", role: "button",
       "aria-roledescription": "control point", ...OWN_KEYS }, this.points);
     const tip = svgElement("title", {}, target);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);

@@ -12,7 +12,10 @@ const MANY_KEYS = ["Points", [
 
 const CHOICE_KEYS = ["Choice", [
   ["Shift + click", "add to the selected"], ["Ctrl + A", "select all", { keys: ["Control+a"] }],
-  ["Esc", "select none, give up", { keys: ["Escape"] }], ["Tab", "next point or line", { keys: ["Tab"] }],
+  ["Esc", "select none, give up", { keys: ["Escape"] }],
+  ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
+  ["Tab", "to the points, to each line", { keys: ["Tab"] }],
+  ["Ctrl + arrows", "next point, the one before", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) }],
   ["Enter on a point", "select it", { keys: ["Enter"] }],
 ]];
 
@@ -74,7 +77,17 @@ const SPACE_EDITOR_KEYS = [
     ["Shift + arrows", "move by ten"],
     ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
   ]],
-  ["Several points", [["Shift + drag", "select by a band"], ...CHOICE_KEYS[1]]],
+  ["Several points", [
+    ["Shift + drag", "select by a band"], ...CHOICE_KEYS[1],
+    [", and .", "turn in the picture by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
+    ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
+    ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
+  ]],
+  ["Helpers", [
+    ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
+    ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
+    ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+  ]],
   ["Slices", [
     ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
     ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],

@@ -1,22 +1,33 @@
 // Mirror symmetry: what is done to a point is done to its partner on the other side of an axis. Pure functions of plain
-// lists; needs edits.js. A mirror is {on, axis: "a" | "b", at}: the coordinate that changes its sign, and the line.
+// lists; needs edits.js. A mirror of a picture is {on, axis: "a" | "b", at}: the coordinate that changes its sign, and the
+// line; one in space has a `normal`, along which its plane lies at `at`.
 
-function mirrorPlace({ axis, at }, [a, b]) { return axis === "a" ? [2 * at - a, b] : [a, 2 * at - b]; }
+function mirrorNormal({ normal, axis }) { return normal ?? (axis === "a" ? [1, 0] : [0, 1]); }
+
+// How far a place lies on the positive side.
+function awayFrom(mirror, place) { return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * place[k], 0) - mirror.at; }
+
+// A place, moved along the normal.
+function acrossBy(mirror, place, way) { return mirrorNormal(mirror).map((n, k) => place[k] + way * n); }
+
+function mirrorPlace(mirror, place) { return acrossBy(mirror, place, -2 * awayFrom(mirror, place)); }
 
 // 1 or -1 for the side of the axis on which a place lies, 0 on it.
-function sideOf({ axis, at }, place, near) {
-  const away = place[axis === "a" ? 0 : 1] - at;
+function mirrorSide(mirror, place, near) {
+  const away = awayFrom(mirror, place);
   return Math.abs(away) <= near ? 0 : Math.sign(away);
 }
 
-function onAxis({ axis, at }, [a, b]) { return axis === "a" ? [at, b] : [a, at]; }
+function onAxis(mirror, place) { return acrossBy(mirror, place, -awayFrom(mirror, place)); }
+
+function distance(p, q) { return Math.hypot(...p.map((value, k) => value - q[k])); }
 
 // The point whose source lies where the mirror shows that of `p`, or null.
 function partnerOf(mirror, points, p, near) {
-  const [a, b] = mirrorPlace(mirror, p.source);
+  const place = mirrorPlace(mirror, p.source);
   let best = null, least = near;
   for (const q of points) {
-    const away = Math.hypot(q.source[0] - a, q.source[1] - b);
+    const away = distance(q.source, place);
     if (q.id !== p.id && away <= least) { best = q; least = away; }
   }
   return best;
@@ -24,18 +35,19 @@ function partnerOf(mirror, points, p, near) {
 
 // A target that stays on the side of its source: beyond the axis it would meet its partner.
 function keptOnSide(mirror, place, side, near) {
-  const c = mirror.axis === "a" ? 0 : 1;
-  if ((place[c] - mirror.at) * side >= near) return place;
-  return place.map((value, k) => (k === c ? mirror.at + side * near : value));
+  const away = awayFrom(mirror, place);
+  return away * side >= near ? place : acrossBy(mirror, place, side * near - away);
 }
 
 // An edit (`before` to `after`) and the same on the other side. `near` are the lengths within which a source is on the
 // axis and a partner is found; `id` that of the next new point; `lead` the side that decides where both have changed.
-function mirroredEdit(mirror, before, after, { near, id, lead = 0 }) {
+// `seenAt(source)` is where that matter is seen now, or null: the partner of a new point takes hold of it there, and
+// moves nothing, also where the two sides have been bent in different ways.
+function mirroredEdit(mirror, before, after, { near, id, lead = 0, seenAt = () => null }) {
   const was = new Map(before.map((p) => [p.id, p])), result = new Map(after.map((p) => [p.id, p]));
   const moved = after.filter((p) => !was.has(p.id) || !isUnmoved(was.get(p.id), p));
-  const first = moved.map((p) => sideOf(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
-  const leads = lead || first, sideNow = (p) => sideOf(mirror, (was.get(p.id) ?? p).source, near.axis);
+  const first = moved.map((p) => mirrorSide(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
+  const leads = lead || first, sideNow = (p) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
   for (const p of before) {
     if (result.has(p.id) || sideNow(p) === 0) continue;
     const partner = partnerOf(mirror, before, p, near.partner);
@@ -54,10 +66,16 @@ function mirroredEdit(mirror, before, after, { near, id, lead = 0 }) {
     if (partner) handled.add(partner.id);
     else if (was.has(p.id) && !hasMoved(was.get(p.id), p)) continue; // switched only: nothing to make
     const made = mirroredPoint(mirror, kept, was.get(p.id), partner ?? null, partner ? partner.id : id);
+    if (!partner && !was.has(p.id)) made.target = heldPlace(made, seenAt(made.source), near.axis);
     if (!partner) id += 1;
     result.set(made.id, made);
   }
   return [...result.values()];
+}
+
+// A place that differs by rounding alone is the mirror's own.
+function heldPlace({ target }, seen, near) {
+  return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 
 function hasMoved(p, q) { return !samePoints(p.source, q.source) || !samePoints(p.target, q.target); }

@@ -3,6 +3,7 @@
 //   netShape(box, cells)                     -> [across, down]: cells of the net that netLines draws
 //   netPlaces(layered, box, cells, tolerance) -> {columns, rows, source, target, isSeen}: nodes row by row, as numbers
 //                                                a, b, a, b, ...; where a node is not seen its target says nothing
+//   placeSeen(layered, source, tolerance)    -> [a, b] where the matter of a place is seen, null where it is not
 //   strainsAt(layered, places)               -> {stretch, angle}: for each node both principal stretches of the matter
 //                                                there (2 is twice as long) and the direction of the first; NaN where
 //                                                the map folds or the node is not seen
@@ -39,6 +40,16 @@ function netPlaces(layered, box, cells, tolerance) {
     target.set(at, 2 * n);
   }
   return { columns, rows, source, target, isSeen };
+}
+
+function placeSeen(layered, [x, y], tolerance) {
+  const k = layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1, at = new Float64Array(2);
+  if (k < 0) return [x, y];
+  const { fit } = layered.fits[k];
+  startFrom(fit, x, y, at);
+  let isFound = mapInverse(fit, x, y, at, tolerance);
+  if (!isFound) { at[0] = x; at[1] = y; isFound = mapInverse(fit, x, y, at, tolerance); }
+  return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [...at] : null;
 }
 
 function startFrom(fit, x, y, at) {

@@ -6,7 +6,7 @@ const OVERLAYS = { // name: label of the menu, title
   folds: ["Folds", "red where the map folds over itself"],
   area: ["Area", "green where matter grows, purple where it shrinks"],
   strain: ["Strain", "crosses along the principal strains: solid where matter is stretched, dashed where pressed"],
-  uncertainty: ["Haze", "a grey haze where the map is only guessed from afar"],
+  uncertainty: ["Doubt", "a grey haze where the map is only guessed from points afar"],
 };
 const OVERLAY_TRAITS = ["overlay", "haze", "haze_facts", "marked"];
 const FOLD_COLOURS = { fill: "rgba(211, 47, 47, 0.45)", edge: "#d32f2f" };
@@ -15,6 +15,7 @@ const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
 const HAZE_COLOUR = [150, 153, 160], HAZE_ALPHA = 0.88;
 const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
+const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // the first that is free
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 class Overlay {
@@ -58,9 +59,16 @@ class Overlay {
 
   // layered: null for the picture as it was, over which nothing is laid.
   draw(layered, folds, isMoving) {
-    const start = performance.now(), { page: { view, model, box }, kind } = this;
+    const start = performance.now(), { kind } = this;
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
+    this.#lay(layered, kind, folds, isMoving);
+    this.#placeKey(isMoving);
+    this.ms = performance.now() - start;
+  }
+
+  #lay(layered, kind, folds, isMoving) {
+    const { view, model, box } = this.page;
     const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
       String(box), model.get("density"), model.get("show_net"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
@@ -73,7 +81,6 @@ class Overlay {
     const isBent = layered.fits.some(({ fit }) => !isStill(fit));
     if (kind === "strain") this.key.hidden = !isBent;
     if (isBent) this.#drawMap(layered, part, folds, isMoving);
-    this.ms = performance.now() - start;
   }
 
   #clear() {
@@ -205,6 +212,19 @@ class Overlay {
     if (isShown) {
       setAttributes(this.worst, { transform: `translate(${(k * folds.place[0] + x).toFixed(1)} ${(k * folds.place[1] + y).toFixed(1)})` });
     }
+  }
+
+  // The legend to a corner in which it hides no point, or few; it does not jump while something moves.
+  #placeKey(isMoving) {
+    if (this.key.hidden || isMoving) return;
+    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc and the distance from the edge
+    const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.page.onView(at));
+    const hidden = ([row, column]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
+      && (row === "top" ? y < high : y > height - high)).length;
+    const [row, column] = KEY_CORNERS.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
+    this.key.classList.toggle("dnb-ed-key-top", row === "top");
+    this.key.classList.toggle("dnb-ed-key-right", column === "right");
   }
 
   #describe(kind) {

@@ -6,6 +6,7 @@ const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coa
 
 const SPACE_GROUPS = [
   [["add", "Add", "Add points: click where", true],
+    ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points", false, "selection"],
     ["rename", "Rename", "Name the selected point", false, "one"],
     ["switch", "On/off", "Switch the selected points on or off", false, "selection"],
@@ -15,7 +16,14 @@ const SPACE_GROUPS = [
   [["go", "Go to", "Bring the slices to the selected point", false, "one"],
     ["compare", "Before", "Show the volume as it was", true]],
   [["zoom-out", "", "Zoom out"], ["zoom-in", "", "Zoom in"], ["fit", "Fit", "Show the whole pictures"]],
-  [["help", "Keys", "Keys and gestures", true]],
+  [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
+];
+const SPACE_MORE = [
+  [["mirror", "Mirror", "Do the same on both sides of a plane", true],
+    ["mirror-axis", "Mirror another way", "Lay the plane of the mirror across the next axis", false],
+    ["snap", "Snap to a lattice", "Targets keep to the nodes of a lattice", true]],
+  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left in the picture", false, "points_selected"],
+    ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right in the picture", false, "points_selected"]],
 ];
 
 class SpaceEditing extends EditorDrawing {
@@ -49,7 +57,8 @@ class SpaceEditing extends EditorDrawing {
     this.notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
     this.notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
     this.chooser.value = this.model.get("projection");
-    const pressed = Object.entries({ add: this.isAdding, compare: this.model.get("shows_original"), help: !this.help.hidden,
+    const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting,
+      mirror: this.mirror.on, snap: this.model.get("snap") > 0, compare: this.model.get("shows_original"), help: !this.help.hidden,
       lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)) });
     this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: this.model.get("history") ?? {},
@@ -96,20 +105,24 @@ class SpaceEditing extends EditorDrawing {
 
   beginDrag() { if (!this.isLocked) this.drag0 = this.points; }
 
-  drag(ids, way, what) {
-    if (!this.drag0) return;
-    this.points = movedInSpace(this.drag0, ids, way, what);
+  drag(ids, way, what, id) {
+    if (this.drag0) this.show(this.symmetric(this.drag0, movedInSpace(this.drag0, ids, way, what), this.sideOfPoint(id)));
+  }
+
+  // Points on their way.
+  show(points) {
+    this.points = points;
     publishPoints(this.bus, { origin: this.id, points: this.points, settings: settingsOf(this.model), fit: null, phase: "move" });
     this.sender.move(this.points);
     this.invalidate();
   }
 
-  endDrag(isCancelled) {
+  endDrag(isCancelled, kind = "move") {
     const before = this.drag0, points = this.points;
     this.drag0 = null;
     if (!before) return;
     this.points = before;
-    if (!isCancelled && this.edit(points)) return;
+    if (!isCancelled && this.edit(points, kind)) return;
     this.points = this.sender.points; // Python may have moved them meanwhile
     publishPoints(this.bus, { origin: this.id, points: this.points, settings: settingsOf(this.model), fit: null, phase: "end" });
     this.sender.move(this.points); // Python has seen the drag, and now that it is no more
@@ -134,7 +147,7 @@ class SpaceEditing extends EditorDrawing {
     if (id !== null && !this.selected.has(id)) this.select([id]);
     const free = freeIds(this.points, ids);
     if (!free.length) this.tellLocked(ids[0]);
-    this.edit(movedInSpace(this.points, free, way, what), "nudge", `nudge ${ids}`);
+    this.change(movedInSpace(this.points, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 && this.points.find((q) => q.id === ids[0]);
     if (p) this.speak(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
   }
@@ -145,14 +158,14 @@ class SpaceEditing extends EditorDrawing {
     const near = flat.find((p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
     if (near) { this.select([near.id]); pane.handles.focus(near.id); return near.id; }
     if (!pane.isInside(at)) { this.hint("Points are put inside the volume"); return null; }
-    return this.addPlace(pane.under(at), pane);
+    return this.addPlace(fromPane(pane.info, this.snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
   }
 
   addAtCursor(pane) { this.addPlace(this.cursor, pane); }
 
   addPlace(place, pane) {
     const id = nextId(this.points, this.sender.nextId), points = addedPoint(this.points, id, place, place);
-    if (!this.edit(points, "add")) return null;
+    if (!this.change(points, "add")) return null;
     this.select([id]);
     this.drawNow();
     pane.handles.focus(id);
@@ -177,7 +190,7 @@ class SpaceEditing extends EditorDrawing {
     if (wanted.length && !ids.length) this.tellLocked(wanted[0]);
     const at = this.points.findIndex((p) => p.id === ids[0]), pane = this.paneOf(document.activeElement);
     const hadFocus = this.root.contains(this.root.getRootNode().activeElement);
-    if (!ids.length || !this.edit(removedPoints(this.points, ids), "remove")) return;
+    if (!ids.length || !this.change(removedPoints(this.points, ids), "remove")) return;
     this.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     this.drawNow();
     const next = this.points[Math.min(at, this.points.length - 1)];
@@ -226,12 +239,14 @@ class SpaceEditing extends EditorDrawing {
   run(command, focused) {
     const ids = this.#chosen(focused), all = this.points.map((p) => p.id);
     if (focused === null && this.toolbar.isOff(command)) return;
-    const active = this.paneOf(document.activeElement), every = (f) => this.pictures.forEach(f);
+    const active = this.paneOf(document.activeElement);
+    if (this.runTool(command, active)) return;
+    const every = (f) => this.pictures.forEach(f);
     const commands = {
-      add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
+      add: () => this.setAdding(!this.isAdding), select: () => this.setSelecting(!this.isSelecting), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0], active),
-      switch: () => this.edit(switchedPoints(this.points, ids), "switch"),
-      reset: () => this.edit(resetPoints(this.points, freeIds(this.points, ids.length ? ids : all)), "reset"),
+      switch: () => this.change(switchedPoints(this.points, ids), "switch"),
+      reset: () => this.change(resetPoints(this.points, freeIds(this.points, ids.length ? ids : all)), "reset"),
       lock: () => this.toggleLock(ids),
       go: () => ids.length === 1 && this.goTo(ids[0]),
       compare: () => this.look({ original: !this.model.get("shows_original") }),
@@ -241,7 +256,16 @@ class SpaceEditing extends EditorDrawing {
     commands[command]?.();
   }
 
+  // While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+  setSelecting(isSelecting) {
+    if (isSelecting) this.setAdding(false);
+    this.isSelecting = isSelecting;
+    if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
+    this.invalidate();
+  }
+
   setAdding(isAdding) {
+    if (isAdding) this.setSelecting(false);
     this.isAdding = isAdding && !this.isLocked;
     this.row.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
@@ -263,7 +287,7 @@ class SpaceEditing extends EditorDrawing {
   escape() {
     if (this.gestures.some((gestures) => gestures.cancel())) return true;
     if (!this.help.hidden) { this.toggleHelp(); return true; }
-    if (this.isAdding) { this.setAdding(false); return true; }
+    if (this.isAdding || this.isSelecting) { this.setAdding(false); this.setSelecting(false); return true; }
     if (this.selected.size === 0) return false;
     this.select([]);
     return true;

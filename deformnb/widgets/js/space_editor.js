@@ -5,11 +5,11 @@
 const SPACE_PROJECTIONS = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent though the pictures of the last one have not come
 
-class SpaceEditorPage extends SpaceEditing {
+class SpaceEditorPage extends SpaceHand {
   constructor(model, el) {
     super();
     Object.assign(this, { model, id: Math.random().toString(36).slice(2, 12), bus: busOf(model), closed: new AbortController(),
-      selected: new Set(model.get("selected")), drag0: null, isAdding: false, isComparing: false, isSpaceDown: false,
+      selected: new Set(model.get("selected")), drag0: null, isAdding: false, isSelecting: false, isComparing: false, isSpaceDown: false,
       frame: 0, facts: {}, looked: new Set(), waitingSince: -Infinity, pendingLook: null, shownCount: 0 });
     this.sender = senderOf(this.bus, model);
     this.sender.receive();
@@ -26,7 +26,7 @@ class SpaceEditorPage extends SpaceEditing {
     this.host = el;
     el.classList.add("dnb-ed-host");
     this.root = pageElement("div", "dnb-editor dnb-space", el, { tabindex: "-1", role: "group", ...OWN_KEYS });
-    this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS);
+    this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     const group = pageElement("div", "dnb-ed-group", null);
     this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]);
     this.chooser = pageElement("select", "dnb-sp-select", group, { "aria-label": "What the pictures show", ...OWN_KEYS });
@@ -65,7 +65,7 @@ class SpaceEditorPage extends SpaceEditing {
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
     on("change:height", () => this.layout());
-    for (const name of ["label", "projection", "shows_original", "read_only", "history"]) on(`change:${name}`, () => this.invalidate());
+    for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) on(`change:${name}`, () => this.invalidate());
     this.moved = (event) => this.guard(() => {
       const { origin, points, phase } = event.detail;
       if (origin === this.id || this.drag0) return;
@@ -144,6 +144,12 @@ class SpaceEditorPage extends SpaceEditing {
     this.#sendLook();
   }
 
+  set(name, value) {
+    this.model.set(name, value);
+    this.model.save_changes();
+    this.invalidate();
+  }
+
   receive() {
     const { points } = this.sender;
     if (this.drag0) { // Python has found where a new point takes hold; the hand keeps the rest
@@ -170,6 +176,8 @@ class SpaceEditorPage extends SpaceEditing {
     for (const pane of this.pictures) { pane.picture = null; pane.isFitted = true; }
     this.layout();
   }
+
+  get isWorkedIn() { return this.root.matches(":focus-within"); }
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 

@@ -21,6 +21,16 @@ function movedInSpace(points, ids, way, what = "target") {
     source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
 }
 
+// Targets turned in a picture (clockwise there) and scaled in space, about their middle.
+function turnedInSpace(points, ids, pane, angle, factor = 1) {
+  const chosen = points.filter((p) => ids.includes(p.id)), c = factor * Math.cos(angle), s = factor * Math.sin(angle);
+  const about = inPane(pane, [0, 1, 2].map((k) => chosen.reduce((sum, p) => sum + p.target[k], 0) / chosen.length));
+  return changed(points, ids, (p) => {
+    const [a, b, d] = inPane(pane, p.target).map((x, k) => x - about[k]);
+    return { target: fromPane(pane, [about[0] + c * a - s * b, about[1] + s * a + c * b, about[2] + factor * d]) };
+  });
+}
+
 // What Python has made of the sources of points, in a list that has gone on meanwhile.
 function withSources(points, known) {
   const sources = new Map(known.map((p) => [p.id, p.source]));

@@ -26,7 +26,9 @@ class SpacePane {
     });
     this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, this.svg);
     for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
+    this.nodes = svgElement("path", { class: "dnb-sp-nodes", "aria-hidden": "true" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
+    this.marks = new HandMarks(this.svg, this.handles.points);
     this.letters = ["left", "right", "top", "bottom"].map((side) => (
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" })));
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });
@@ -182,7 +184,21 @@ class SpacePane {
     this.describe();
     this.#drawCross();
     this.#drawWorst();
+    this.#drawNodes();
     return this.#drawPoints();
+  }
+
+  // The lattice to which targets keep, as small crosses where it is wide enough to be seen.
+  #drawNodes() {
+    const { page, view: { k, x, y }, info: { box: [a0, a1, b0, b1], spacing: [du, dv] } } = this, step = page.model.get("snap") || 0;
+    const told = `${step} ${k} ${x} ${y}`;
+    if (told === this.nodesTold) return;
+    this.nodesTold = told;
+    let path = "";
+    for (let a = a0 + du / 2; step * k >= 5 && a < a1; a += step) {
+      for (let b = b0 + dv / 2; b < b1; b += step) path += `M ${(k * a + x - 2).toFixed(1)} ${(k * b + y).toFixed(1)} h 4 m -2 -2 v 4`;
+    }
+    this.nodes.setAttribute("d", path);
   }
 
   #drawCross() {
@@ -216,6 +232,15 @@ class SpacePane {
         part.style.opacity = p.isFar ? clearness(p.away, thick) : "";
       }
     }
+    this.#drawMarks(flat);
     return isFocusLost;
+  }
+
+  // The handle that turns, and the plane of the mirror where it is seen from its edge.
+  #drawMarks(flat) {
+    const { page } = this, { k, x, y } = this.view, mirror = page.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 };
+    const isTurning = page.selected.size > 1, none = { isOn: false };
+    this.marks.update({ mirror, view: this.view, points: flat, selected: isTurning ? page.selected : new Set(), brush: none, pen: none,
+      isLocked: page.isLocked, isHolding: page.drag0 !== null, isAdding: page.isAdding, onView: ([a, b]) => [k * a + x, k * b + y] });
   }
 }

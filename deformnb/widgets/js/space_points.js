@@ -20,7 +20,7 @@ class SpacePoints {
     on("pointerup", (e) => this.up(e));
     for (const name of ["pointercancel", "lostpointercapture"]) on(name, (e) => this.up(e, true));
     on("keydown", (e) => { if (this.key(e)) { e.preventDefault(); e.stopPropagation(); } });
-    on("contextmenu", (e) => { e.preventDefault(); this.remove(this.hit(e)); });
+    on("contextmenu", (e) => { e.preventDefault(); if (isRightClick(e)) this.remove(this.hit(e)); });
     on("dblclick", (e) => { e.preventDefault(); e.stopPropagation(); });
     page.on("change:points_editor", () => this.follow(page.model.get("points_editor")));
     this.follow(page.model.get("points_editor")).catch((error) => page.fail(error));
@@ -241,6 +241,7 @@ class SpacePoints {
     const hit = this.hit(event), key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     if (event.ctrlKey || event.metaKey) {
+      if (hit && POINT_STEPS[key]) return this.handles.focusNext(this.editor.get("points").map((p) => p.id), POINT_STEPS[key], hit.id);
       if (key !== "z" && key !== "y") return false;
       if (!this.isLocked && !this.drag0) this.sender.step(key === "y" || event.shiftKey ? "redo" : "undo");
       return true;

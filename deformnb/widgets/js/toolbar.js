@@ -3,6 +3,7 @@
 // Icons of 16 x 16, drawn with lines of the text's colour.
 const ICONS = {
   add: "M8 3v10M3 8h10",
+  select: "M2.5 5V2.5H5M8 2.5h3M13.5 4.5V6M2.5 8v3M2.5 13.5H6M8 7l6 2.4-2.6 1L10.3 13z",
   remove: "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4",
   rename: "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2",
   switch: "M8 2.5v5M5 4.2a5 5 0 1 0 6 0",
@@ -36,6 +37,7 @@ const ICONS = {
 // command, label, tip, whether it stays pressed, what it needs: points, a selection, or history
 const GROUPS = [
   [["add", "Add", "Add points: click where", true],
+    ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points, or the chosen shape", false, "selection"],
     ["rename", "Rename", "Name the selected point or shape", false, "one"],
     ["switch", "On/off", "Switch the selected points or shape on or off", false, "selection"],
@@ -149,6 +151,8 @@ class MoreMenu {
     Object.assign(this, { toolbar, opener, items: [] });
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
     this.root = pageElement("div", "dnb-ed-more", toolbar.root.parentElement, { role: "menu", "aria-label": "More tools", hidden: "" });
+    this.isOverAll = typeof this.root.showPopover === "function"; // older browsers show it inside the editor
+    if (this.isOverAll) this.root.popover = "manual";
     groups.forEach((group, k) => {
       if (k > 0) pageElement("div", "dnb-ed-line", this.root, { "aria-hidden": "true" });
       for (const entry of group) this.items.push(toolbar.item(this.root, entry, table));
@@ -159,6 +163,7 @@ class MoreMenu {
     on("focusout", (event) => {
       if (!this.root.contains(event.relatedTarget) && event.relatedTarget !== this.opener) this.close(false);
     });
+    this.leave = ({ target }) => { if (target !== this.root) this.close(); }; // it would stay behind what scrolls
   }
 
   get isOpen() { return !this.root.hidden; }
@@ -166,19 +171,30 @@ class MoreMenu {
   toggle() {
     if (this.isOpen) { this.close(); return; }
     this.root.hidden = false;
+    if (this.isOverAll) this.root.showPopover();
     this.opener.setAttribute("aria-expanded", "true");
-    const box = this.opener.getBoundingClientRect(), frame = this.toolbar.root.parentElement.getBoundingClientRect();
-    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8);
-    this.root.style.left = `${Math.max(4, left)}px`;
-    this.root.style.top = `${box.bottom - frame.top + 2}px`;
+    this.#place();
     this.items[0].focus({ preventScroll: true });
+    for (const name of ["scroll", "resize"]) window.addEventListener(name, this.leave, { capture: true });
+  }
+
+  // Under its button, as far as there is room.
+  #place() {
+    const box = this.opener.getBoundingClientRect(), around = this.toolbar.root.parentElement.getBoundingClientRect();
+    const frame = this.isOverAll ? { left: 0, top: 0, width: window.innerWidth } : around;
+    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8), top = box.bottom - frame.top + 2;
+    const room = this.isOverAll ? window.innerHeight - this.root.offsetHeight - 8 : top;
+    Object.assign(this.root.style, { left: `${Math.max(4, left)}px`, top: `${Math.max(4, Math.min(top, room))}px` });
   }
 
   close(givesBack = true) {
     if (!this.isOpen) return;
-    this.root.hidden = true;
+    for (const name of ["scroll", "resize"]) window.removeEventListener(name, this.leave, { capture: true });
+    const { activeElement } = this.root.getRootNode(), hadFocus = this.root.contains(activeElement);
+    this.root.hidden = true; // a second close, by the focus that leaves, finds it closed
+    if (this.isOverAll && this.root.isConnected) this.root.hidePopover();
     this.opener.setAttribute("aria-expanded", "false");
-    if (givesBack) this.opener.focus({ preventScroll: true });
+    if (givesBack && hadFocus) this.opener.focus({ preventScroll: true });
   }
 
   #choose(item) {

@@ -1,6 +1,9 @@
 // Points turned and scaled about their middle, and the rim of a single one. Pure functions of plain lists; needs edits.js.
 // A point alone has nothing to turn; three still ones around it, its rim, are turned instead.
 
+// Ways of a turn: clockwise is 1. With Shift the same keys write other signs, with Alt on some keyboards as well.
+const TURN_WAYS = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 }, TURN_CODES = { Comma: ",", Period: "." };
+const TURN_STEPS = [2, 15]; // degrees, or percent, of a key alone and with Shift
 const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls beside another point
 
 function middleOf(points) {
@@ -14,6 +17,22 @@ function turnedPoints(points, ids, about, angle, factor = 1) {
     const x = p.target[0] - about[0], y = p.target[1] - about[1];
     return { target: [about[0] + c * x - s * y, about[1] + s * x + c * y] };
   });
+}
+
+// The angle and the factor of a key, one of which does nothing.
+function turnOfKey(way, { isLarge, isScale }) {
+  const step = TURN_STEPS[isLarge ? 1 : 0] * way;
+  return isScale ? [0, (1 + Math.abs(step) / 100) ** Math.sign(step)] : [step * Math.PI / 180, 1];
+}
+
+// The angle and the factor of a hand that goes from one place beside the middle to another: Alt scales, Shift goes in steps.
+function turnOfHand([x, y], to, event) {
+  if (event.altKey) {
+    const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
+    return [0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor];
+  }
+  const angle = Math.atan2(x * to[1] - y * to[0], x * to[0] + y * to[1]), step = Math.PI / 12;
+  return [event.shiftKey ? step * Math.round(angle / step) : angle, 1];
 }
 
 function rimName(pin) { return `${pin.name || `point ${pin.id}`} rim`; }

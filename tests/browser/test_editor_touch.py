@@ -1,0 +1,261 @@
+"""Fingers and pens in the editors: what scrolls the page, what moves the view, and how several points are selected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.editor_page import PAGE, EditorOnPage
+from browser.live_page import LivePage
+from browser.test_space_editor_page import PAGE as SPACE
+from browser.test_space_editor_page import Opened, waves
+
+from deformnb.control_points import ControlPoints
+from deformnb.cuts import Cut
+from deformnb.picture import Picture
+from deformnb.regions import Line
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.space_editor import SpaceEditor
+
+pytestmark = pytest.mark.needs_browser
+
+HINT = "(document.querySelector('.dnb-ed-hint:not([hidden])')?.textContent ?? '')"
+
+
+class Fingers:
+    """Touches of a real page; the browser scrolls by them where nothing keeps it from that."""
+
+    def __init__(self, page: Any) -> None:
+        self.page, self._cdp = page, page.context.new_cdp_session(page)
+
+    def touch(self, kind: str, *places: Any) -> None:
+        self._cdp.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [
+            {"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]})
+
+    def tap(self, place: Any) -> None:
+        self.touch("touchStart", place)
+        self.touch("touchEnd")
+
+    def drag(self, start: Any, by: Any, steps: int = 6) -> None:
+        x, y = start
+        self.touch("touchStart", (x, y))
+        for step in range(1, steps + 1):
+            self.touch("touchMove", (x + by[0] * step / steps, y + by[1] * step / steps))
+        self.touch("touchEnd")
+
+    def swipe(self, start: Any, by: Any) -> None:
+        """A drag at whose end the finger rests, so that what it scrolls does not run on."""
+        x, y = start
+        self.touch("touchStart", start)
+        for step in [*range(1, 7), 6, 6]:
+            self.touch("touchMove", (x + by[0] * step / 6, y + by[1] * step / 6))
+            self.page.wait_for_timeout(60)
+        self.touch("touchEnd")
+        self.page.wait_for_timeout(200)
+
+
+def tall(page: Any) -> None:
+    """A page with something to scroll, as notebooks are."""
+    page.evaluate("() => { document.body.style.height = '4000px'; }")
+    page.wait_for_timeout(300)  # a bar beside it may make the editor narrower
+
+
+def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
+    """A stroke of a pen on the glass."""
+    cdp, (x, y) = page.page.context.new_cdp_session(page.page), start
+
+    def event(kind: str, share: float, buttons: int) -> None:
+        cdp.send("Input.dispatchMouseEvent", {"type": kind, "x": x + by[0] * share, "y": y + by[1] * share,
+                                              "button": "left", "buttons": buttons, "clickCount": 1,
+                                              "pointerType": "pen", "force": 0.5})
+
+    event("mousePressed", 0, 1)
+    for step in range(1, steps + 1):
+        event("mouseMoved", step / steps, 1)
+    event("mouseReleased", 1, 0)
+    page.settled()
+
+
+# ---- who owns a finger ----------------------------------------------------------------------------------------------
+
+
+def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(opened: Any, picture: Picture,
+                                                                    points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    tall(page.page)
+    fingers, place, view = Fingers(page.page), page.on_screen([52, 40]), page.js(f"({{...{PAGE}.view}})")
+    fingers.swipe(place, (0, -150))
+    page.wait("scrollY > 100")
+    assert page.js(f"({{...{PAGE}.view}})") == view
+    assert page.js("document.activeElement === document.body")
+    page.js("scrollTo(0, 0)")
+    fingers.drag(place, (60, 0))  # across, which scrolls nothing
+    assert page.js(f"({{...{PAGE}.view}})") == view
+    assert page.js(HINT) == "Tap the picture first, then a finger moves it"
+    fingers.tap(place)
+    page.wait("document.activeElement.className === 'dnb-ed-stage'")
+    fingers.swipe(place, (0, -60))
+    page.wait(f"{PAGE}.view.y < {view['y'] - 30}")
+    assert page.js("scrollY") == 0
+    assert page.js(f"{PAGE}.view.k") == view["k"]
+
+
+def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    tall(page.page)
+    Fingers(page.page).drag(page.on_screen(points.target[4]), (6, -60))
+    page.settled()
+    k = page.js(f"{PAGE}.view.k")
+    assert page.points.target[4] == pytest.approx(points.target[4] + np.array([6, -60]) / k, abs=1e-6)
+    assert page.js("scrollY") == 0
+
+
+def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture))
+    page.js("models.editor.set('fill', true)")
+    page.js(f"{PAGE}.layout()")
+    assert page.js("getComputedStyle(document.querySelector('.dnb-ed-stage')).touchAction") == "none"
+    Fingers(page.page).drag(page.on_screen([52, 40]), (40, 0))
+    page.wait(f"!{PAGE}.isFitted")
+
+
+# ---- several points -------------------------------------------------------------------------------------------------
+
+
+def test_fingers_select_several_points_by_taps_and_by_a_band(opened: Any, picture: Picture,
+                                                            points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    fingers, button = Fingers(page.page), page.page.locator("[data-command=select]")
+    selected = f"[...{PAGE}.selected].sort().join()"
+    fingers.tap(page.on_screen(points.target[0]))
+    fingers.tap(page.on_screen(points.target[1]))
+    assert page.js(selected) == "1"  # without the tool a tap selects one
+    fingers.tap((button.bounding_box()["x"] + 8, button.bounding_box()["y"] + 8))
+    page.wait(f"{PAGE}.isSelecting")
+    page.wait("document.querySelector('[data-command=select]').getAttribute('aria-pressed') === 'true'")
+    fingers.tap(page.on_screen(points.target[0]))
+    assert page.js(selected) == "0,1"
+    low, high = page.on_screen([20, 40]), page.on_screen([115, 65])
+    fingers.drag(low, (high[0] - low[0], high[1] - low[1]))
+    assert page.js(selected) == "0,1,2,3"
+    assert page.js(f"{PAGE}.isFitted")  # the view stays
+    fingers.tap(page.on_screen(points.target[0]))
+    fingers.tap(page.on_screen([52, 30]))  # beside all: nothing is lost
+    assert page.js(selected) == "1,2,3"
+    fingers.drag(page.on_screen(points.target[2]), (12, 20))
+    page.settled()
+    by = np.array([12, 20]) / page.js(f"{PAGE}.view.k")
+    assert page.points.target[1:4] == pytest.approx(points.target[1:4] + by, abs=1e-6)
+    assert np.array_equal(page.points.target[[0, 4]], points.target[[0, 4]])
+    page.wait("models.editor.get('selected').length === 3")
+    page.page.keyboard.press("Escape")
+    assert not page.js(f"{PAGE}.isSelecting")
+    assert page.js(selected) == "1,2,3"
+    fingers.tap(page.on_screen([52, 30]))
+    assert page.js(selected) == ""
+
+
+def test_two_fingers_end_a_band_and_move_the_view(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    fingers, k = Fingers(page.page), page.js(f"{PAGE}.view.k")
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.keyboard.press("b")
+    x, y = page.on_screen([20, 40])
+    fingers.touch("touchStart", (x, y))
+    fingers.touch("touchMove", page.on_screen([60, 65]))
+    assert page.js(f"[...{PAGE}.selected]") == [3]
+    x, y = page.on_screen([60, 65])
+    fingers.touch("touchStart", (x, y), (x + 80, y))
+    assert page.js(f"[...{PAGE}.selected]") == []
+    for gap in (100, 130, 160):
+        fingers.touch("touchMove", (x, y), (x + gap, y))
+    fingers.touch("touchEnd")
+    page.settled()
+    assert page.js(f"{PAGE}.view.k") == pytest.approx(2 * k, rel=0.02)
+    assert page.page.locator(".dnb-ed-band").get_attribute("visibility") == "hidden"
+
+
+def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    press = page.page.keyboard.press
+    page.page.locator(".dnb-ed-stage").focus()
+    for key in ("a", "s", "x"):
+        press("b")
+        assert page.js(f"[{PAGE}.isSelecting, {PAGE}.isAdding, {PAGE}.brush.isOn, {PAGE}.pen.isOn]") == [
+            True, False, False, False]
+        press(key)
+        assert not page.js(f"{PAGE}.isSelecting"), key
+    page.page.mouse.dblclick(*page.on_screen([52, 30]))
+    page.page.keyboard.press("Escape")
+    press("b")
+    before = page.points
+    page.page.mouse.dblclick(*page.on_screen([80, 50]))  # two clicks while one selects add nothing
+    assert page.points == before
+
+
+def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(opened: Any, picture: Picture,
+                                                                             points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
+    k = page.js(f"{PAGE}.view.k")
+    page.drag([55, 15], (30 * k, 20 * k))
+    assert page.js(f"[{PAGE}.chosen, [...{PAGE}.selected]]") == [None, [4]]
+    page.page.mouse.click(*page.on_screen([55, 15]))
+    assert page.js(f"{PAGE}.chosen") == {"what": "cuts", "index": 0}
+    page.drag([55, 5], (4 * k, 0))  # now that it is chosen
+    page.answered()
+    assert page.editor.cuts[0]["region"]["vertices"][0] == pytest.approx([59, -20], abs=0.6)
+
+
+# ---- pens -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.js("(() => { window.kinds = new Set(); document.querySelector('.dnb-ed-svg').addEventListener('pointerdown', "
+            "(e) => kinds.add(e.pointerType)); })()")
+    k = page.js(f"{PAGE}.view.k")
+    page.page.locator(".dnb-ed-stage").focus()
+    pen(page, page.on_screen(points.target[4]), (24, -18))
+    assert page.js("[...kinds]") == ["pen"]
+    moved = page.points
+    assert moved.target[4] == pytest.approx(points.target[4] + np.array([24, -18]) / k, abs=1e-6)
+    pen(page, page.on_screen(points.target[3]), (2, 0))  # a hand that trembles: a press, no drag
+    assert page.points == moved
+    assert page.js(f"[...{PAGE}.selected]") == [3]
+    pen(page, page.on_screen([90, -20]), (40 * k, 30 * k))
+    assert page.js(f"[...{PAGE}.selected]") == [1]  # by a band, while a finger would move the view
+    assert page.js(f"{PAGE}.isFitted")
+    page.page.keyboard.press("s")
+    pen(page, page.on_screen([50, 20]), (0.4 * page.js(f"{PAGE}.brush.radius") * k, 0), steps=6)
+    assert len(page.points) > 5  # the brush has set points of its own
+
+
+# ---- in space -------------------------------------------------------------------------------------------------------
+
+
+def test_in_space_fingers_scroll_tap_and_select(page: LivePage) -> None:
+    start = ControlPoints.from_arrays([[-10.0, 25, 20], [10, 45, 20], [25, 40, 20]])
+    space = Opened(page, SpaceEditor(waves(), start, cursor=[-10.0, 25, 20]))
+    tall(page.page)
+    fingers, far = Fingers(page.page), space.on_screen(0, [0, 60, 20])
+    fingers.swipe(far, (0, -120))
+    page.wait("scrollY > 80")
+    assert np.allclose(space.editor.cursor, [-10, 25, 20])
+    assert space.js("document.activeElement === document.body")
+    space.js("scrollTo(0, 0)")
+    fingers.tap(far)
+    space.settled()
+    page.wait("document.activeElement.classList.contains('dnb-sp-stage')")
+    assert space.editor.cursor[:2] == pytest.approx([0, 60], abs=1)
+    page.page.keyboard.press("b")
+    for k in (0, 2):
+        fingers.tap(space.on_screen(0, start.target[k]))
+    assert space.js(f"[...{SPACE}.selected]") == [0, 2]
+    stage = page.page.locator(".dnb-sp-stage").first.bounding_box()
+    fingers.drag((stage["x"] + 4, stage["y"] + 4), (stage["width"] - 8, stage["height"] - 8))
+    assert sorted(space.js(f"[...{SPACE}.selected]")) == [0, 1, 2]
+    page.page.keyboard.press("Escape")
+    space.settled()
+    assert space.js(f"[{SPACE}.isSelecting, {SPACE}.selected.size]") == [False, 3]
+    space.editor.close()

@@ -1,0 +1,251 @@
+"""Turning, the mirror and the lattice of the editor in space, with the real mouse and keys in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.live_page import LivePage
+from browser.test_space_editor_page import PAGE, Opened, waves
+from numpy.typing import NDArray
+
+from deformnb.control_points import ControlPoints
+from deformnb.widgets.space_editor import SpaceEditor
+
+pytestmark = pytest.mark.needs_browser
+
+# The box of the waves: x from -20.5 to 35.5, y from 9.4 to 67, z from 4.25 to 64.25. Its middle across x:
+MIDDLE = 7.5
+AXIAL, CORONAL, SAGITTAL = range(3)
+
+
+@pytest.fixture
+def pairs() -> ControlPoints:
+    """Two pairs beside the middle plane across x, and one on it."""
+    return ControlPoints.from_arrays([[-12.5, 25, 24], [27.5, 25, 24], [-2.5, 50, 24], [17.5, 50, 24],
+                                      [MIDDLE, 38, 24]])
+
+
+@pytest.fixture
+def opened(page: LivePage) -> Iterator[Callable[..., Opened]]:
+    spaces: list[Opened] = []
+
+    def open_editor(points: ControlPoints, **settings: Any) -> Opened:
+        spaces.append(Opened(page, SpaceEditor(waves(), points, cursor=[MIDDLE, 38, 24], **settings)))
+        return spaces[-1]
+
+    yield open_editor
+    for space in spaces:
+        space.editor.close()
+    assert page.errors == []
+
+
+def press(space: Opened, *keys: str) -> None:
+    for key in keys:
+        space.page.page.keyboard.press(key)
+    space.settled()
+
+
+def select(space: Opened, *ids: int) -> None:
+    space.js(f"{PAGE}.select({list(ids)})")
+    space.page.page.locator(".dnb-sp-stage").first.focus()
+    space.settled()
+
+
+def mirrored(places: Any, axis: int = 0, at: float = MIDDLE) -> NDArray[np.float64]:
+    out = np.array(places, dtype=float)
+    out[..., axis] = 2 * at - out[..., axis]
+    return out
+
+
+def turned(places: Any, degrees: float, plane: tuple[int, int] = (0, 1)) -> NDArray[np.float64]:
+    """Places turned about their middle, from the first of these axes towards the second."""
+    out, (a, b), angle = np.array(places, dtype=float), plane, np.radians(degrees)
+    x, y = (out[:, k] - out[:, k].mean() for k in plane)
+    out[:, a] += x * np.cos(angle) - y * np.sin(angle) - x
+    out[:, b] += x * np.sin(angle) + y * np.cos(angle) - y
+    return out
+
+
+# ---- turning --------------------------------------------------------------------------------------------------------
+
+
+def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(opened: Any,
+                                                                             pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    select(space, 0, 1, 2)
+    press(space, ".", ".")  # 2 degrees each, clockwise where x runs right and y down
+    target = turned(pairs.target[:3], 4)
+    assert space.editor.points.target[:3] == pytest.approx(target, abs=1e-6)
+    assert np.array_equal(space.editor.points.target[3:], pairs.target[3:])
+    assert np.array_equal(space.editor.points.source, pairs.source)
+    press(space, "Control+z")
+    assert space.editor.points == pairs  # quick presses are one step
+    press(space, "Shift+,")
+    assert space.editor.points.target[:3] == pytest.approx(turned(pairs.target[:3], -15), abs=1e-6)
+    press(space, "Control+z", "Alt+Shift+.")
+    middle = pairs.target[:3].mean(axis=0)
+    assert space.editor.points.target[:3] == pytest.approx(middle + 1.15 * (pairs.target[:3] - middle), abs=1e-6)
+    press(space, "Control+z")
+    space.page.page.locator(".dnb-sp-stage").nth(CORONAL).focus()
+    press(space, "Shift+.")  # x right, and down there is -z
+    assert space.editor.points.target[:3] == pytest.approx(turned(pairs.target[:3], -15, (0, 2)), abs=1e-6)
+
+
+def test_the_round_arrow_turns_and_one_point_is_refused(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    select(space, 0, 1, 2, 3)
+    marks = space.page.page.locator(".dnb-ed-turn")
+    assert [marks.nth(k).is_visible() for k in range(3)] == [True, True, True]
+    box = marks.nth(AXIAL).locator(".dnb-ed-turn-disc").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    about = np.array(space.on_screen(AXIAL, pairs.target[:4].mean(axis=0)))
+    arm = np.array([x, y]) - about
+    to = about + np.array([-arm[1], arm[0]])  # a quarter
+    space.mouse.move(x, y)
+    space.mouse.down()
+    space.mouse.move(*((np.array([x, y]) + to) / 2), steps=3)
+    space.mouse.move(*to, steps=3)
+    assert space.editor.points == pairs  # an edit at its end only
+    space.mouse.up()
+    space.settled()
+    assert space.editor.points.target[:4] == pytest.approx(turned(pairs.target[:4], 90), abs=0.6)
+    press(space, "Control+z")
+    assert space.editor.points == pairs
+    select(space, 2)
+    assert not marks.first.is_visible()
+    press(space, ".")
+    assert space.editor.points == pairs
+    assert "two points or more" in space.page.page.locator(".dnb-ed-hint").inner_text()
+
+
+def test_the_menu_has_them_all(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    select(space, 0, 1)
+    space.page.page.locator("[data-command=more]").click()
+    items = space.page.page.locator(".dnb-ed-item > span:nth-of-type(1)")
+    assert items.all_inner_texts() == ["Mirror", "Mirror another way", "Snap to a lattice", "Turn left by 15\u00b0",
+                                       "Turn right by 15\u00b0"]
+    space.page.page.locator("[data-command=turn-right]").click()
+    space.settled()
+    assert space.editor.points.target[:2] == pytest.approx(turned(pairs.target[:2], 15), abs=1e-6)
+    space.page.page.locator("[data-command=more]").click()
+    space.page.page.locator("[data-command=mirror]").click()
+    space.settled()
+    assert space.editor.mirror == {"on": True, "axis": "x", "at": MIDDLE}
+
+
+# ---- the mirror -----------------------------------------------------------------------------------------------------
+
+
+def test_a_drag_moves_the_partner_on_the_other_side_of_the_plane(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    press_on = space.page.page.locator(".dnb-sp-stage").first
+    press_on.focus()
+    press(space, "m")
+    assert space.editor.mirror == {"on": True, "axis": "x", "at": MIDDLE}
+    lines = space.page.page.locator(".dnb-ed-axis-line")
+    shown = space.js("[...document.querySelectorAll('.dnb-ed-axis-line')].map((e) => getComputedStyle(e).visibility)")
+    assert shown == ["visible", "visible", "hidden"]  # it faces who looks from the side
+    k = space.scale(AXIAL)
+    box = lines.nth(AXIAL).bounding_box()
+    assert box["x"] + box["width"] / 2 == pytest.approx(space.on_screen(AXIAL, [MIDDLE, 38, 24])[0], abs=1)
+    space.drag(AXIAL, pairs.target[0], (-14, 20))
+    by = np.array([-14, 20, 0]) / k
+    after = space.editor.points
+    assert after.target[0] == pytest.approx(pairs.target[0] + by, abs=1e-6)
+    assert after.target[1] == pytest.approx(mirrored(after.target[0]), abs=1e-6)
+    assert np.array_equal(after.target[2:], pairs.target[2:])
+    press(space, "Control+z")
+    assert space.editor.points == pairs  # one step for both
+    space.drag(AXIAL, pairs.target[4], (18, 9))
+    assert space.editor.points.target[4] == pytest.approx([MIDDLE, 38 + 9 / k, 24], abs=1e-6)  # keeps to the plane
+    press(space, "Control+z")
+    space.page.page.locator("[data-id='2']").first.focus()
+    press(space, "Delete")
+    assert space.editor.points.ids == (0, 1, 4)
+    press(space, "m")
+    space.drag(AXIAL, pairs.target[0], (-14, 20))
+    assert np.array_equal(space.editor.points.target[1], pairs.target[1])
+
+
+def test_new_points_come_in_pairs_that_hold_what_is_there(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    space.page.page.locator(".dnb-sp-stage").first.focus()
+    press(space, "m")
+    space.mouse.dblclick(*space.on_screen(AXIAL, [0, 60, 24]))
+    space.settled()
+    points = space.editor.points
+    assert len(points) == 7
+    assert points.target[6] == pytest.approx(mirrored(points.target[5]), abs=1e-6)
+    assert points.source == pytest.approx(points.target, abs=1e-6)  # at rest, all of them
+
+
+def test_the_plane_can_lie_across_another_axis_and_be_dragged(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    space.page.page.locator(".dnb-sp-stage").first.focus()
+    press(space, "Shift+M")
+    assert space.editor.mirror["axis"] == "y"
+    assert space.editor.mirror["at"] == pytest.approx(38.2, abs=1e-9)
+    grip = space.page.page.locator("[data-mark='axis'] rect").first.bounding_box()
+    x, y = grip["x"] + grip["width"] / 2, grip["y"] + grip["height"] / 2
+    space.mouse.move(x, y)
+    space.mouse.down()
+    space.mouse.move(x, y + 16, steps=3)
+    space.mouse.up()
+    space.settled()
+    at = space.editor.mirror["at"]
+    assert at == pytest.approx(38.2 + 16 / space.scale(AXIAL), abs=1.1 / space.scale(AXIAL))
+    press(space, "ArrowUp", "Shift+ArrowDown")
+    assert space.editor.mirror["at"] == pytest.approx(at + 9 * 1.2, abs=1e-6)  # voxels of 1.2
+    space.mouse.move(*space.on_screen(AXIAL, [0, 60, 24]))
+    at = space.editor.mirror["at"]
+    press(space, "Escape")
+    space.drag(AXIAL, pairs.target[4], (10, 0))  # without a partner: gets one
+    points = space.editor.points
+    assert len(points) == 6
+    assert points.source[5] == pytest.approx(mirrored(pairs.source[4], 1, at), abs=1e-6)
+    assert points.target[5] == pytest.approx(mirrored(points.target[4], 1, at), abs=1e-6)
+
+
+# ---- the lattice ----------------------------------------------------------------------------------------------------
+
+
+def test_targets_keep_to_the_lattice_unless_alt_is_held(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    space.page.page.locator(".dnb-sp-stage").first.focus()
+    press(space, "Shift+N")
+    assert space.editor.snap == 4.0  # a sixteenth of 60, in voxels of 1
+    assert space.page.page.locator(".dnb-sp-nodes").first.get_attribute("d")
+    space.drag(AXIAL, pairs.target[0], (17, 23))
+    first = np.array([-20.0, 10.0])  # of the voxels
+    target = space.editor.points.target[0]
+    wanted = first + 4 * np.round((pairs.target[0, :2] + np.array([17, 23]) / space.scale(AXIAL) - first) / 4)
+    assert target == pytest.approx([*wanted, 24], abs=1e-6)
+    press(space, "Escape")
+    space.mouse.dblclick(*space.on_screen(AXIAL, [5, 57, 24]))
+    space.settled()
+    assert space.editor.points.target[5] == pytest.approx([4, 58, 24], abs=1e-6)
+    press(space, "Shift+N")
+    assert space.editor.snap == 0
+    assert not space.page.page.locator(".dnb-sp-nodes").first.get_attribute("d")
+
+
+# ---- what a page may say --------------------------------------------------------------------------------------------
+
+
+def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> None:
+    editor = SpaceEditor(waves())
+    for name, value in (("mirror", {"on": True, "axis": "a", "at": 0}), ("mirror", 3), ("snap", -1), ("snap", "1"),
+                        ("stop_at_folds", True)):
+        editor.set_state({name: value})
+        assert f"the trait '{name}' from the page was dropped" in caplog.text
+        caplog.clear()
+    good = {"on": True, "axis": "z", "at": 7.5}
+    editor.set_state({"mirror": good, "snap": 2.5})
+    assert (editor.mirror, editor.snap) == (good, 2.5)
+    with pytest.raises(Exception, match=r'axis "x" or "y" or "z"'):
+        editor.mirror = {"on": True, "axis": "b", "at": None}
+    editor.close()
