@@ -97,10 +97,10 @@ REPLACED = {
     **{f"texPosPvec[{k}] = texPos + {x}vec;":
        f"vec3 dnb_{x} = dnb_look(texPos + {x}vec, dnb_home) - dnb_at; dnb_fade_p.{x} = dnb_seen; "
        f"dnb_fade_n.{x} = clamp(2.0 * dnb_open - dnb_seen, 0.0, 1.0); "
-       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_high.{x});"
+       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
        for k, x in enumerate(_AXES)},
     **{f"texPosNvec[{k}] = texPos - {x}vec;":
-       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_low.{x}, texPos.{x} - {x}vec.{x});"
+       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
        for k, x in enumerate(_AXES)},
     **{f"{g}.{x} = texture3D(volume, vec3(texPos{side}vec[{k}]))[c];":
        f"{g}.{x} = dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"

@@ -283,7 +283,8 @@ class VtkScene:
 
     def _apply_clip(self) -> None:
         if self._warp is not None:
-            self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice)
+            is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
+            self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice, is_cut)
         elif self._actor is not None:
             self._actor.mapper.RemoveAllClippingPlanes()
             for plane in clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)):

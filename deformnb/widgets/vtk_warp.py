@@ -26,6 +26,8 @@ from deformnb.widgets.vtk_folds import fold_glsl, fold_step
 
 Float3 = NDArray[np.float64]
 
+_BARE = 1.5  # voxels, beside the one that a slope reaches
+
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
 _HOOK = "//VTK::ComputeGradient::Dec"
 _REPLACED = {
@@ -33,10 +35,10 @@ _REPLACED = {
         "texture3D(in_volume[0], dnb_at = dnb_inside(dnb_warp(g_dataPos), g_dataPos))",
     **{f"texPosPvec[{k}] = texPos + {x}vec;":
        f"vec3 dnb_{x} = dnb_warp(texPos + {x}vec) - dnb_at; "
-       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_high.{x});"
+       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
        for k, x in enumerate("xyz")},
     **{f"texPosNvec[{k}] = texPos - {x}vec;":
-       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_low.{x}, texPos.{x} - {x}vec.{x});"
+       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
        for k, x in enumerate("xyz")},
 }
 
@@ -122,9 +124,10 @@ class VolumeWarp:
         u.SetUniformf("dnb_fold_row", 0.0)
         for name in ("dnb_column", "dnb_row", "dnb_depth", "dnb_cut_column", "dnb_cut_row"):
             u.SetUniform4f(name, [0.0] * 4)
-        for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low", "dnb_fold_step"):
+        for name in ("dnb_right", "dnb_down", "dnb_scale", "dnb_shift", "dnb_low", "dnb_bare_low", "dnb_fold_step"):
             u.SetUniform3f(name, [0.0] * 3)
         u.SetUniform3f("dnb_high", [1.0] * 3)
+        u.SetUniform3f("dnb_bare_high", [1.0] * 3)
         for name in ("dnb_edges", "dnb_knots", "dnb_cut_edges", "dnb_cut_scale"):
             u.SetUniform2f(name, [0.0] * 2)
 
@@ -156,12 +159,21 @@ class VolumeWarp:
         for theirs, replacement in (replaced | _REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 
-    def set_box(self, low: Float3, high: Float3, lattice: Grid) -> None:
-        """What can be seen: a box of indices (i, j, k) of the sampled lattice, from whose edges VTK starts."""
+    def set_box(self, low: Float3, high: Float3, lattice: Grid, is_cut: Float3 | None = None) -> None:
+        """What can be seen: a box of indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
+
+        Parameters
+        ----------
+        is_cut : (2, 3), 1 for each side, first the low ones, that is a cut through what is there. Its face is lit
+            deeper than a slope reaches: an even inside has none, and VTK leaves that dark.
+        """
         n = np.asarray(lattice.shape[::-1])
         self._is_boxed = bool((low > 1e-6).any() or (high < n - 1 - 1e-6).any())
         self._uniforms.SetUniform3f("dnb_low", ((low - 1e-4 + 0.5) / n).tolist())
         self._uniforms.SetUniform3f("dnb_high", ((high + 1e-4 + 0.5) / n).tolist())
+        bare = np.zeros((2, 3)) if is_cut is None else _BARE * is_cut
+        self._uniforms.SetUniform3f("dnb_bare_low", ((low - 1e-4 + 0.5 + bare[0]) / n).tolist())
+        self._uniforms.SetUniform3f("dnb_bare_high", ((high + 1e-4 + 0.5 - bare[1]) / n).tolist())
         self._inject(*self._what)
 
     def set_strength(self, strength: float) -> None:
