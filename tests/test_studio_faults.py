@@ -20,6 +20,7 @@ from deformnb.session import Session
 from deformnb.widgets import LiveView, Studio
 from deformnb.widgets.controls import Panel, fill
 from deformnb.widgets.save_button import SaveButton
+from deformnb.widgets.stills import PREVIEW_SIZE, from_png
 from deformnb.widgets.studio_parts import latency_text
 
 
@@ -275,6 +276,23 @@ def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None
     files.said.value = ""
     files.write.click()  # its own by now
     wait_for(lambda: files.said.value.startswith("Wrote"))
+
+
+def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    drag(studio, a_drag(studio, 6.0))
+
+    def full(*_given: Any) -> None:
+        raise AssertionError("a picture of all voxels")
+    monkeypatch.setattr(LiveView, "still", full)
+    bundle = studio._repr_mimebundle_()
+    shown = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
+    assert shown.shape[1] == 2 * PREVIEW_SIZE[0]
+    for part in (shown[:, : PREVIEW_SIZE[0]], shown[:, PREVIEW_SIZE[0] :]):
+        assert part.std() > 8
+    studio.session.reset()
+    bundle = studio._repr_mimebundle_()
+    before = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
+    assert before.shape != shown.shape or np.abs(before.astype(int) - shown).max() > 60  # it shows what was dragged
 
 
 # -- saving ------------------------------------------------------------------------------------------------------------

@@ -31,7 +31,6 @@ from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.restore_bar import RestoreBar
 from deformnb.widgets.save_button import SaveButton
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.stills import as_png
 from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_edits import StudioEdits
 from deformnb.widgets.studio_link import StudioLink
@@ -344,4 +343,4 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        return with_png(super()._repr_mimebundle_(**options), lambda: as_png(self.still()))
+        return with_png(super()._repr_mimebundle_(**options), lambda: parts.preview_png(self.editor, self.view))

@@ -19,6 +19,7 @@ from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.judgement import Judgement
 from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.stills import PREVIEW_SIZE, as_png
 from deformnb.widgets.studio_editors import StudioEditors, make_editor
 from deformnb.widgets.studio_link import followed_step
 from deformnb.widgets.view import AbstractView
@@ -160,3 +161,17 @@ def side_by_side(editor: Any, view: AbstractView, width: int) -> NDArray[np.uint
     height = round(width / 2 * left.height / left.width)
     left = left.resize((width // 2, height), Image.Resampling.LANCZOS)
     return np.concatenate([np.asarray(left), view.still((width - width // 2, height))], axis=1)
+
+
+def preview_png(editor: Any, view: Any) -> bytes:
+    """Picture and volume side by side as a PNG, from few voxels: it is made before the studio is shown."""
+    from PIL import Image
+
+    left = Image.open(io.BytesIO(editor.preview_png())).convert("RGB")
+    small = view.preview_png() if hasattr(view, "preview_png") else as_png(view.still(PREVIEW_SIZE))
+    right = Image.open(io.BytesIO(small)).convert("RGB")
+    left = left.resize((right.width, round(right.width / left.width * left.height)), Image.Resampling.LANCZOS)
+    whole = Image.new("RGB", (left.width + right.width, max(left.height, right.height)), left.getpixel((0, 0)))
+    for image, x in ((left, 0), (right, left.width)):
+        whole.paste(image, (x, (whole.height - image.height) // 2))
+    return as_png(np.asarray(whole))
