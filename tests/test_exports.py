@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from deformnb import exports
 from deformnb.deformation import Keyframe
 from deformnb.errors import Cancelled, DeformError, VolumeFileError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
@@ -19,6 +18,7 @@ from deformnb.io.formats import FORMATS, read_volume
 from deformnb.opening import as_deformation, as_volume, best_view
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.live_view import LiveView
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_pa
 
 def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tmp_path: Path,
                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exports, "available_memory", lambda: 3000)
+    monkeypatch.setattr("deformnb.session.available_memory", lambda: 3000)
     with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []
@@ -120,6 +120,119 @@ def test_a_suffix_that_says_nothing_is_refused_with_those_that_do(session: Sessi
     with pytest.raises(DeformError, match=r"movie \.gif"):
         export(session, tmp_path / "egg.exe")
     assert export_for("a/b/EGG.NII.GZ") is EXPORTS["volume"]
+
+
+# -- the box of the result, and what a view shows ----------------------------------------------------------------------
+
+
+def cut_off(session: Session) -> Session:
+    """The egg dragged out of its box to the left, and a box that is large enough."""
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, middle + np.array([26.0, 0.0])))
+    assert session.sides_left() == ("left (+x)",)
+    assert session.fit_output()
+    return session
+
+
+def test_a_volume_is_written_on_the_grid_of_the_result(session: Session, tmp_path: Path) -> None:
+    written = read_volume(export(cut_off(session), tmp_path / "egg.nrrd"))
+    assert written.grid.is_like(session.box)
+    assert_array_equal(written.values, session.result().values)
+    assert (written.values[:, :, 20:] > 100).any()  # beyond the volume
+
+
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_pictures_and_movies_show_what_lies_beyond_the_volume(session: Session, tmp_path: Path, is_seen: bool,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    monkeypatch.setattr("deformnb.exports._FRAMES", 2)
+    view = LiveView(cut_off(session).volume)
+    view.set_camera((0, 1, 0))
+    looks: dict[str, Any] = {"seen": view.seen()} if is_seen else {"camera": {"direction": (0, 1, 0)}}
+    paths = [export(session, tmp_path / name, size=(240, 120), **looks) for name in ("egg.png", "egg.gif")]
+    for path in paths:
+        with Image.open(path) as image:
+            image.seek(getattr(image, "n_frames", 1) - 1)  # dragged all the way
+            grey = np.asarray(image.convert("L")).astype(int)
+        seen = np.flatnonzero((np.abs(grey - grey[0, 0]) > 25).any(axis=0))
+        # x runs to the right; the picture is as high as the box or as wide: the egg ends where its voxels do.
+        lit = np.flatnonzero((session.result().values > 100).any(axis=(0, 1)))
+        nx, share = session.box.shape[2], 1.02 if not is_seen else None
+        if share is not None:
+            wanted = 120 + (np.array([lit[0] - 0.5, lit[-1] + 0.5]) - (nx - 1) / 2) * 240 / (share * nx)
+            assert np.abs(seen[[0, -1]] - wanted).max() < 240 / nx
+        middle = (lit[0] + lit[-1]) / 2 - (nx - 1) / 2
+        assert np.sign((seen[0] + seen[-1]) / 2 - 120) == np.sign(middle)
+    view.close()
+
+
+def test_the_picture_before_has_the_same_box(session: Session, tmp_path: Path) -> None:
+    """The drawing puts both side by side at one scale."""
+    path = export(cut_off(session), tmp_path / "egg.svg")
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("look", [
+    {"camera": {"direction": (0, 1, 0), "zoom": 2.0}},
+    {"camera": {"direction": (0, 1, 0), "zoom": 1.0, "pan": (9.0, 3.0)}},
+    {"camera": {"direction": (0.4, 1, -0.3), "perspective": True}},
+    {"projection": "composite"}, {"background": "light"}, {"shows": "original"},
+    {"shows": "side_by_side"}, {"clip": ((0.0, 0.4), (0.0, 1.0), (0.3, 1.0))},
+])
+def test_a_rendering_shows_what_the_view_shows(session: Session, tmp_path: Path, look: dict[str, Any]) -> None:
+    from PIL import Image
+
+    size = (200, 150)
+    plain = LiveView(session.volume, projection="mip")
+    view = LiveView(session.volume, **{"projection": "mip", **look})
+    for shown in (plain, view):
+        shown.show_deformation(session.field())
+    path = export(session, tmp_path / "egg.png", seen=view.seen(), size=size)
+    made = np.asarray(Image.open(path)).astype(float)
+    alike, other = (np.abs(made - v.still(size)).mean() for v in (view, plain))
+    assert made.shape == (150, 200, 3)
+    assert alike < 8
+    assert other > 1.5 * alike  # so it is no accident
+    for shown in (plain, view):
+        shown.close()
+
+
+def test_a_movie_has_the_size_the_rate_and_the_looks_asked_for(session: Session, tmp_path: Path,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL import Image
+
+    monkeypatch.setattr("deformnb.exports._FRAMES", 4)
+    view = LiveView(session.volume, background="light", projection="mip")
+    path = export(session, tmp_path / "egg.gif", seen=view.seen(), size=(96, 64), fps=10)
+    with Image.open(path) as gif:
+        assert (gif.size, gif.n_frames, gif.info["duration"]) == ((96, 64), 4, 100)
+        frames = []
+        for k in range(4):
+            gif.seek(k)
+            frames.append(np.asarray(gif.convert("RGB")).astype(int))
+    assert all(frame[0, 0].min() > 200 for frame in frames)  # light
+    assert np.abs(frames[0] - frames[2]).max() > 30  # from not at all to all the way
+    assert np.abs(frames[1] - frames[3]).max() <= 8  # and back; a palette may differ a little
+    view.close()
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"size": (8, 100)}, "whole pixels from 16"), ({"size": (100.5, 100)}, "whole pixels"), ({"size": 100}, "whole"),
+    ({"size": (100, 10**6)}, "to 8192"), ({"fps": 0}, "more than 0"), ({"fps": np.nan}, "at most 120"),
+    ({"fps": True}, "pictures a second"),
+])
+def test_sizes_and_rates_that_are_none_are_refused(session: Session, tmp_path: Path, options: dict[str, Any],
+                                                   message: str) -> None:
+    with pytest.raises(DeformError, match=message):
+        export(session, tmp_path / "egg.gif", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_script_names_the_file_that_was_opened(session: Session, tmp_path: Path) -> None:
+    session.source = 'dn.read_volume("scans/egg.nrrd")'
+    assert 'volume = dn.read_volume("scans/egg.nrrd")\n' in export(session, tmp_path / "egg.py").read_text("utf-8")
 
 
 # -- what a session begins with ----------------------------------------------------------------------------------------

@@ -238,7 +238,7 @@ class MovieControls:
 
     def _start(self) -> None:
         path = self._folder / plain_name(self.name.value)
-        frozen = Frozen.of(self._session, dict(self._view.camera))
+        frozen = Frozen.of(self._session, self._view.seen())
         fps = float(self.fps.value)
         self._stop.clear()
         self._is_writing = True

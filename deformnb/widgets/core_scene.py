@@ -8,6 +8,7 @@ from typing import Any
 from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.exports import Seen
 from deformnb.fields import AbstractField
 from deformnb.render import gl_status
 from deformnb.transfer import TransferFunction, preset
@@ -132,3 +133,14 @@ def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, m
         return VtkScene(volume, size, method=method, map_size=map_size, space_size=space_size, **looks), ""
     notice = f"{found}. The package draws the pictures itself, which is slower. For VTK: {remedy}." if found else ""
     return CoreScene(volume, size, **looks), notice
+
+
+def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, int],
+                  seen: Seen) -> VtkScene | CoreScene:
+    """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
+    scene, _ = make_scene(volume, size, transfer=transfer, projection=seen.projection, background=seen.background)
+    scene.set_camera(dict(seen.camera))
+    scene.set_shows(seen.shows)
+    scene.set_clip(seen.clip)
+    scene.folding.show = seen.show_folds
+    return scene

@@ -26,7 +26,7 @@ from deformnb.widgets.worker import Worker
 
 _PAGE = (".html",)
 
-WritePage = Callable[[Path], None]
+WritePage = Callable[..., None]
 
 
 class FilesPanel(Panel):
@@ -88,7 +88,7 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        frozen = Frozen.of(self.session, dict(self._view.camera))
+        frozen = Frozen.of(self.session, self._view.seen())
         if os.path.lexists(path) and path not in self._own:
             self.said.value = ""
             doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
@@ -110,7 +110,7 @@ class FilesPanel(Panel):
         said = ""
         try:
             if path.name.lower().endswith(_PAGE):
-                self._write_page(path)
+                self._write_page(path, progress=self._progress)
             else:
                 export(frozen, path, progress=self._progress)
             self._own.add(path)

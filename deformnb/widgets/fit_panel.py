@@ -159,7 +159,7 @@ class FitPanel(Panel):
 
     def _chosen(self, change: Any) -> None:
         key = change["new"]
-        if key != self.target.key and self._refreshing != threading.get_ident():
+        if key != self.target.key and self._refreshing.depth == 0:
             self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
             self._thread.call(lambda: self._finish(lambda: self._choose(key)))
 

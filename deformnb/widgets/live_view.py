@@ -6,6 +6,10 @@ of a ray, as the paper does on its graphics card.
 
 from __future__ import annotations
 
+import threading
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import anywidget
@@ -23,9 +27,10 @@ from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import count_maps, differ_only_in
+from deformnb.widgets.fine_window import fine_window, is_fine_enough
 from deformnb.widgets.live_pages import OF_PAGE, AnswersPages
 from deformnb.widgets.refit import check_map, state_followed
-from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume
+from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume, whole_window
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, preview_png, render_scene
@@ -38,6 +43,8 @@ _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits
           "frame_loop.js", "cut_layers.js", "field_link.js", "scale_bar.js", "live_parts.js", "orientation.js",
           "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js",
           "live_page.js", "live_view.js")
+
+_REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
 
 
 class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
@@ -102,6 +109,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         self._meet_pages()
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
         self._preview: tuple[Scene, bytes] | None = None
+        self._sharpener: threading.Timer | None = None
         self._transfer: TransferFunction | None = None
         self._wanted_transfer = transfer
         super().__init__(**traits)
@@ -117,7 +125,8 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         Parameters
         ----------
         window : values that are told apart; default is the whole range for bytes, and up to the densest matter (all
-            but the brightest 1 in 10 000) for other types.
+            but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
+            that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
         """
         self._put(volume, window, None, None, None)
         self._offer()
@@ -126,12 +135,46 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
-            shown = shown_volume(volume, self._limit, self._largest, window)
+            function = _function(self._wanted_transfer, volume)
+            narrow = self._fine(function, volume) if window is None else None
+            shown = shown_volume(volume, self._limit, self._largest, narrow or window)
+            if narrow is not None:
+                low, high = whole_window(volume)
+                shown = replace(shown, share=(narrow[1] - narrow[0]) / (high - low))
             self._volume, self._window, self._pieces = volume, window, Pieces(shown)
             self._hold(field, output, followed)
-            self.set_transfer(self._wanted_transfer)
             self.label = f"Volume {volume.name}".strip()
-            self.volume_info = shown.info()
+            self.volume_info = shown.info()  # before the colours: a page keeps the old ones until the voxels have come
+            self.set_transfer(self._wanted_transfer)
+
+    def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
+        """The part of the values that bytes shall tell apart, if not all; a maximum projection shows all."""
+        return None if self.projection == "mip" else fine_window(function, volume, whole_window(volume))
+
+    @traitlets.observe("projection")
+    def _colours_changed(self, _change: Any = None) -> None:
+        """Once nothing has changed for a while, send the voxels in finer levels if the colours need them."""
+        timer, self._sharpener = self._sharpener, None
+        if timer is not None:
+            timer.cancel()
+        if self._needs_other_levels():
+            self._sharpener = threading.Timer(_REST, _weakly(self, LiveView._sharpen))
+            self._sharpener.daemon = True
+            self._sharpener.start()
+
+    def _needs_other_levels(self) -> bool:
+        volume, shown, function = self._volume, self._shown, self._transfer
+        if volume is None or shown is None or function is None or self._window is not None:
+            return False
+        whole = whole_window(volume)
+        if self.projection == "mip":
+            return shown.window != whole
+        return not is_fine_enough(function, volume, shown.window, whole)
+
+    def _sharpen(self) -> None:
+        with self._lock:
+            if self._volume is not None and self._needs_other_levels():
+                self._put_again()
 
     @property
     def shown_output(self) -> Grid | None:
@@ -196,7 +239,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         self._wanted_transfer = transfer
         if self._volume is None or self._shown is None:
             return
-        function = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+        function = _function(transfer, self._volume)
         self._transfer = function
         table = function.table(*self._shown.window, function.unit)  # alphas as they are; the page fits them to steps
         with self.hold_sync():
@@ -204,6 +247,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
             self.table = np.ascontiguousarray(table, "<f4").tobytes()
         if self._stand_in is not None:
             self._stand_in.set_transfer(function)
+        self._colours_changed()
 
     def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
                    zoom: float | None = None, *, perspective: bool | None = None) -> None:
@@ -211,12 +255,15 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
+    def _shade(self) -> str:
+        return self._page_theme if self.background == "auto" else self.background
+
     def _scene(self) -> Scene:
         shown = self._ready()
         assert self._transfer is not None
         with self._lock:
             field, output = self._at_present(self._field), self._output
-        background = self._page_theme if self.background == "auto" else self.background
+        background = self._shade()
         return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows,
                      self.clip)
 
@@ -253,5 +300,23 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
 
     def close(self) -> None:
         """Leave the pages, and end what draws for those that cannot."""
+        if self._sharpener is not None:
+            self._sharpener.cancel()
         self._draw_no_more()
         super().close()
+
+
+def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:
+    return preset(transfer, volume) if isinstance(transfer, str) else transfer
+
+
+def _weakly(view: LiveView, method: Callable[[LiveView], None]) -> Callable[[], None]:
+    """Calls a method of a view that is still there: a timer keeps none alive."""
+    held = weakref.ref(view)
+
+    def call() -> None:
+        alive = held()
+        if alive is not None:
+            method(alive)
+
+    return call

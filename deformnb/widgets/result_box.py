@@ -55,7 +55,7 @@ class ResultBox(Panel):
             value=self._length, min=0.0, max=4 * session.volume.grid.diagonal, step=1.0, continuous_update=False,
             description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels")
-        self.words = ipw.Label("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
+        self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
         self.choice = self.add(menu("Result box", self._options(),
                                     "What can be seen, and what the result holds: matter dragged out of this box is "
                                     "cut off"), self._chosen, self._choose)
@@ -119,7 +119,7 @@ class ResultBox(Panel):
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels, {human_bytes(grid.size * volume.dtype.itemsize)}"]
         if self._left:
-            facts.append(f"cut off on the {_listed(self._left)}")
+            facts.append(f"cut off at the {_listed(self._left)}")
         self.words.value = "; ".join(facts)
 
     # -- in the studio's thread ----------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ class ResultBox(Panel):
         left = session.sides_left() if _moves(session.deformation) else ()
         is_new, self._left = bool(left) and not self._left, left
         if is_new:
-            text = (f"Matter leaves the box on the {_listed(left)} and is cut off: choose “as large as needed” for the "
+            text = (f"Matter leaves the box at the {_listed(left)} and is cut off: choose “as large as needed” for the "
                     "result box, in Files.")
             session.notice = f"{session.notice} {text}".strip()
         self.refresh()

@@ -15,6 +15,7 @@ import html
 import json
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +27,7 @@ from deformnb.document import to_json
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion, extrude
 from deformnb.fields import AbstractField, Composed, Identity
-from deformnb.io.atomic import atomic_write
+from deformnb.io.atomic import atomic_write, check_target
 from deformnb.kernels import KERNELS
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
@@ -40,6 +41,8 @@ from deformnb.widgets.refit import with_map
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import as_png, render_scene
 from deformnb.widgets.view import SHOWS
+
+Progress = Callable[[float], None]
 
 LIMIT = 128**3
 """Voxels in a file at most, if nothing else is said: about a megabyte."""
@@ -59,7 +62,7 @@ _NOT_FOR_THE_PAGE = ("comm", "layout", "tabbable", "tooltip")
 
 
 def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str = "", about: str = "",
-                    limit: int = LIMIT) -> str:
+                    limit: int = LIMIT, progress: Progress | None = None) -> str:
     """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
 
     Parameters
@@ -70,6 +73,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     title : of the page; default is the volume's name.
     about : a line under the title.
     limit : voxels in the page at most; a larger volume is averaged and the page says so.
+    progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
     -------
@@ -89,7 +93,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     >>> "<title>A &lt; B</title>" in page
     True
     """
-    part = None if view is None else _view_part(editor, view, limit)
+    tell = progress or _silent
+    part = None if view is None else _view_part(editor, view, _checked_limit(limit), tell)
     name = title or (part.volume.name if part else "") or "Deformation"
     data = {
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
@@ -103,7 +108,19 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
                joined("elements.js", "camera.js", "clipping.js", *CLIP_FILES, "plain_model.js", "standalone.js")]
     styles = [Editor._css, *([LiveView._css] if part else []), style(*CLIP_STYLES, "standalone.css")]
     texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
-    return _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
+    page = _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
+    tell(1.0)
+    return page
+
+
+def _checked_limit(limit: int) -> int:
+    if isinstance(limit, bool) or not isinstance(limit, int | np.integer) or limit < 1:
+        raise DeformError(f"the limit of a page is a whole number of voxels, at least 1, got {limit!r:.40}.")
+    return int(limit)
+
+
+def _silent(_share: float) -> None:
+    """Nobody watches."""
 
 
 def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveView | None = None, *,
@@ -116,6 +133,7 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
     editor, view, options : as in :func:`standalone_html`.
     overwrite : whether an existing file may be replaced.
     """
+    check_target(path, overwrite=overwrite)  # before the work
     text = standalone_html(editor, view, **options).encode("utf-8")
     with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
         stream.write(text)
@@ -144,18 +162,25 @@ class _ViewPart:
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
 
-def _view_part(editor: Editor, view: LiveView, limit: int) -> _ViewPart:
+def _view_part(editor: Editor, view: LiveView, limit: int, tell: Progress) -> _ViewPart:
     volume = view._volume
     if volume is None:
         raise DeformError("the view shows no volume yet; call show(volume) first.")
     field, index = _linked(editor, view, volume)
-    shown = shown_volume(volume, limit, _LARGEST, view._window)
-    shown = replace(shown, id=_digest(shown))
+    tell(0.05)
+    seen = view._ready()  # the same bytes: the colours of the page are of them
+    shown = shown_volume(volume, limit, _LARGEST, seen.window)
+    shown = replace(shown, share=seen.share, id=_digest(shown))
+    tell(0.2)
     maps = card_maps(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
-    chunks = [_chunk(shown, k) for k in range(shown.chunks)]
+    chunks = []
+    for k in range(shown.chunks):
+        chunks.append(_chunk(shown, k))
+        tell(0.2 + 0.5 * (k + 1) / shown.chunks)
     scene = replace(view._scene(), shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
+    tell(0.9)
     return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
                      scene.background, still)
 

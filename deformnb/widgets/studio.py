@@ -268,20 +268,40 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
-    def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None) -> Path:
-        """Write a file; its suffix chooses what: see :data:`deformnb.exports.EXPORTS`, and ``.html`` for a page."""
-        if Path(path).suffix.lower() == ".html":
-            self.export_html(path)
-            return Path(path)
-        return export(self.session, path, camera=dict(self.view.camera), progress=progress)
+    def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None, *,
+               size: tuple[int, int] | None = None, fps: float = 24.0) -> Path:
+        """Write a file; its suffix chooses what: see :data:`deformnb.exports.EXPORTS`, and ``.html`` for a page.
 
-    def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "") -> None:
-        """Write one offline file in which the volume still deforms, without a kernel."""
-        from deformnb.widgets.standalone import write_standalone
+        Parameters
+        ----------
+        progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
+        size : (width, height) in pixels of renderings and movies, which show what the view shows: its camera,
+            projection, clip, background, and whether the original stands beside; default is 1600 x 1200, and 640 x 480
+            for movies.
+        fps : pictures a second of movies.
+        """
+        if Path(path).suffix.lower() == ".html":
+            self.export_html(path, progress=progress)
+            return Path(path)
+        return export(self.session, path, seen=self.view.seen(), size=size, fps=fps, progress=progress)
+
+    def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "", limit: int | None = None,
+                    overwrite: bool = True, progress: Callable[[float], None] | None = None) -> None:
+        """Write one offline file in which the volume still deforms, without a kernel.
+
+        Parameters
+        ----------
+        title, about : of the page; a line under the title.
+        limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
+        overwrite : whether an existing file may be replaced.
+        progress : as of :meth:`export`.
+        """
+        from deformnb.widgets.standalone import LIMIT, write_standalone
 
         editor, view = parts.last_step(self.session, self._editors.plane, self.view)
         try:
-            write_standalone(path, editor, view, title=title or self.volume.name, about=about)
+            write_standalone(path, editor, view, title=title or self.volume.name, about=about, overwrite=overwrite,
+                             limit=LIMIT if limit is None else limit, progress=progress)
         finally:
             close_all(editor)
             close_all(view)

@@ -83,10 +83,11 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme = editor.density, editor.theme
     live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
-    live.camera, live.shows = dict(view.camera), view.shows
-    if view.has_trait("projection"):
-        live.projection = view.projection
-    live.follow(shown, whole.field(), whole.key)
+    live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
+    for name in ("projection", "background", "show_folds"):
+        if view.has_trait(name):
+            setattr(live, name, getattr(view, name))
+    live.follow(shown, whole.field(), whole.key, output=whole.output)
     return shown, live
 
 

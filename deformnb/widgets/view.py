@@ -18,6 +18,9 @@ from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 
+if TYPE_CHECKING:
+    from deformnb.exports import Seen
+
 Image = NDArray[np.uint8]
 
 SHOWS = {
@@ -235,6 +238,18 @@ class AbstractView(ABC):
         x, y, z : lowest and highest share of the box along that index axis, from 0 to 1; None keeps them.
         """
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
+
+    def seen(self) -> Seen:
+        """What this view shows now, apart from the deformation: what a picture in a file needs to show the same."""
+        from deformnb.exports import Seen
+        from deformnb.widgets.core_scene import scene_as_seen
+
+        looks = {name: getattr(self, name) for name in ("camera", "projection", "show_folds") if hasattr(self, name)}
+        return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen, **looks)
+
+    def _shade(self) -> str:
+        """The background on the page, "dark" or "light"."""
+        return "light" if getattr(self, "background", "") == "light" else "dark"
 
     @abstractmethod
     async def screenshot(self, timeout: float = 10.0) -> Image:

@@ -26,6 +26,7 @@ from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.standalone import write_standalone
+from deformnb.widgets.studio import Studio
 
 pytestmark = pytest.mark.needs_browser
 
@@ -431,3 +432,44 @@ def _lit(opened: Opened) -> NDArray[np.bool_]:
     data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.canvas.toDataURL('image/png').split(',')[1]; }}")
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     return np.asarray(image.max(axis=2) > 64)
+
+
+def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any, tmp_path: Path) -> None:
+    """Matter dragged out of the volume, seen whole because the result has a larger box; the page's own drags too."""
+    studio = Studio(bar_with_a_ball(), side="+y", transfer="surface")
+    page = None
+    try:
+        centre = studio.session.points.source.mean(axis=0)
+        studio.session.edit_points(studio.session.points.add(centre, centre + np.array([30.0, 0.0])))
+        cut_off = studio.session.sides_left()
+        assert len(cut_off) == 1
+        assert studio.session.fit_output()
+        studio.view.background = "dark"
+        studio.view.set_camera(PLANE.normal, [-c for c in PLANE.v])
+        shares: list[float] = []
+        path = tmp_path / "studio.html"
+        studio.export_html(path, title="In its box", progress=shares.append)
+        assert shares == sorted(shares)
+        assert (shares[0] < 0.1, shares[-1]) == (True, 1.0)
+        page = Opened(browser, path, (940, 560), "")
+        page.loaded()
+        assert page.page.title() == "In its box"
+        start = page.volume()
+        size = (start.shape[1], start.shape[0])
+        whole = silhouette(studio.view.still(size))
+        studio.view.show_deformation(studio.session.field())  # in the volume's own box
+        assert dice(silhouette(start), whole) > 0.95
+        assert dice(silhouette(start), silhouette(studio.view.still(size))) < 0.9
+        page.drag(studio.session.points.target[4], (0, 30))
+        assert (page.points().target[4] - studio.session.points.target[4])[1] > 1
+        assert middle_moved(start, page.volume())[1] > 1
+        assert page.errors == []
+    finally:
+        if page is not None:
+            page.context.close()
+        studio.close()
+
+
+def middle_moved(before: NDArray[Any], after: NDArray[Any]) -> NDArray[np.float64]:
+    """How far what is bright has gone, in pixels to the right and down."""
+    return middle(after) - middle(before)
