@@ -8,6 +8,7 @@ import io
 import json
 import logging
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -311,6 +312,62 @@ def test_only_fields_in_space_and_extrusions_to_be_edited() -> None:
         view.follow(None, field, 1)
     with pytest.raises(DeformError, match="does not end with one"):
         view.follow(view, DisplacementField.sample(field, GRID))
+
+
+NARROW = TransferFunction(((1000, 0, 0, 0), (1600, 1, 1, 1)), ((1000, 0), (1600, 0.5)))
+
+
+def ramp() -> Volume:
+    """Whole numbers from 0 to 4095, each once."""
+    return Volume(np.arange(4096, dtype=np.int16).reshape(16, 16, 16), Grid((16, 16, 16)))
+
+
+def levels_within(view: LiveView, low: int, high: int) -> int:
+    assert view._shown is not None
+    return len(np.unique(view._shown.volume.values.ravel()[low : high + 1]))
+
+
+def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest() -> None:
+    view = Recorded(ramp())
+    whole = view._shown.window  # type: ignore[union-attr]
+    assert levels_within(view, 1000, 1600) < 45
+    view.set_transfer(NARROW)
+    first = view.volume_info["id"]
+    assert view._sharpener is not None
+    view._sharpener.join(30)
+    assert view.volume_info["id"] != first
+    low, high = view._shown.window  # type: ignore[union-attr]
+    assert (low, high) == pytest.approx((970, 1630))
+    assert levels_within(view, 1000, 1600) > 225
+    assert view.volume_info["note"] == "finer greys from 970 to 1630"
+    assert view.volume_info["share"] == pytest.approx(660 / (whole[1] - whole[0]))
+    np.testing.assert_allclose(np.frombuffer(view.table, "<f4").reshape(256, 4), NARROW(np.linspace(low, high, 256)),
+                               atol=1e-6)
+    second = view.volume_info["id"]
+    view.set_transfer(replace(NARROW, opacities=((1020, 0), (1500, 0.5))))
+    assert view._sharpener is None  # it will do
+    view.set_transfer("specimen")
+    view._sharpener.join(30)
+    assert view.volume_info["id"] != second
+    assert view._shown.window == whole  # type: ignore[union-attr]
+    assert view.volume_info["note"] == ""
+
+
+def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
+    view = Recorded(ramp(), transfer=NARROW)
+    assert view._shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
+    plane = Plane.along(view._volume.grid, "+y")
+    view.show_deformation(Deformation.on_picture(view._volume.grid, plane, points(view._volume.grid, plane)))
+    field = view._field
+    view.projection = "mip"  # which shows all values
+    view._sharpener.join(30)  # type: ignore[union-attr]
+    assert view._shown.share == 1.0  # type: ignore[union-attr]
+    assert view._field is field
+    view.show(ramp(), window=(0.0, 4000.0))  # the user's own choice
+    view.projection = "shaded"
+    assert view._sharpener is None
+    flat = Recorded(ball(), transfer=TransferFunction(((90, 0, 0, 0), (99, 1, 1, 1)), ((90, 0), (99, 1))))
+    assert flat._shown.share == 1.0  # type: ignore[union-attr]  # bytes are told apart as they are
 
 
 def test_colours_are_those_of_the_values() -> None:

@@ -203,10 +203,15 @@ class AnswersPages(AbstractMoments):
             size = None if self._shown is None else self._shown.volume.grid
             if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
                 return False
-            moments = self._moments
-            self._put(self._volume, self._window, self._field, self._output, self._followed)
-            self._moments = moments
+            self._put_again()
         return True
+
+    def _put_again(self) -> None:
+        """Show the same, with the voxels made ready anew."""
+        assert self._volume is not None
+        moments = self._moments
+        self._put(self._volume, self._window, self._field, self._output, self._followed)
+        self._moments = moments
 
     def _take_theme(self, content: dict[str, Any]) -> None:
         if content.get("background") in ("dark", "light"):

@@ -40,6 +40,7 @@ class ShownVolume:
     id : of this content, so that late pieces of another one are dropped.
     outside : the byte that lies outside the volume.
     white : share of the window that is white in a maximum projection.
+    share : of all values of interest that the window holds; 1 shows them all.
     """
 
     volume: Volume
@@ -49,10 +50,16 @@ class ShownVolume:
     id: str
     outside: int
     white: float
+    share: float = 1.0
 
     @property
     def note(self) -> str:
         """What the user must know: "shown at 1/2"."""
+        fine = f"finer greys from {self.window[0]:.4g} to {self.window[1]:.4g}" if self.share < 1 else ""
+        return "; ".join(words for words in (fine, self._size_note) if words)
+
+    @property
+    def _size_note(self) -> str:
         if max(self.factors) == 1:
             return ""
         if len(set(self.factors)) == 1:
@@ -103,6 +110,7 @@ class ShownVolume:
             "chunks": self.chunks,
             "to_frame": self.frame.tolist(), "axes": np.asarray(grid.direction).tolist(), "box": self.box(),
             "outside": self.outside, "is_labels": self.volume.is_labels, "grey": [0.0, self.white], "note": self.note,
+            "share": self.share,
             "unit": unit_of(self.original),
             "views": {**views, "home": home},
         }
@@ -154,7 +162,7 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
     factors = factors_of(volume.grid, limit, largest)
-    low, high = _window(volume) if window is None else checked_window(window)
+    low, high = whole_window(volume) if window is None else checked_window(window)
     grid = coarser(volume.grid, factors)
     values = np.empty(grid.shape, np.uint8)
     fx, fy, fz = factors
@@ -207,7 +215,8 @@ def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
     return slab
 
 
-def _window(volume: Volume) -> tuple[float, float]:
+def whole_window(volume: Volume) -> tuple[float, float]:
+    """The values of interest: all of bytes, and of others up to the densest matter."""
     low, high = volume.value_range
     if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
         high = levels(volume)[3]

@@ -16,6 +16,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
+from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
@@ -416,3 +417,37 @@ LINK = "document.querySelector('.dnb-view').deformnb.link"
 def _middle(image: np.ndarray) -> np.ndarray:
     rows, columns = np.nonzero(silhouette(image))
     return np.array([columns.mean(), rows.mean()])
+
+
+def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> None:
+    # A block whose value rises evenly from left to right, within a small part of the range of all values.
+    values = np.broadcast_to(1000 + 11 * np.arange(24), (24, 24, 24)).astype(np.int16)
+    values[:2, -2:] = 0
+    values[:2, :2] = 4000
+    view = opened(page, Volume(values, Grid((24, 24, 24))), projection="composite")
+    view.set_camera((0, 1, 0))
+    view.set_transfer(TransferFunction(((1000, 0.1, 0.1, 0.1), (1250, 1, 1, 1)), ((900, 0), (1000, 0.95))))
+    assert view._sharpener is not None
+    view._sharpener.cancel()  # pages of tests hear of traits from their own thread only
+    banded = page.pixels()
+    whole = page.page.evaluate(f"{PAGE}.info.id")
+    view._sharpen()
+    # Until the new voxels are on the card the old ones keep their colours.
+    kept = page.page.evaluate(f"[{PAGE}.caster.volume.loaded, {PAGE}.caster.table.rgba[0]]")
+    assert kept == [True, pytest.approx(0.1)]
+    page.wait(f"{PAGE}.info.id !== '{whole}' && {PAGE}.caster.isReady && !{PAGE}.loader")
+    fine = page.pixels()
+    assert unevenness(fine) < 0.4 * unevenness(banded)
+    assert np.abs(fine[70:110, 70:170].astype(int) - banded[70:110, 70:170]).mean() < 8  # the same picture otherwise
+    assert page.page.text_content(".dnb-badge").startswith("finer greys from ")
+    assert page.errors == []
+
+
+PAGE = "document.querySelector('.dnb-view').deformnb"
+
+
+def unevenness(image: np.ndarray) -> float:
+    """How far columns are from a steady rise, in grey levels."""
+    columns = image[70:110, 70:170, 0].mean(axis=0)
+    x = np.arange(len(columns))
+    return float(np.std(columns - np.polyval(np.polyfit(x, columns, 2), x)))

@@ -182,9 +182,9 @@ class LiveViewPage extends VolumePage {
     const info = this.info, caster = this.caster;
     const frame = () => new Promise((resolve) => { setTimeout(resolve, 0); });
     const { low, high } = info.box;
-    const { shape, spacing, outside, grey, is_labels: isLabels } = info;
+    const { shape, spacing, outside, grey, share, is_labels: isLabels } = info;
     const tick = (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); };
-    const about = { shape, spacing, outside, isLabels, grey, box: { low, high }, ownBox: info.box };
+    const about = { shape, spacing, outside, isLabels, grey, share, box: { low, high }, ownBox: info.box };
     let done = false;
     try {
       done = await caster.setVolume(this.values, about, tick);
@@ -194,6 +194,8 @@ class LiveViewPage extends VolumePage {
       return;
     }
     if (!done || caster !== this.caster) return;
+    this.loader = null;
+    this.setTable();
     if (!this.field) this.hello(); // lost on its way
     this.applyField();
     this.setProgress(1);
@@ -203,6 +205,7 @@ class LiveViewPage extends VolumePage {
   setTable() {
     const bytes = this.model.get("table");
     if (!this.caster || !bytes || !bytes.byteLength) return;
+    if (this.loader && this.caster.volume) return; // of voxels that are on their way: see upload
     this.caster.setTable(floatsOf(bytes), this.model.get("unit"));
     this.touch();
   }

@@ -307,7 +307,7 @@ class RayCaster {
     gl.uniform1f(at.outside, volume.outside / 255);
     gl.uniform1f(at.outsideOpacity, this.table.rgba[4 * volume.outside + 3]);
     // Below two hundredths of the range per voxel a slope is noise; bytes of the gradient count 1/127 of the steepest.
-    gl.uniform1f(at.certain, STEEPEST / 127 / (0.012 * 255));
+    gl.uniform1f(at.certain, ((volume.share ?? 1) * STEEPEST) / 127 / (0.012 * 255)); // of the range of all values
     gl.uniform2fv(at.grey, volume.grey || [0, 1]);
     gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
   }
