@@ -1,0 +1,81 @@
+"""What of a studio is clipped, covered or out of reach in a page: boxes of its controls against one another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# A control is a widget of ipywidgets that is no box, or the root of one of deformnb's own.
+FAULTS = """(may_scroll) => {
+  const SLACK = 1.5; // px
+  const CONTROL = ".jupyter-widgets:not(.widget-container), [class*='dnb-']:not(.widget-container)";
+  const HOLDS_TEXT = "button, .widget-label, .widget-readout, .widget-html-content, select, .dnb-pt-scroller";
+  const HOSTS_OWN = ".jp-WindowedPanel-outer, .jp-NotebookPanel-notebook";
+  const studio = document.querySelector(".dnb-studio"), found = new Set(), box = (e) => e.getBoundingClientRect();
+  const isSeen = (e) => {
+    const { width, height } = box(e), { visibility, opacity } = getComputedStyle(e);
+    return width > 0.5 && height > 0.5 && visibility === "visible" && Number(opacity) > 0;
+  };
+  const name = (e) => {
+    const words = e.getAttribute("aria-label") || e.querySelector("label")?.textContent || e.title || e.textContent;
+    return `${e.className} "${(words || "").trim().replace(/\\s+/g, " ").slice(0, 40)}"`;
+  };
+  const sides = ({ left, top, right, bottom }) => [left, top, right, bottom].map(Math.round).join(" ");
+  const controlsIn = (root) => [...root.querySelectorAll(CONTROL)].filter((e) =>
+    isSeen(e) && !e.parentElement.closest(CONTROL));
+  const isCut = (e) => e.scrollWidth > e.clientWidth + SLACK && getComputedStyle(e).overflowX !== "visible";
+
+  const page = document.documentElement.clientWidth;
+  if (box(studio).right > page + SLACK) found.add(`the studio ends at ${box(studio).right} of ${page}`);
+  for (let e = studio; e; e = e.parentElement) {
+    if (isCut(e) && !e.matches(HOSTS_OWN)) found.add(`${name(e)} is scrolled sideways`);
+  }
+  const panel = [...studio.querySelectorAll(".widget-tab-contents > *")].find(isSeen);
+  const around = controlsIn(studio).filter((e) => !panel.contains(e));
+  for (const [root, controls] of [[studio, around], [panel, controlsIn(panel)]]) {
+    const outer = box(root);
+    controls.forEach((e, k) => {
+      const b = box(e);
+      if (b.left < outer.left - SLACK || b.right > outer.right + SLACK
+          || b.top < outer.top - SLACK || b.bottom > outer.bottom + SLACK) {
+        found.add(`${name(e)} leaves its box: ${sides(b)} of ${sides(outer)}`);
+      }
+      for (const other of controls.slice(k + 1)) {
+        const o = box(other);
+        const wide = Math.min(b.right, o.right) - Math.max(b.left, o.left);
+        const tall = Math.min(b.bottom, o.bottom) - Math.max(b.top, o.top);
+        if (wide > SLACK && tall > SLACK) found.add(`${name(e)} covers ${name(other)}: ${sides(b)} and ${sides(o)}`);
+      }
+    });
+  }
+  for (const e of studio.querySelectorAll(HOLDS_TEXT)) {
+    const isFree = may_scroll && e.matches(may_scroll);
+    if (isSeen(e) && e.clientWidth > 0 && isCut(e) && !isFree) found.add(`${name(e)} is cut at ${e.clientWidth}`);
+  }
+  return [...found];
+}"""
+
+BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb-studio .widget-tab-contents > *")].map(
+  (e) => e.getBoundingClientRect()))"""
+
+
+def tabs_of(page: Any) -> list[str]:
+    """The titles of the studio's tabs."""
+    return [text.strip() for text in page.locator(".dnb-studio .lm-TabBar-tab").all_inner_texts()]
+
+
+def choose(page: Any, title: str) -> None:
+    """Show a tab, and wait until its box has the size it keeps."""
+    page.locator(".dnb-studio .lm-TabBar-tab").filter(has_text=title).first.click()
+    before = None
+    while before != (before := page.evaluate(BOXES)):
+        page.wait_for_timeout(100)
+
+
+def faults(page: Any, may_scroll: str = "") -> list[str]:
+    """What is clipped, covered or scrolled away sideways in the tab that is shown, and in the rest of the studio.
+
+    Parameters
+    ----------
+    may_scroll : a selector of what may have a bar of its own there.
+    """
+    return list(page.evaluate(FAULTS, may_scroll))
