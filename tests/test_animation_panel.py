@@ -179,7 +179,7 @@ def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
             self.camera: dict[str, Any] = {}
             self.shown: list[Any] = []
 
-        def show_deformation(self, field: Any) -> None:
+        def show_deformation(self, field: Any, *, output: Any = None) -> None:
             self.shown.append(field)
 
     view = DrawnByPython()
@@ -205,7 +205,11 @@ def test_moments_that_are_no_maps_are_shown_one_by_one(desk: Desk) -> None:
     desk.drag((24.0, 9.0))
     desk.press("Add key frame")
     shown: list[Any] = []
-    desk.view.show_deformation = shown.append
+
+    def show(field: Any, *, output: Any = None) -> None:
+        shown.append(field)
+
+    desk.view.show_deformation = show
     desk.panel.player.time = 0.5
     desk.panel.playback.wait()
     assert desk.view.moments is None

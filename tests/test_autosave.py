@@ -75,6 +75,16 @@ def test_what_was_left_is_lost_and_comes_back_exactly(session: Session) -> None:
     assert [p.suffix for p in entry.path.parent.iterdir()] == [".json"]
 
 
+def test_the_box_of_the_result_comes_back_with_the_rest(session: Session) -> None:
+    autosave = Autosave(session)
+    session.grow(3.0)
+    autosave.flush()
+    autosave.close(orderly=False)
+    (lost,) = saved_sessions(session.volume)
+    assert session.output is not None
+    assert restore(lost).output == session.output
+
+
 def test_what_was_closed_or_saved_or_never_edited_is_not_lost(session: Session, tmp_path: Path) -> None:
     saving = Autosave(session)
     saving.flush()

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deformnb import key_frames
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.animation_panel import AnimationPanel
 from deformnb.widgets.result_box import ResultBox
 from deformnb.widgets.studio import Studio
 from deformnb.widgets.worker import Worker
@@ -111,14 +112,14 @@ def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
     assert ("a box of its own", "own") not in box.choice.options
 
 
-def test_the_view_of_a_studio_shows_the_box_at_once() -> None:
-    studio = Studio(a_brick())
+@pytest.mark.parametrize("kind", ["live", "vtk"])
+def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
+    studio = Studio(a_brick(), view=kind)
     try:
         drag_out(studio.session)
         studio.session.grow(12.0)
         grid = studio.session.output
         assert grid is not None
-        assert isinstance(studio.view, LiveView)
         assert studio.view.shown_output == grid
         assert studio.result().grid == grid
         corner = grid.crop((0, 0, 22), (28, 28, 6))  # what was cut off
@@ -156,5 +157,24 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
         studio.wait()
         assert studio.view.shown_output == wanted
         assert set(shown) == {wanted}
+    finally:
+        studio.close()
+
+
+def test_key_frames_are_played_in_the_box() -> None:
+    studio = Studio(a_brick())
+    try:
+        panel = next(panel for panel in studio._panels if isinstance(panel, AnimationPanel))
+        drag_out(studio.session)
+        studio.session.grow(12.0)
+        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 0.0), "a key frame")
+        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 1.0), "another one")
+        panel.player.time = 0.5
+        panel.playback.wait()
+        maps = studio.view.moments
+        assert maps is not None
+        assert studio.view.shown_output == studio.session.output
+        a, b = maps.raster.box[:2]
+        assert b - a > 50  # the maps reach as far as the box, 56 mm, not only as far as the volume, 32 mm
     finally:
         studio.close()
