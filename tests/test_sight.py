@@ -80,7 +80,8 @@ def test_a_face_that_was_cut_is_lit_evenly_whatever_lies_behind_it() -> None:
     assert cut.values[face][:, 0].std() < 0.25 * emptied.values[face][:, 0].std()
     light = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
     n = plane.frame @ np.asarray(GRID.direction)[:, axis]
-    half = (light + [0, 0, -1]) / np.linalg.norm(light + [0, 0, -1])
+    half = light + np.array([0.0, 0.0, -1.0])
+    half /= np.linalg.norm(half)
     wanted = 0.35 + 0.75 * abs(n @ light) + 0.35 * abs(n @ half) ** 24
     assert np.median(cut.values[face][:, 0] / cut.values[face][:, 3]) == pytest.approx(wanted, rel=0.04)
 
