@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.widgets.space_pictures import SpacePictures
 
 pytestmark = pytest.mark.needs_browser
 
@@ -231,6 +233,35 @@ def test_targets_keep_to_the_lattice_unless_alt_is_held(opened: Any, pairs: Cont
     press(space, "Shift+N")
     assert space.editor.snap == 0
     assert not space.page.page.locator(".dnb-sp-nodes").first.get_attribute("d")
+
+
+# ---- waiting for pictures -------------------------------------------------------------------------------------------
+
+
+def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: pytest.MonkeyPatch) -> None:
+    lets, made = threading.Event(), SpacePictures.slice
+
+    def slow(*given: Any) -> Any:
+        lets.wait(60)
+        return made(*given)
+
+    monkeypatch.setattr(SpacePictures, "slice", slow)
+    editor = SpaceEditor(waves())
+    page.add(editor, "editor")
+    said = "document.querySelector('[role=status]').innerText"
+    page.wait(f"{said} === 'Making the pictures'")
+    assert not page.page.evaluate("document.querySelector('.dnb-ed-waiting') !== null")  # nothing is locked by it
+    lets.set()
+    page.wait(f"{PAGE}.shownCount > 0")
+    page.wait(f"{said} === ''")
+    lets.clear()
+    page.page.get_by_label("What the pictures show").select_option("mip")
+    page.wait(f"{PAGE}.shownCount > 1")
+    page.page.get_by_label("What the pictures show").select_option("slice")
+    page.wait(f"{said} === 'Making the pictures'")
+    lets.set()
+    page.wait(f"{said} === ''")
+    editor.close()
 
 
 # ---- what a page may say --------------------------------------------------------------------------------------------

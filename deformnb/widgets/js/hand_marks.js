@@ -2,6 +2,7 @@
 // mirror. And the circle of the brush, which shows where it works.
 
 const TURN_AWAY = 38; // CSS pixels from the middle of the selection, or from its upper edge, to the handle
+const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
 
 class HandMarks {
   constructor(svg, points) {
@@ -37,7 +38,7 @@ class HandMarks {
     }
   }
 
-  #axis({ mirror, view, isLocked }) {
+  #axis({ mirror, view, isLocked, gripAway = GRIP_AWAY }) {
     const isShown = mirror.on && !isLocked;
     this.axis.setAttribute("visibility", isShown ? "visible" : "hidden");
     this.grip.setAttribute("tabindex", isShown ? "0" : "-1");
@@ -45,7 +46,7 @@ class HandMarks {
     const isUpright = mirror.axis === "a", at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
     const line = isUpright ? `M ${at.toFixed(1)} 0 V ${view.height}` : `M 0 ${at.toFixed(1)} H ${view.width}`;
     for (const path of this.lines) path.setAttribute("d", line);
-    const place = isUpright ? [at, 14] : [14, at];
+    const place = isUpright ? [at, gripAway] : [gripAway, at];
     this.grip.setAttribute("transform", `translate(${place.map((v) => v.toFixed(1)).join(" ")})${isUpright ? "" : " rotate(90)"}`);
     setAttributes(this.grip, { "aria-valuenow": shownLength(mirror.at),
       "aria-orientation": isUpright ? "horizontal" : "vertical" });

@@ -3,6 +3,7 @@
 // To Python: edit and history, by sender.js; hello, look, seen. From Python: pictures, error, done.
 
 const SPACE_PROJECTIONS = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };
+const SLOW_PICTURES = 500; // milliseconds after which it is said that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent though the pictures of the last one have not come
 
 class SpaceEditorPage extends SpaceHand {
@@ -20,6 +21,7 @@ class SpaceEditorPage extends SpaceHand {
     this.#listen();
     this.guard(() => { this.layout(); this.showWaiting(); });
     model.send({ type: "hello", view: this.id });
+    this.#expectPictures();
   }
 
   #build(el) {
@@ -105,7 +107,7 @@ class SpaceEditorPage extends SpaceHand {
     this.observer.disconnect();
     this.themes.disconnect();
     cancelAnimationFrame(this.frame);
-    for (const timer of [this.lookTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }
@@ -135,6 +137,7 @@ class SpaceEditorPage extends SpaceHand {
       const depths = pane.hasDepths ? new Float32Array(bytes(parts.shift()).slice().buffer) : null;
       this.pictures[pane.index].take(pane, pixels, depths, pane.shapes ? bytes(parts.shift()) : null);
     }
+    this.#expectPictures(false);
     this.facts = { ...(facts.isBad ? { folds: this.facts.folds } : {}), folds: this.facts.folds, worst: this.facts.worst,
       ...facts };
     this.shownCount += 1;
@@ -195,15 +198,26 @@ class SpaceEditorPage extends SpaceHand {
     }
     this.row.classList.toggle("dnb-ed-waiting", isWaiting);
     this.row.setAttribute("aria-busy", String(isWaiting));
-    setText(this.wait, this.model.get("waiting") || "");
+    setText(this.wait, this.model.get("waiting") || (this.isSlow ? "Making the pictures" : ""));
     this.invalidate();
   }
 
   // ---- where the slices lie -----------------------------------------------------------------------------------------
 
+  // The first pictures of a large volume take seconds, and those of all of it too: nobody shall look at mere grey.
+  #expectPictures(isExpected = true) {
+    clearTimeout(this.slowTimer);
+    if (isExpected) this.slowTimer = setTimeout(() => this.guard(() => { this.isSlow = true; this.showWaiting(); }), SLOW_PICTURES);
+    else if (this.isSlow) {
+      this.isSlow = false;
+      this.showWaiting();
+    }
+  }
+
   // What Python shall show; `cursor` at the pace at which pictures come, and the newest only.
   look(what, isMoving = false) {
     this.pendingLook = { ...this.pendingLook, ...what, moving: isMoving };
+    if ("projection" in what || "original" in what) this.#expectPictures();
     this.#sendLook();
   }
 

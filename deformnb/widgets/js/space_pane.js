@@ -240,7 +240,7 @@ class SpacePane {
   #drawMarks(flat) {
     const { page } = this, { k, x, y } = this.view, mirror = page.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 };
     const isTurning = page.selected.size > 1, none = { isOn: false };
-    this.marks.update({ mirror, view: this.view, points: flat, selected: isTurning ? page.selected : new Set(), brush: none, pen: none,
+    this.marks.update({ mirror, view: this.view, gripAway: 34, points: flat, selected: isTurning ? page.selected : new Set(), brush: none, pen: none,
       isLocked: page.isLocked, isHolding: page.drag0 !== null, isAdding: page.isAdding, onView: ([a, b]) => [k * a + x, k * b + y] });
   }
 }
