@@ -17,6 +17,7 @@ from comm.base_comm import BaseComm
 
 from deformnb.app.controls import ACTIONS, NUMBERED
 from deformnb.app.desk import Desk
+from deformnb.app.files import WANTED
 from deformnb.app.guard import Answer
 from deformnb.app.remote import AREA
 from deformnb.errors import DeformError
@@ -127,7 +128,18 @@ class Bridge:
         return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
                 "trame.state.update": self._set, "trame.trigger": self._trigger,
                 "trame.rca.size": self._size, "trame.rca.event": self._event, "deformnb.seen": self._seen,
-                "deformnb.look": self.desk.volumes.look}
+                "deformnb.look": self.desk.volumes.look,
+                "deformnb.write": self._write, "deformnb.take": self._take}
+
+    def _write(self, kind: str, page: str) -> None:
+        if not isinstance(kind, str) or kind not in WANTED or not isinstance(page, str) or len(page) > _LONGEST_NAME:
+            raise DeformError("there is no such file.")
+        self._later(lambda: self.desk.write(kind, page))
+
+    def _take(self, document: str) -> None:
+        if not isinstance(document, str):
+            raise DeformError("a saved session is text.")
+        self._later(lambda: self.desk.open(document))
 
     def _size(self, area: str, origin: str, size: dict[str, Any]) -> None:
         if area != AREA:

@@ -152,7 +152,8 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
     }
 
 
-ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold")
+ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
+           "stop_file", "take_anyway", "forget_file", "fit_box", "own_box")
 """What a page may ask for by name."""
 
 NUMBERED = ("go_to", "look_at")

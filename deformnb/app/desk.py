@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from deformnb.app.controls import ACTIONS, NUMBERED, control_table
+from deformnb.app.files import DeskFiles
 from deformnb.app.remote import dragged
 from deformnb.app.trust import DeskTrust
 from deformnb.app.volumes import Volumes
@@ -87,6 +88,7 @@ class Desk:
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
         self.trust = DeskTrust(session, self.editor, self.thread.call, self._trust_changed)
+        self.files = DeskFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
         self.recovery = Recovery(session, self._told, self._tell)
         self.thread.latest("warm up", session.warm_up)
         self._show()
@@ -152,9 +154,19 @@ class Desk:
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "front": lambda: self._look(*_camera(self.session.plane)),
             "beside": lambda: self._look(*_beside(self.session.plane)),
+            "stop_file": self.files.stop, "take_anyway": self.files.take_anyway, "forget_file": self.files.forget,
+            "fit_box": self.session.fit_output, "own_box": partial(setattr, self.session, "output", None),
             **{name: partial(self.recovery.act, name) for name in COMMANDS},
         }
         self._try(actions[name])
+
+    def write(self, kind: str, page: str) -> None:
+        """Begin to write a file for a page; see :class:`~deformnb.app.files.DeskFiles`."""
+        self._try(lambda: self.files.write(kind, page))
+
+    def open(self, text: str) -> None:
+        """Go on with a saved session that a page has."""
+        self._try(lambda: self.files.take(text))
 
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
@@ -204,7 +216,7 @@ class Desk:
             "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
-            "lost": self.recovery.offer, **self.trust.state(),
+            "lost": self.recovery.offer, "files": self.files.state, "box": _box_text(session), **self.trust.state(),
             "facts": f"{count} points, {moved} moved" + _step_text(session),
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
         }
@@ -317,6 +329,7 @@ class Desk:
 
     def close(self) -> None:
         """End the threads; what was not saved is offered to who opens the volume again."""
+        self.files.close()
         self.recovery.close(orderly=False)
         self.trust.close()
         self.link.close()
@@ -350,6 +363,10 @@ def _beside(plane: Plane) -> tuple[list[float], list[float]]:
     direction, up = _camera(plane)
     camera = dragged(checked_camera({"direction": direction, "up": up}), "turn", *_GLANCE, 1.0)
     return camera["direction"], camera["up"]
+
+
+def _box_text(session: Session) -> str:
+    return "" if session.output is None else f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels"
 
 
 def _step_text(session: Session) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 from deformnb.app.controls import AbstractControl, Switch
 from deformnb.app.desk import Desk
+from deformnb.app.files import WANTED, suffix_of
 from deformnb.app.page_parts import add_control, history_part, trust_part
 from deformnb.app.remote import AREA
 
@@ -21,6 +22,8 @@ _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
          ("skip", "Skip", "Offer it no more; its file is kept for 30 days"))
+_ASKED = (("files.busy", "stop_file", "Stop"), ("files.doubt", "take_anyway", "Open it all the same"),
+          ("!files.busy", "forget_file", "Close"))
 _THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"
 _SAVE = "utils.download(dnb_document, trigger('save'), 'application/json')"
 
@@ -55,7 +58,7 @@ def build_page(server: Any, desk: Desk) -> None:
             html.Div("{{ dnb_name }}", classes="dnb-app-name")
             html.Div(f"{shapes} voxels", classes="dnb-app-soft")
             v.VSpacer()
-            _buttons(v)
+            _buttons(v, html)
         with v.VMain(classes="dnb-app-back"), html.Div(classes="dnb-app-main"):
             _lost(v, html)
             with html.Section(classes="dnb-app-half", aria_label="Picture", __properties=["aria_label"]):
@@ -69,6 +72,7 @@ def build_page(server: Any, desk: Desk) -> None:
             html.Span("{{ verdict }}", classes=("folded ? 'dnb-app-folded' : ''",))
             html.Span("{{ latency }}", classes="dnb-app-soft")
             html.Span("{{ notice }}", classes="dnb-app-notice")
+        _writing(v, html)
         with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
             html.Span("{{ error }}")
 
@@ -104,7 +108,7 @@ def _volume(html: Any) -> None:
         AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))._attr_names.extend(["area", "views"])
 
 
-def _buttons(v: Any) -> None:
+def _buttons(v: Any, html: Any) -> None:
     for name, icon, title, disabled in _BUTTONS:
         v.VBtn(icon=icon, size="small", variant="text", click=f"trigger('{name}')", disabled=(disabled,),
                title=(title,), aria_label=(title,), __properties=["title", "aria_label"])
@@ -112,11 +116,42 @@ def _buttons(v: Any) -> None:
     v.VBtn("From the picture's side", prepend_icon="mdi-eye-outline", size="small", variant="text",
            click="trigger('front')", title="Look at the volume from where the picture was taken",
            __properties=["title"])
-    v.VBtn("Save", prepend_icon="mdi-download", size="small", variant="tonal", color="primary", click=_SAVE,
+    _files(v, html)
+    v.VBtn("Save", prepend_icon="mdi-content-save-outline", size="small", variant="tonal", color="primary", click=_SAVE,
            title="Save the session as a file", __properties=["title"])
     v.VBtn(icon=("dnb_theme === 'dark' ? 'mdi-weather-sunny' : 'mdi-weather-night'",), size="small", variant="text",
            click=_THEME, title="Light or dark", aria_label="Light or dark", classes="ml-1",
            __properties=["title", "aria_label"])
+
+
+def _files(v: Any, html: Any) -> None:
+    """A menu of files to take home, and a saved session to go on with."""
+    from trame_client.widgets.core import AbstractElement
+
+    part = AbstractElement("deformnb-files", files=("files",), raw_attrs=['v-slot="{ write, open }"'])
+    part._attr_names += ["files"]
+    with part:
+        v.VBtn(icon="mdi-folder-open-outline", size="small", variant="text", click="open()",
+               title="Open a session file", aria_label="Open a session file", __properties=["title", "aria_label"])
+        with v.VMenu():
+            with v.Template(v_slot_activator="{ props }"):
+                v.VBtn("Export", v_bind="props", prepend_icon="mdi-download", size="small", variant="text",
+                       disabled=("files.busy",), title="Write a file and hand it to the downloads",
+                       __properties=["title"])
+            with v.VList(density="compact"):
+                for kind, title in WANTED.items():
+                    v.VListItem(title=f"{title} ({suffix_of(kind)})", click=f"write('{kind}')")
+
+
+def _writing(v: Any, html: Any) -> None:
+    """What is being written, and what is asked before a session of another volume is opened."""
+    with html.Div(classes="dnb-app-lost dnb-app-file", v_if=("files.said || files.doubt",), role="status",
+                  __properties=["role"]):
+        html.Span("{{ files.doubt || files.said }}")
+        v.VProgressLinear(v_if=("files.busy",), model_value=("100 * files.share",), height=6, rounded=True,
+                          color="primary", classes="dnb-app-share", aria_label="written", __properties=["aria_label"])
+        for shown, name, title in _ASKED:
+            v.VBtn(title, v_if=(shown,), size="small", variant="text", color="primary", click=f"trigger('{name}')")
 
 
 def _drawer(v: Any, html: Any, desk: Desk) -> None:

@@ -10,6 +10,10 @@ _SAFETY = (
     ("take_back", "Largest safe drag", "Take the last drag, or else the strength, back to where nothing folds"),
     ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
 )
+_BOX: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
+    ("fit_box", "As large as needed", "So that nothing is cut off that was dragged out of the volume's box", {}),
+    ("own_box", "The volume's own", "What lies outside of it is cut off", {"v_if": ("box",)}),
+)
 _SUSPECT_HINT = "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"
 _GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
 _STATE = [
@@ -60,6 +64,11 @@ def trust_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
     with html.Div(classes="dnb-app-suspects", v_if=("suspects.length",)):
         v.VBtn("{{ s.name }}", v_for="s in suspects", key="s.id", size="small", variant="outlined", title=_SUSPECT_HINT,
                click="trigger('look_at', [s.id])", __properties=["title"])
+    html.H2("The box of the result", classes="dnb-app-group")
+    html.Div("{{ box || 'That of the volume.' }}", classes="dnb-app-words")
+    for name, title, hint, shown in _BOX:
+        v.VBtn(title, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",
+               title=hint, classes="dnb-app-do", __properties=["title"], **shown)
     html.H2("Without folds", classes="dnb-app-group")
     for name, title, hint in _SAFETY:
         v.VBtn(title, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",

@@ -28,7 +28,9 @@ _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exite
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
 
 _SCRIPTS = ("plain_model.js", "elements.js", "camera.js", "scale_bar.js", "live_parts.js", "orientation.js",
-            "app_remote.js", "app_bridge.js")
+            "app_remote.js", "app_files.js", "app_bridge.js")
+
+_LONG = frozenset({"deformnb.message", "deformnb.take"})  # edits with many points, saved sessions
 
 _LOG = logging.getLogger(__name__)
 
@@ -166,7 +168,7 @@ class AppServer:
         self._trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
         self._handlers = list(served._ws_handlers)
-        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), frozenset({"deformnb.message"}))
+        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG)
                         for handler in self._handlers]
         self.bridge.others = lambda: [client for handler in self._handlers for client in handler.authentified_client_ids
                                       if client != served.last_active_client_id]
@@ -175,6 +177,14 @@ class AppServer:
                                            self._framed_by))
         pages = _assets()
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
+        served.app.router.add_get("/deformnb/file/{key}", self._file)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        """A file that was written for a page, which alone has heard of this address."""
+        path = self.desk.files.path(request.match_info["key"])
+        if path is None:
+            return web.Response(status=404, text="there is no such file any more\n")
+        return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{path.name}"'})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
         """What the page may call: trame's state, our bridge, the remote view's size and mouse."""

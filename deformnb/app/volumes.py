@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from deformnb.app.remote import RemoteView
 from deformnb.errors import DeformError
+from deformnb.exports import Seen
 from deformnb.fields import AbstractField
 from deformnb.session import Session
 from deformnb.transfer import TransferFunction
@@ -49,6 +51,13 @@ class Volumes:
         """Direction and up of a camera by the name of a side, and of "home"."""
         views: dict[str, dict[str, list[float]]] = about(self._session.volume, None)["views"]
         return views
+
+    def seen(self) -> Seen:
+        """How the page shows the volume, for pictures in files."""
+        seen = self.live.seen()
+        if self.remote is not None and self.remote.is_used:
+            return replace(seen, camera=dict(self.remote.camera))
+        return seen
 
     # -- as a view -----------------------------------------------------------------------------------------------------
 

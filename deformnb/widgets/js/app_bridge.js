@@ -121,6 +121,7 @@ window.deformnb_app = {
   install(app) {
     app.component("deformnb-widget", AppWidget);
     app.component("deformnb-remote", AppRemote);
+    app.component("deformnb-files", AppFiles);
     const { state } = window.trame; // nothing is drawn yet: what is set here holds from the first picture on
     if (window.matchMedia("(prefers-color-scheme: dark)").matches) state.set("dnb_theme", "dark");
     if (!document.createElement("canvas").getContext("webgl2")) state.set("dnb_viewer", "vtk");

@@ -1,0 +1,172 @@
+"""What a page takes home and brings along: files written here and handed to its downloads, and saved sessions.
+
+A file is written in a thread of its own into a folder that only this user may read. A page gets it by an address that
+was never said before and is told to pages of this session alone; the next file, and the end, take it away.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import secrets
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from deformnb.deformation import Deformation
+from deformnb.document import from_json
+from deformnb.errors import Cancelled, DeformError, OtherVolumeError
+from deformnb.exports import EXPORTS, Frozen, Seen, export
+from deformnb.session import Session
+from deformnb.widgets.cell_widgets import close_all
+from deformnb.widgets.studio_parts import last_step
+from deformnb.widgets.worker import Worker
+
+WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
+          "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}
+"""What a page may ask for by name, with words for a menu. A session is saved elsewhere."""
+
+_PAGE_SUFFIX = ".html"
+_LOG = logging.getLogger(__name__)
+
+
+def suffix_of(kind: str) -> str:
+    """What the name of such a file ends with."""
+    return _PAGE_SUFFIX if kind == "page" else EXPORTS[kind].suffixes[0]
+
+
+class DeskFiles:
+    """Writes files of a desk's session for its pages, one at a time.
+
+    Parameters
+    ----------
+    session : what is written. seen : says how the page shows it now.
+    live : the view whose looks a page without Python takes on; editor : the same of the picture.
+    tell : called from any thread when :attr:`state` is another one.
+    """
+
+    def __init__(self, session: Session, seen: Callable[[], Seen], editor: Any, live: Any,
+                 tell: Callable[[], None]) -> None:
+        self._session, self._seen, self._editor, self._live, self._tell = session, seen, editor, live, tell
+        self._thread = Worker("deformnb-app-files")
+        self._stop = threading.Event()
+        self._folder: Path | None = None
+        self._ready: tuple[str, Path] | None = None
+        self._doubtful: Deformation | None = None
+        stem = session.volume.name.split(".", maxsplit=1)[0]
+        self._stem = re.sub(r"[^\w-]+", "_", stem, flags=re.ASCII).strip("_")[:40] or "deformed"
+        self.state: dict[str, Any] = {"busy": False, "said": "", "share": 0.0, "key": "", "name": "", "page": "",
+                                      "doubt": ""}
+
+    # -- to the page ---------------------------------------------------------------------------------------------------
+
+    def write(self, kind: str, page: str) -> None:
+        """Begin to write a file of a kind of :data:`WANTED` for the page of this name."""
+        if kind not in WANTED:
+            raise DeformError("there is no such file.")
+        if self.state["busy"]:
+            raise DeformError(f"{self.state['name']} is still being written; wait for it or stop it.")
+        name = f"{self._stem}{'_deformed' if kind == 'volume' else ''}{suffix_of(kind)}"
+        frozen = Frozen.of(self._session, self._seen())
+        self._stop.clear()
+        self._say(busy=True, name=name, share=0.0, key="", page=page, said=f"Writing {name} ...")
+        self._thread.call(lambda: self._write(kind, name, frozen))
+
+    def stop(self) -> None:
+        """Stop what is being written; no half file is left."""
+        self._stop.set()
+
+    def path(self, key: str) -> Path | None:
+        """The file that is ready under this part of an address, or None."""
+        ready = self._ready
+        if ready is None or not secrets.compare_digest(ready[0].encode(), key.encode()):
+            return None
+        return ready[1]
+
+    def close(self) -> None:
+        """End the thread and remove the files."""
+        self._stop.set()
+        self._ready = None
+        self._thread.close(wait=5.0)
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _write(self, kind: str, name: str, frozen: Frozen) -> None:
+        said, key = "", ""
+        try:
+            self._ready = None
+            path = self._place(name)
+            if kind == "page":
+                self._write_page(path)
+            else:
+                export(frozen, path, progress=self._progress)
+            key = secrets.token_urlsafe(24)
+            self._ready = (key, path)
+            said = f"{name} goes to the downloads."
+        except Cancelled:
+            said = f"Stopped; {name} was not written."
+        except DeformError as error:
+            said = str(error)
+        except Exception as error:  # of whatever writes this kind of file: the page must hear of it
+            _LOG.exception("a file could not be written")
+            said = f"{name} could not be written: {type(error).__name__}: {error}"
+        self._say(busy=False, said=said, key=key)
+
+    def _place(self, name: str) -> Path:
+        if self._folder is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="deformnb-"))  # only its owner may read it
+        for old in self._folder.iterdir():
+            with contextlib.suppress(OSError):
+                old.unlink()
+        return self._folder / name
+
+    def _write_page(self, path: Path) -> None:
+        from deformnb.widgets.standalone import write_standalone
+
+        self._live.camera = dict(self._seen().camera)
+        editor, view = last_step(self._session, self._editor, self._live)
+        try:
+            write_standalone(path, editor, view, title=self._session.volume.name, progress=self._progress)
+        finally:
+            close_all(editor)
+            close_all(view)
+
+    def _progress(self, share: float) -> None:
+        if self._stop.is_set():
+            raise Cancelled("stopped in the page.")
+        if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the pages
+            self._say(share=min(1.0, float(share)))
+
+    def _say(self, **news: Any) -> None:
+        self.state = {**self.state, **news}
+        self._tell()
+
+    # -- from the page -------------------------------------------------------------------------------------------------
+
+    def take(self, text: str) -> None:
+        """Go on with a saved session; can be undone. One of another volume is asked about first."""
+        self.forget()
+        document = from_json(text)
+        try:
+            self._session.take(document)
+        except OtherVolumeError:
+            self._doubtful = document
+            self._say(doubt=self._session.difference(document))
+            return
+        self._say(said="Opened; it can be undone.")
+
+    def take_anyway(self) -> None:
+        """Go on with the session that was asked about."""
+        document = self._doubtful
+        self.forget()
+        if document is not None:
+            self._session.take(document, allow_other_volume=True)
+
+    def forget(self) -> None:
+        """Ask nothing, say nothing."""
+        self._doubtful = None
+        self._say(doubt="", said="" if not self.state["busy"] else self.state["said"])

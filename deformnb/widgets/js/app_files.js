@@ -1,0 +1,33 @@
+// Files that go between the application and this computer: what Python has written for this page goes to the browser's
+// downloads, and a saved session is read and handed to Python. Joined behind app_remote.js and before app_bridge.js,
+// whose Vue application it is a component of; its slot gets `write(kind)` and `open()`.
+
+const LONGEST_SESSION = 500000; // characters that Python takes
+
+const AppFiles = {
+  props: { files: Object }, // as DeskFiles.state says it
+  inject: ["trame"],
+  template: `<slot :write="write" :open="open"></slot>
+    <input ref="input" type="file" accept=".json,application/json" hidden aria-label="session file" @change="take">`,
+  watch: {
+    files(now, before) {
+      if (!now.key || now.key === before?.key || now.page !== APP_PAGE) return; // another page has asked for it
+      const link = document.createElement("a");
+      Object.assign(link, { href: `deformnb/file/${now.key}`, download: now.name });
+      link.click();
+    },
+  },
+  methods: {
+    write(kind) { this.call("deformnb.write", kind, APP_PAGE); },
+    open() { this.$refs.input.click(); },
+    async take() {
+      const { input } = this.$refs, text = await input.files[0]?.text();
+      input.value = ""; // the same file can be chosen again
+      if (text === undefined) return;
+      if (text.length > LONGEST_SESSION) this.trame.state.set("error", "This file is too long for a session of this page.");
+      else this.call("deformnb.take", text);
+    },
+    // A call that fails because the connection has gone is no news: the page says so by itself.
+    call(method, ...given) { this.trame.client.getConnection().getSession().call(method, given).catch(() => {}); },
+  },
+};
