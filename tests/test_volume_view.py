@@ -432,3 +432,52 @@ def test_where_folds_are_not_shown_it_is_said(opened: Any) -> None:
     view.show_folds = False
     view.still((64, 48))
     assert view.badge == ""
+
+
+def test_a_transport_that_is_unknown_or_not_installed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DeformError, match="unknown transport 'pigeon'; choose one of comm, trame"):
+        VolumeView(transport="pigeon")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(DeformError, match=r"pip install .deformnb\[app\]."):
+        VolumeView(transport="trame")
+
+
+class Carrier:
+    """Stands for what carries pictures: nothing but a list."""
+
+    def __init__(self, view: Any) -> None:
+        self.opened: list[Any] = []
+        self.delivered: list[Any] = []
+        self.closed = 0
+
+    def open(self, origin: Any, tell: Callable[[str], None]) -> None:
+        self.opened.append(origin)
+        if origin != "http://nb:1":
+            raise DeformError("no origin.")
+        tell("http://127.0.0.1:2/")
+
+    def deliver(self, message: Any, pictures: list[bytes], frame: Any) -> None:
+        self.delivered.append((message["seq"], pictures[0][:2]))
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def test_pictures_go_by_the_transport_and_the_page_hears_where(opened: Any, monkeypatch: pytest.MonkeyPatch,
+                                                              caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr("deformnb.widgets.volume_pages.carrier", lambda name: Carrier)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
+    view = opened(method="core", transport="trame")
+    view.say(type="hello", **PAGE, origin="http://nb:1")
+    assert {"type": "trame", "view": "a", "url": "http://127.0.0.1:2/"} in [c for c, _ in view.__dict__["out"]]
+    carrier = view._carrier
+    until(lambda: len(carrier.delivered) == 2)  # the quick one and the full one
+    assert carrier.delivered[0] == (1, b"\xff\xd8")
+    assert view.frames == []
+    view.draw_again("frame")  # a page that comes late confirms for what was lost, and gets a picture
+    until(lambda: len(carrier.delivered) > 2)
+    with caplog.at_level(logging.WARNING):
+        view.say(type="hello", **PAGE, origin="javascript:x")
+    assert "dropped" in caplog.text
+    view.close()
+    assert carrier.closed == 1

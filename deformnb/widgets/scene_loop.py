@@ -24,7 +24,7 @@ from deformnb.widgets.worker import Worker
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
-_BAND_MS = 80.0  # a part of a full picture: a change waits for this and one quick picture
+_BAND_MS = 50.0  # a part of a full picture: a change waits for this and one quick picture
 _SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
 _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
 _RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture

@@ -1,17 +1,22 @@
 """What the pages of a view drawn in Python say and get: sizes, cameras and confirmations; pictures, notices, badges.
 
-Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background),
+Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
+origin, for pictures by trame),
 ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera: the newest
-number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text).
+number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text), ``trame`` (view,
+url: where a frame gets the pictures instead).
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Callable
 from typing import Any
 
 import traitlets
 
+from deformnb.errors import DeformError
 from deformnb.widgets.frames import FrameSender
 from deformnb.widgets.pages import Pages
 from deformnb.widgets.scene_loop import Frame, SceneLoop
@@ -19,6 +24,25 @@ from deformnb.widgets.view import checked_camera
 from deformnb.widgets.view_messages import dropping, take_traits, text, whole
 
 _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})
+
+
+TRANSPORTS = {"comm": "", "trame": "deformnb.app.notebook:TrameFrames"}
+"""How pictures reach a page, by name: over the notebook's own channel, or by what is imported once it is asked for."""
+
+
+def check_transport(name: str) -> None:
+    """Refuse a transport that is unknown or not installed."""
+    if name not in TRANSPORTS:
+        raise DeformError(f"unknown transport {name!r}; choose one of {', '.join(TRANSPORTS)}.")
+    if name == "trame" and importlib.util.find_spec("trame_rca") is None:
+        raise DeformError('pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use '
+                          'transport="comm".')
+
+
+def carrier(name: str) -> Any:
+    """The class that carries pictures."""
+    module, _, made = TRANSPORTS[name].partition(":")
+    return getattr(importlib.import_module(module), made)
 
 
 class ServesPages(traitlets.HasTraits):
@@ -33,6 +57,7 @@ class ServesPages(traitlets.HasTraits):
     height: Any
     background: Any
     badge: str
+    transport: Any
     send: Callable[..., None]
     _loop: SceneLoop | None
     _change: Callable[..., None]
@@ -41,6 +66,7 @@ class ServesPages(traitlets.HasTraits):
         self._pages = Pages()
         self._frames = FrameSender()
         self._notice = ""
+        self._carrier: Any = None  # of pictures that do not go the notebook's way
         self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
         super().__init__(*args, **traits)
 
@@ -52,7 +78,11 @@ class ServesPages(traitlets.HasTraits):
 
     def _deliver(self, frame: Frame) -> None:
         view, number = self._shown_camera
-        self.send(*self._frames.pack(frame, camera=number, by=view))
+        message, pictures = self._frames.pack(frame, camera=number, by=view)
+        if self._carrier is None:
+            self.send(message, pictures)
+        else:
+            self._carrier.deliver(message, pictures, frame)
 
     def _say(self, notice: str) -> None:
         self._notice = notice
@@ -74,10 +104,29 @@ class ServesPages(traitlets.HasTraits):
 
     def _resized(self, view: str, content: dict[str, Any]) -> None:
         self._pages.put(view, content)
+        if self.transport != "comm" and content["type"] == "hello":
+            self._carry(view, content.get("origin"))
         self._change_page()
         for kind, words in (("notice", self._notice), ("badge", self.badge)):
             if content["type"] == "hello" and words:
                 self.send({"type": kind, "text": words})
+
+    def _carry(self, view: str, origin: Any) -> None:
+        """Tell a page where its frame gets the pictures."""
+        if self._carrier is None:
+            self._carrier = carrier(self.transport)(self)
+        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
+
+    def draw_again(self, page: str) -> None:
+        """A page has come that was not there when the last picture was sent: none is on its way to it."""
+        self._frames.seen(2**53, page)
+        if self._loop is not None and self._pages:
+            self._loop.touch()
+
+    def _put_carrier_away(self) -> None:
+        carrier, self._carrier = self._carrier, None
+        if carrier is not None:
+            carrier.close()
 
     def _bye(self, view: str, content: dict[str, Any]) -> None:
         self._pages.drop(view)

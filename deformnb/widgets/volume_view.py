@@ -33,7 +33,7 @@ from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
-from deformnb.widgets.volume_pages import ServesPages
+from deformnb.widgets.volume_pages import TRANSPORTS, ServesPages, check_transport
 
 _FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
           *POINT_FILES, "hands.js", "pictures_page.js", "volume_view.js")
@@ -56,6 +56,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
+    transport : how pictures reach the page: "comm" is the notebook's own channel, "trame" a server of this process
+        with trame's remote view in a frame, which only a browser on this machine reaches.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
     show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
@@ -97,11 +99,13 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
-    target_ms = traitlets.Float(250.0, min=5.0, max=5000.0)
+    transport = traitlets.Enum([*TRANSPORTS], "comm", read_only=True).tag(sync=True)
+    target_ms = traitlets.Float(160.0, min=5.0, max=5000.0)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
 
     def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
-                 method: str = "auto", map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
+                 method: str = "auto", map_size: int = 192, space_size: int = 64, transport: str = "comm",
+                 **traits: Any) -> None:
         self._method = method
         self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
         self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
@@ -112,6 +116,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         self._has_guests = False  # whether someone has put things into the scene that only it knows
         self._following: Following | None = None
         super().__init__(**traits)
+        check_transport(transport)
+        self.set_trait("transport", transport)
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
@@ -176,6 +182,12 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         following, self._following = self._following, None
         if following is not None:
             following.close()
+
+    @property
+    def shown_box(self) -> Grid:
+        """The grid whose box is seen."""
+        volume, _, output = self._ready()
+        return output or volume.grid
 
     @property
     def shown_output(self) -> Grid | None:
@@ -287,6 +299,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     def close(self) -> None:
         """End the thread that renders, give back its window, and leave the pages."""
         self._stop_following()
+        self._put_carrier_away()
         self._rest()
         super().close()
 

@@ -1,6 +1,6 @@
 // The page of a volume that Python draws: its pictures, and where the viewer stands. The volume view's own, and that of
 // a live view where a browser cannot draw.
-// To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge.
+// To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
@@ -65,6 +65,7 @@ class PicturesPage {
     this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
     const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
     const now = { width: w, height: h, background: this.theme.name };
+    if (this.isFramed) now.origin = window.location.origin; // a frame of ours may be shown in pages of it
     const said = JSON.stringify(now);
     if (said === this.sized) return;
     this.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
@@ -73,6 +74,18 @@ class PicturesPage {
     clearTimeout(this.resizing);
     const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
     if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger says it once
+  }
+
+  // Whether the pictures come by a server of their own, to a frame over the canvas that turns them as well.
+  get isFramed() { return this.model.get("transport") === "trame"; }
+
+  frame({ view, url }) {
+    if (view !== this.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
+    this.inner?.remove();
+    this.inner = pageElement("iframe", "dnb-inner", this.root, { src: url, title: this.canvas.getAttribute("aria-label") });
+    this.root.classList.add("dnb-framed");
+    this.drawn = this.drawn || 1;
+    this.wait("");
   }
 
   get shows() { return this.model.get("shows") || "deformed"; }
@@ -92,6 +105,7 @@ class PicturesPage {
 
   receive(content, buffers) {
     if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "trame") this.frame(content);
     if (content.type === "badge") this.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
