@@ -321,43 +321,43 @@ def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio)
 
 def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: Path) -> None:
     drag(studio, a_drag(studio))
-    panel = studio._panels[-1]
+    files = panel(studio, "Files")
     for name in ("ball.nrrd", "ball.svg", "ball.py", "ball.json", "ball.html"):
-        panel.name.value = name
-        panel.write.click()
-        wait_for(lambda: not panel.write.disabled)
+        files.name.value = name
+        files.write.click()
+        wait_for(lambda: not files.write.disabled)
         assert (tmp_path / name).stat().st_size > 0, studio._words.notice.value
-        assert name in panel.said.value
+        assert name in files.said.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
-        panel.name.value = wrong
-        panel.write.click()
+        files.name.value = wrong
+        files.write.click()
         assert studio._words.notice.value
-        assert not panel.write.disabled
+        assert not files.write.disabled
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
 
 
 def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
-    panel = studio._panels[-1]
-    assert panel.name.value == "ball_deformed.nii.gz"
+    files = panel(studio, "Files")
+    assert files.name.value == "ball_deformed.nii.gz"
     (tmp_path / "ball.nrrd").write_bytes(b"the scan")
-    panel.name.value = "ball.nrrd"
-    panel.write.click()
-    assert "already there" in panel.question.text.value
-    assert not panel.write.disabled
+    files.name.value = "ball.nrrd"
+    files.write.click()
+    assert "already there" in files.question.text.value
+    assert not files.write.disabled
     assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
-    panel.question.agree.click()
-    wait_for(lambda: panel.said.value.startswith("Wrote"))
-    panel.write.click()  # its own file
-    wait_for(lambda: not panel.write.disabled and panel.said.value.startswith("Wrote"))
+    files.question.agree.click()
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+    files.write.click()  # its own file
+    wait_for(lambda: not files.write.disabled and files.said.value.startswith("Wrote"))
 
 
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
-    panel = studio._panels[-1]
-    panel.name.value = "ball.gif"
-    panel.write.click()
-    panel.cancel.click()
-    wait_for(lambda: not panel.write.disabled)
-    assert "Stopped" in panel.said.value
+    files = panel(studio, "Files")
+    files.name.value = "ball.gif"
+    files.write.click()
+    files.cancel.click()
+    wait_for(lambda: not files.write.disabled)
+    assert "Stopped" in files.said.value
     assert not list(tmp_path.iterdir())
 
 
@@ -365,10 +365,10 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     saved = to_json(studio.session.document()).encode()
     studio.undo()
-    panel = studio._panels[-1]
-    panel._open([{"name": "s.json", "content": memoryview(saved)}])
+    files = panel(studio, "Files")
+    files._open([{"name": "s.json", "content": memoryview(saved)}])
     assert studio.session.points.displacement.any()
-    panel._open([{"name": "s.json", "content": b"{nonsense"}])
+    files._open([{"name": "s.json", "content": b"{nonsense"}])
     assert "JSON" in studio._words.notice.value
 
 
