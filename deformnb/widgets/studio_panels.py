@@ -61,7 +61,7 @@ def make_panels(s: PanelParts) -> list[Panel]:
     """All panels of a studio; one without a title stands in another one."""
     head, _ = strip(s.session, s.guard, s.view)
     files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
-    result_box = ResultBox(s.session, s.guard, s.worker)  # last of all: what others do of themselves comes before it
+    result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
     files.box.children = (result_box.box, *files.box.children)
     return [
         head,
@@ -77,6 +77,6 @@ def make_panels(s: PanelParts) -> list[Panel]:
         AnimationPanel(s.session, s.guard, s.view, s.folder),
         LookPanel(s.session, s.guard, s.view, s.opacity),
         HistoryPanel(s.session, s.guard),
-        files,
         result_box,
+        files,
     ]
