@@ -348,10 +348,11 @@ def _is_open(port: int) -> bool:
 def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
     async def stay(seconds: float) -> None:
         async with connected(app):
+            app.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
             await asyncio.sleep(seconds)
 
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=1.0) as app:
-        asyncio.run(stay(2.0))
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as app:
+        asyncio.run(stay(2.5))
         assert app.server.reason == ""  # a page was there
         app.ended()
         assert "no page was connected" in app.server.reason
