@@ -52,7 +52,7 @@ class SaveButton(anywidget.AnyWidget):
     >>> button.unsaved
     True
     >>> button.press()
-    Saved bar.json.
+    Saved bar_phantom.json.
     >>> button.unsaved
     False
     >>> button.close()
