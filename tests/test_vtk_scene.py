@@ -308,12 +308,12 @@ def test_the_array_is_written_over_in_place(scene: Any) -> None:
     volume = shape_without_symmetry()
     given = volume.values.copy()
     one = scene(volume, "array")
-    memory = one._image.active_scalars.__array_interface__["data"][0]
+    memory = one._voxels.image.active_scalars.__array_interface__["data"][0]
     field = deformation("replicate", GRID).field(GRID)
     one.set_field(field)
     one.render()
-    assert one._image.active_scalars.__array_interface__["data"][0] == memory
-    inner = np.asarray(one._image.active_scalars).reshape(np.array(GRID.shape) + 2)[1:-1, 1:-1, 1:-1]
+    assert one._voxels.image.active_scalars.__array_interface__["data"][0] == memory
+    inner = np.asarray(one._voxels.image.active_scalars).reshape(np.array(GRID.shape) + 2)[1:-1, 1:-1, 1:-1]
     np.testing.assert_array_equal(inner, warp(volume, field).values)
     one.set_field(None)
     one.render()
