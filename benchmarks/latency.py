@@ -25,7 +25,7 @@ from benchmarks.latency_report import TARGETS, Results, table, verdicts
 
 _SHORT = 2.0  # seconds of a drag that shows how far behind a view is before any lag can have grown
 
-_FEWER = 2  # what no target is of, a smaller volume or another package, is edited that many times less
+_FEWER = 3  # what no target is of, a smaller volume or another package, is edited that many times less
 
 
 def main(arguments: list[str]) -> int:
@@ -33,11 +33,11 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--sizes", type=int, nargs="+", default=[256, 128],
                         help="edges of the volumes in voxels; the targets are those of the largest")
     parser.add_argument("--views", nargs="+", help="only views whose name contains one of these")
-    parser.add_argument("--edits", type=int, default=20, help="timed edits of each view (default %(default)s)")
-    parser.add_argument("--rounds", type=int, default=4, help="turns in which they are done (default %(default)s)")
+    parser.add_argument("--edits", type=int, default=18, help="timed edits of each view (default %(default)s)")
+    parser.add_argument("--rounds", type=int, default=3, help="turns in which they are done (default %(default)s)")
     parser.add_argument("--drag", type=float, default=10.0, help="seconds of the long drag (default %(default)s)")
     parser.add_argument("--memory-edits", type=int, default=500, help="edits after which memory is looked at again")
-    parser.add_argument("--minutes", type=float, default=12.0, help="after which no other size is begun")
+    parser.add_argument("--minutes", type=float, default=9.0, help="after which no other size is begun")
     parser.add_argument("--json", type=Path, help="file for all single figures")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # server and browser must not outlive this
@@ -141,7 +141,7 @@ def _measure(browser: Any, lab: Any, size: int, results: Results, options: argpa
     each("does it change", _prove)
     for k in range(options.rounds):
         each(f"round {k + 1}", lambda seat, result: _round(seat, result, _edits(seat, is_target, options)))
-    each("whole edits", lambda seat, result: _whole_edits(seat, result, 5 if seat.name in TARGETS else 2))
+    each("whole edits", lambda seat, result: _whole_edits(seat, result, 4 if seat.name in TARGETS else 1))
     each("short drag", lambda seat, result: _drag(seat, result, "short_drag", _SHORT))
     for name in [name for name in seats if name not in TARGETS or not is_target]:
         seats.pop(name).close()
