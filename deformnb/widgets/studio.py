@@ -362,5 +362,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         z, y, x = self.volume.shape
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
+    def _display_(self) -> Any:
+        """What marimo shows, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
+        import marimo
+
+        return marimo.hstack([self.editor, self.view], widths="equal", align="start")
+
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return with_png(super()._repr_mimebundle_(**options), lambda: parts.preview_png(self.editor, self.view))

@@ -36,6 +36,7 @@ class Host:
     name = ""
     module = ""
     requires: tuple[str, ...] = ()
+    alone: tuple[str, ...] = ("--no-browser", "--port={port}")
     options: tuple[str, ...] = ()
     address = "{name}"
     ready = "/api"
@@ -49,8 +50,8 @@ class Host:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
-        command = [sys.executable, "-m", self.module, "--no-browser", f"--port={self.port}",
-                   *(option.format(folder=folder, token=self.token) for option in self.options), *options]
+        command = [sys.executable, "-m", self.module, *(option.format(folder=folder, token=self.token, port=self.port)
+                                                        for option in (*self.alone, *self.options)), *options]
         self.log = (folder / "server.log").open("wb")
         self.process = subprocess.Popen(command, env=self._environment(), cwd=folder, stdout=self.log,
                                         stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
