@@ -95,7 +95,7 @@ HELD_BY: dict[int, str] = {
     71: "test_history: thousands_of_edits_take_the_memory_of_two_hundred, "
         "an_edit_after_undo_makes_a_branch_and_the_old_one_stays",
     72: "browser/test_editor_page: two_fingers_zoom_and_one_drags_a_point, nothing_is_clipped; "
-        "browser/test_live_view_page: without_webgl_the_page_says_so_and_shows_a_still; "
+        "browser/test_live_view_page: without_webgl_python_draws_and_says_so; "
         "browser/test_faults_page: a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged",
     73: "test_transfer: wrong_colours_are_refused_by_name, wrong_opacities_are_refused_by_name; "
         "test_session: colours_belong_to_the_composite_picture_only",
