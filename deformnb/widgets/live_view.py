@@ -99,7 +99,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
     show_folds = traitlets.Bool(True).tag(sync=True)
-    target_ms = traitlets.Float(100.0, min=5.0, max=5000.0).tag(sync=True)
+    target_ms = traitlets.Float(65.0, min=5.0, max=5000.0).tag(sync=True)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
     editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
     editor_map = traitlets.Int(0, min=0).tag(sync=True)
