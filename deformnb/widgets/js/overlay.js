@@ -119,8 +119,8 @@ class Overlay {
     const { context: c } = this, { k, x, y, ratio } = this.page.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
       red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
+      // Not closed: a fill does that, and Chromium measures the whole path at each closePath, for seconds in a large fold.
       for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
-      red.closePath();
     }
     for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
