@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -57,6 +58,23 @@ def opened(page: LivePage, **options: Any) -> LiveView:
     return view
 
 
+@pytest.fixture(scope="module")
+def drawn(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
+    """One page and one view for all cases that only look at what is shown: its shaders are compiled once."""
+    page = LivePage(browser)
+    view = opened(page)
+    yield page, view
+    page.close()
+
+
+def shown(page: LivePage, view: LiveView, deformation: Deformation | None, **options: Any) -> None:
+    """Shows it, and waits until the page has it."""
+    view.show_deformation(deformation, **options)
+    while view._pacer.is_waiting:
+        page.page.wait_for_timeout(20)
+    page.flush()
+
+
 def silhouette(image: np.ndarray) -> np.ndarray:
     return np.asarray(image.max(axis=2) > 64)
 
@@ -73,9 +91,11 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", list(CASES))
-def test_a_cut_is_as_open_as_in_the_core(page: LivePage, name: str) -> None:
-    view = opened(page)
-    view.show_deformation(Deformation((CASES[name],)), output=FINE)
+def test_a_cut_is_as_open_as_in_the_core(drawn: tuple[LivePage, LiveView], name: str) -> None:
+    page, view = drawn
+    view.projection, view.show_folds = "shaded", True
+    view.set_transfer(WHITE)
+    shown(page, view, Deformation((CASES[name],)), output=FINE)
     for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
@@ -99,10 +119,12 @@ def early() -> dict[str, Deformation]:
 
 
 @pytest.mark.parametrize("name", list(early()))
-def test_an_earlier_cut_and_one_in_space_are_as_sharp(page: LivePage, name: str) -> None:
-    view = opened(page)
+def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, LiveView], name: str) -> None:
+    page, view = drawn
+    view.projection = "shaded"
+    view.set_transfer(WHITE)
     view.show_folds = False  # the bend takes a triangle to a line: its determinant is 0 but for rounding
-    view.show_deformation(early()[name], output=FINE)
+    shown(page, view, early()[name], output=FINE)
     for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
@@ -161,24 +183,30 @@ def _gap(page: LivePage) -> int:
 
 @pytest.mark.parametrize("projection", ["shaded", "mip"])
 @pytest.mark.parametrize("rule", list(CUT_RULES))
-def test_a_closed_cut_is_not_seen(page: LivePage, projection: str, rule: str) -> None:
-    view = opened(page, projection=projection, transfer="surface")
+def test_a_closed_cut_is_not_seen(drawn: tuple[LivePage, LiveView], projection: str, rule: str) -> None:
+    page, view = drawn
+    view.projection, view.show_folds = projection, True
+    view.set_transfer("surface")
     view.set_camera((-0.6, 0.7, 0.4))
+    shown(page, view, None)
     plain = page.pixels().astype(int)
-    view.show_deformation(pulled_document(0.0, rule))
+    shown(page, view, pulled_document(0.0, rule))
     page.wait(f"{VIEW}.field.planar?.cut")
     assert np.abs(page.pixels().astype(int) - plain).max() <= 1
     still = replace(pulled(0.0, rule), maps=(ControlPoints.from_arrays([[0.0, 0.0]]),))
-    view.show_deformation(Deformation((still,)))  # one of the sides has no points
+    shown(page, view, Deformation((still,)))  # one of the sides has no points
     assert np.abs(page.pixels().astype(int) - plain).max() <= 1
     assert page.errors == []
 
 
 @pytest.mark.parametrize("name", ["source", "paper", "modulate", "pushed together"])
 @pytest.mark.parametrize("projection", ["shaded", "mip"])
-def test_skipping_what_is_empty_changes_nothing_beside_a_cut(page: LivePage, name: str, projection: str) -> None:
-    view = opened(page, projection=projection)
-    view.show_deformation(Deformation((CASES[name],)))
+def test_skipping_what_is_empty_changes_nothing_beside_a_cut(drawn: tuple[LivePage, LiveView], name: str,
+                                                             projection: str) -> None:
+    page, view = drawn
+    view.projection, view.show_folds = projection, True
+    view.set_transfer(WHITE)
+    shown(page, view, Deformation((CASES[name],)))
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
     # Blocks as if nothing were empty: every sample is taken.

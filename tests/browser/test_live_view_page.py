@@ -195,8 +195,9 @@ def test_a_turn_draws_quickly_and_then_in_full(page: LivePage) -> None:
     before = view.stats()["frames"]
     page.page.focus(".dnb-canvas")
     for _ in range(5):
+        drawn_before = page.page.evaluate(f"{PAGE}.loop.times.frames")
         page.page.keyboard.press("ArrowLeft")
-        page.page.wait_for_timeout(40)
+        page.wait(f"{PAGE}.loop.times.frames > {drawn_before}")  # a quick picture of each turn
     page.wait("document.querySelector('.dnb-view').deformnb.stats.frames > 1")
     page.wait("models.view.sent.filter((m) => m.type === 'stats').length > 1")
     stats = view.stats()

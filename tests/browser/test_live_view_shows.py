@@ -106,25 +106,36 @@ def test_the_zoom_stays_when_something_else_is_shown(page: LivePage) -> None:
         assert view.camera["zoom"] == pytest.approx(2.0), shows
 
 
+def caption(page: LivePage) -> str:
+    return str(page.page.text_content(".dnb-caption"))
+
+
+# How often the caption has changed since it was first asked.
+CHANGES = """(window.turned ??= (() => { const seen = { count: 0 };
+    new MutationObserver(() => { seen.count += 1; }).observe(document.querySelector(".dnb-caption"),
+      { childList: true, characterData: true, subtree: true });
+    return seen; })()).count"""
+
+
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(extrusion(5.0))
     view.shows = "flicker"
-    seen = {}
-    for name in ("deformed", "original", "deformed"):
-        page.wait(f"document.querySelector('.dnb-caption').textContent === '{name}'")
-        page.page.focus(".dnb-canvas")
-        page.page.keyboard.press(" ")  # stops it, so that the picture is of this name
-        page.page.wait_for_timeout(100)
-        if page.page.text_content(".dnb-caption") == name:
-            seen[name] = page.pixels()
-            page.page.wait_for_timeout(900)
-            assert page.page.text_content(".dnb-caption") == name  # it has stopped
-        page.page.keyboard.press(" ")
+    page.wait(f"{CHANGES} > 2")  # by itself
+    page.page.focus(".dnb-canvas")
+    page.page.keyboard.press(" ")  # stops it
+    page.wait(f"{VIEW}.flicker.timer === 0")
+    seen = {caption(page): page.pixels()}
+    stopped = page.page.evaluate(CHANGES)
+    page.page.evaluate(f"{VIEW}.flicker.turn()")
+    seen[caption(page)] = page.pixels()
     assert column(seen["deformed"]) - column(seen["original"]) > 8
+    assert page.page.evaluate(CHANGES) == stopped + 1  # ours, and none of its own
+    page.page.keyboard.press(" ")
+    page.wait(f"{CHANGES} > {stopped + 2}")
     view.shows = "original"
-    page.page.wait_for_timeout(900)
-    assert page.page.text_content(".dnb-caption") == "original"
+    page.wait("document.querySelector('.dnb-caption').textContent === 'original'")
+    assert page.page.evaluate(f"{VIEW}.flicker.timer") == 0
 
 
 def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePage) -> None:
@@ -132,14 +143,14 @@ def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePag
     view = opened(page, shows="flicker")
     view.show_deformation(extrusion(5.0))
     page.flush()
-    page.page.wait_for_timeout(900)
-    assert page.page.text_content(".dnb-caption") == "deformed"
+    assert page.page.evaluate(f"{VIEW}.flicker.timer") == 0
+    assert caption(page) == "deformed"
     deformed = page.pixels()
     page.page.mouse.click(100, 90)
-    assert page.page.text_content(".dnb-caption") == "original"
+    page.wait("document.querySelector('.dnb-caption').textContent === 'original'")
     assert column(deformed) - column(page.pixels()) > 8
     page.page.keyboard.press(" ")
-    assert page.page.text_content(".dnb-caption") == "deformed"
+    page.wait("document.querySelector('.dnb-caption').textContent === 'deformed'")
     np.testing.assert_array_equal(page.pixels(), deformed)
 
 
