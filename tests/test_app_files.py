@@ -110,6 +110,7 @@ def test_what_goes_wrong_is_said(desk: Desk, monkeypatch: pytest.MonkeyPatch) ->
     desk.write("volume", "page")
     until(lambda: not desk.files.state["busy"])
     assert desk.files.state["said"] == "bar_phantom_deformed.nii.gz could not be written: OSError: no room left"
+    assert desk.state()["latency"] == ""  # it was no edit
     desk.act("forget_file")
     assert desk.state()["files"]["said"] == ""
 

@@ -162,7 +162,9 @@ class Desk:
 
     def write(self, kind: str, page: str) -> None:
         """Begin to write a file for a page; see :class:`~deformnb.app.files.DeskFiles`."""
+        before = self.milliseconds
         self._try(lambda: self.files.write(kind, page))
+        self.milliseconds = before  # it is no edit
 
     def open(self, text: str) -> None:
         """Go on with a saved session that a page has."""
