@@ -243,11 +243,12 @@ class _VtkScene:
             return
         if self._actor is not None:
             self._plotter.remove_actor(self._actor)
-        self._image, self._is_of = volume.to_pyvista(), alike
+        self._image, self._is_of = straight_image(volume), alike
         # The transfer function and its unit replace these choices, but pyvista wants to make them.
         self._actor = self._plotter.add_volume(
             self._image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray", opacity="linear",
             opacity_unit_distance=self._transfer.unit, reset_camera=False, render=False)
+        self._actor.user_matrix = placement(volume.grid)
         set_vtk_transfer(self._actor.prop, self._transfer)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
 
@@ -266,6 +267,28 @@ def for_vtk(volume: Volume) -> Volume:
         values = values.astype(np.float32)
     nz, ny, nx = volume.shape
     return replace(volume, values=values, grid=volume.grid.crop((-1, -1, -1), (nz + 2, ny + 2, nx + 2)))
+
+
+def straight_image(volume: Volume) -> Any:
+    """The voxels for VTK with the axes and the first voxel where they are of no concern; see :func:`placement`.
+
+    VTK's shader takes slopes along the axes of the voxels and does not turn them with the direction that an image may
+    have: the face of a body in a turned image is lit as if it looked elsewhere. An actor's matrix turns both.
+    """
+    return replace(volume, grid=Grid(volume.shape, volume.grid.spacing)).to_pyvista()
+
+
+def placement(grid: Grid) -> NDArray[np.float64]:
+    """The matrix (4, 4) of an actor that puts a :func:`straight_image` where the grid is.
+
+    Examples
+    --------
+    >>> placement(Grid((2, 2, 2), (2, 2, 2), origin=(5, 6, 7)))[:3, 3]
+    array([5., 6., 7.])
+    """
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = grid.direction, grid.origin
+    return matrix
 
 
 def set_vtk_transfer(prop: Any, transfer: TransferFunction) -> None:

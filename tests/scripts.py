@@ -28,7 +28,7 @@ def chromium() -> str | None:
         import playwright  # noqa: F401
     except ImportError:
         return None
-    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")  # the first takes half the time
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")  # the first is the quickest
     return next((path for name in names if (path := shutil.which(name))), None)
 
 

@@ -214,7 +214,8 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
 
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "volume_loader.js", "raycast_folds.js", "displacement_glsl.js", "raycast_glsl.js", "cut_layers.js")
+          "cut_fits.js", "volume_loader.js", "raycast_folds.js", "displacement_glsl.js", "raycast_glsl.js",
+          "cut_layers.js")
 
 
 def test_the_page_builds_the_layers_that_python_sends() -> None:

@@ -96,6 +96,23 @@ def test_what_faces_the_viewer_is_bright_and_even(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("direction", ["RAS", "PIR"])
+def test_light_falls_on_matter_and_not_on_the_order_of_its_voxels(backend: str, direction: str) -> None:
+    """One body in space, stored along other axes, is lit alike: VTK does not turn slopes with an image's direction."""
+    def seen(axes: np.ndarray) -> np.ndarray:
+        grid = Grid((40, 40, 40), origin=tuple(axes @ np.full(3, -19.5)), direction=tuple(map(tuple, axes.tolist())))
+        x, y, z = np.moveaxis(grid.index_to_point(np.stack(np.indices(grid.shape)[::-1], -1)), -1, 0)
+        body = np.clip(15 - np.sqrt((x / 1.1) ** 2 + y * y + (z / 0.8) ** 2), 0, 1) * 200
+        return brightness(render_volume(Volume(body.astype(np.float32), grid), transfer=WHITE, direction=(0.3, 1, -0.2),
+                                        height=40, size=(120, 120), backend=backend))
+
+    expected, turned = seen(np.eye(3)), seen(DIRECTIONS[direction])
+    assert expected.max() > 200
+    assert np.abs(expected - turned).mean() < 1
+    assert np.abs(expected - turned).max() < 40  # at the rim
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_the_default_shows_the_whole_box_and_no_more(backend: str) -> None:
     volume = Volume.from_array(np.full((10, 20, 30), 200, np.uint8), spacing=(1, 1, 2.0))
     values = volume.values.copy()

@@ -147,7 +147,7 @@ def test_folds_stay_red_where_they_are_left(scene: Any) -> None:
     points = ControlPoints.from_arrays([[a - 4, b], [a + 4, b]], [[a + 5, b], [a - 5, b]])
     one = scene("texture", projection="composite")
     one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
-    one.set_field(Deformation((Step((points,), plane),)))
+    one.set_field(Deformation((Step((points,), plane, trend="translation"),)))
     one.folding.show = True
 
     def red() -> np.ndarray:

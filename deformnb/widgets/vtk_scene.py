@@ -19,7 +19,7 @@ from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Plane
-from deformnb.render import gl_status, set_vtk_transfer
+from deformnb.render import gl_status, placement, set_vtk_transfer
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.card_maps import CardMaps, card_maps
@@ -257,6 +257,7 @@ class VtkScene:
         self._actor = self._plotter.add_volume(self._voxels.image, mapper="gpu", shade=True, show_scalar_bar=False,
                                                cmap="gray", opacity="linear", reset_camera=False, render=False,
                                                opacity_unit_distance=1.0)
+        self._actor.user_matrix = placement(self._voxels.lattice)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
         if self.path == "texture":
             self._plotter.render_window.SetSize(8, 8)

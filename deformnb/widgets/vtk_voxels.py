@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deformnb.clipping import WHOLE, Clip
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField
-from deformnb.render import for_vtk
+from deformnb.render import for_vtk, straight_image
 from deformnb.transfer import levels
 from deformnb.volume import Grid, Volume
 from deformnb.warp import Warper
@@ -65,7 +65,7 @@ class SceneVoxels:
         ready = for_vtk(around)
         self.volume, self.output = volume, output
         self.lattice, self.first = ready.grid, start + 1
-        self.image: Any = ready.to_pyvista()
+        self.image: Any = straight_image(ready)
         self.written: tuple[str, AbstractField | None, Any] = ("plain", None, None)
         self._values = ready.values
         self._plain: NDArray[Any] | None = None

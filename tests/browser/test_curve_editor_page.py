@@ -566,7 +566,8 @@ def test_small_opacities_are_labelled_as_such(drawn: Any) -> None:
 def test_nothing_is_cut_off(drawn: Any, kind: str, width: int) -> None:
     page = drawn(made(kind), width=width)
     assert page.page.evaluate("document.documentElement.scrollWidth") <= width
-    beyond = page.js("""[...w.root.querySelectorAll('text, .dnb-cv-dot, .dnb-cv-end, .dnb-cv-ring, button, select, input, span')].filter((e) => {
+    beyond = page.js("""[...w.root.querySelectorAll('text, .dnb-cv-dot, .dnb-cv-end, .dnb-cv-ring, button, select, '
+        + 'input, span')].filter((e) => {
         const a = e.getBoundingClientRect(), b = w.root.getBoundingClientRect();
         return a.width && (a.left < b.left || a.right > b.right || a.top < b.top || a.bottom > b.bottom); }).length""")
     assert beyond == 0
