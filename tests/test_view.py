@@ -12,6 +12,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
+from deformnb.field_of_view import grown
 from deformnb.fields import AbstractField
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
@@ -83,6 +84,15 @@ def test_a_view_of_ones_own_follows_an_editor() -> None:
     view.follow(None, extrusion(1.0))
     assert not editor.live
     assert view.gone(middle) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_view_of_ones_own_follows_in_the_box_that_was_named_last() -> None:
+    view, editor, larger = Mine(), Editor(None, points()), grown(GRID, 3.0)
+    view.follow(editor, extrusion(0.0), output=GRID)
+    view.follow(editor, extrusion(1.0), output=larger)
+    assert view.output == larger
+    editor._take(EditMessage("a", 1, "move", "move", False, points(2.0)))
+    assert view.output == larger
 
 
 def test_a_studio_takes_a_view_of_ones_own_and_says_what_it_lacks() -> None:

@@ -162,6 +162,7 @@ class AbstractView(ABC):
     clip: Any
     camera: Any
     _following: Any = None
+    _followed_output: Grid | None = None
 
     @abstractmethod
     def show(self, volume: Volume) -> None:
@@ -194,14 +195,13 @@ class AbstractView(ABC):
         """
         from deformnb.widgets.refit import Following, Refit
 
-        following = self._following
+        following, self._followed_output = self._following, output
         if following is not None and following.goes_on(editor, index):
             self.show_deformation(following.show(field)(), output=output)
             return
         self._stop_following()
         self.show_deformation(field, output=output)
         if editor is not None:
-            self._followed_output = output
             self._following = Following(editor, Refit(field, index), self._show_followed)
 
     def _show_followed(self, make: Callable[[], AbstractField | None]) -> None:
