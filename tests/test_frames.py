@@ -63,6 +63,17 @@ def test_a_page_that_is_silent_or_gone_holds_nobody_back(clock: Any) -> None:
     assert sender.may_send
 
 
+def test_what_was_sent_to_nobody_does_not_hold_back_a_page_that_is_new(clock: Any) -> None:
+    sender = FrameSender()
+    for _ in range(2):
+        sender.pack(FRAME)
+    assert not sender.may_send
+    sender.lost()
+    for _ in range(4):
+        assert sender.may_send
+        sender.seen(sender.pack(FRAME)[0]["seq"], "new")
+
+
 def test_a_page_cannot_confirm_what_was_not_sent(clock: Any) -> None:
     sender = FrameSender()
     sender.seen(2**50, "odd")

@@ -474,7 +474,7 @@ def test_pictures_go_by_the_transport_and_the_page_hears_where(opened: Any, monk
     until(lambda: len(carrier.delivered) == 2)  # the quick one and the full one
     assert carrier.delivered[0] == (1, b"\xff\xd8")
     assert view.frames == []
-    view.draw_again("frame")  # a page that comes late confirms for what was lost, and gets a picture
+    view.draw_again()  # a page that comes late gets a picture
     until(lambda: len(carrier.delivered) > 2)
     with caplog.at_level(logging.WARNING):
         view.say(type="hello", **PAGE, origin="javascript:x")

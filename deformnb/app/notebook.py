@@ -85,7 +85,7 @@ class Pane(MouseLooks):
         self.is_used = True
         view = self._view()
         if view is not None:
-            view.draw_again(_NAME)
+            view.draw_again()
 
     def seen(self, number: Any, page: Any = "") -> None:
         """A page, by a name of its own, has received the picture of this number."""

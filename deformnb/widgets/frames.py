@@ -75,6 +75,11 @@ class FrameSender:
             self._seen.pop(page, None)
             return self._is_free_again()
 
+    def lost(self) -> None:
+        """What is on its way comes to nobody: a page that is new was not there when it was sent."""
+        with self._lock:
+            self._sent.clear()
+
     def _is_free_again(self) -> bool:
         if not self._was_full or self._on_the_way() >= _IN_FLIGHT:
             return False

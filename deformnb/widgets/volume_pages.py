@@ -117,9 +117,9 @@ class ServesPages(traitlets.HasTraits):
             self._carrier = carrier(self.transport)(self)
         self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
 
-    def draw_again(self, page: str) -> None:
+    def draw_again(self) -> None:
         """A page has come that was not there when the last picture was sent: none is on its way to it."""
-        self._frames.seen(2**53, page)
+        self._frames.lost()
         if self._loop is not None and self._pages:
             self._loop.touch()
 
