@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,10 +20,11 @@ from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED, suffix_of
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
-from deformnb.exports import EXPORTS
+from deformnb.exports import EXPORTS, Seen
 from deformnb.io import read_volume
 from deformnb.session import Session
 from deformnb.volume import Volume
+from deformnb.widgets.view import checked_camera
 
 
 def until(condition: Callable[[], Any]) -> None:
@@ -179,6 +181,39 @@ def test_a_page_is_told_where_its_file_is_and_nobody_else_finds_it() -> None:
                 assert status == 404
         with status_of(app, f"/deformnb/file/{files['key']}", Origin="http://evil.example") as (status, _, _text):
             assert status == 403
+
+
+def test_a_page_is_written_as_it_is_seen_and_nobody_else_is_turned(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = []
+    monkeypatch.setattr("deformnb.widgets.standalone.write_standalone",
+                        lambda path, editor, view, **options: cameras.append(view.camera))
+    here, elsewhere = desk.live.camera, checked_camera({"direction": [1, 0, 0]})
+    desk.files._seen = lambda: Seen(camera=elsewhere)  # by a page that gets pictures
+    desk.write("page", "page")
+    until(lambda: not desk.files.state["busy"])
+    assert cameras == [elsewhere]
+    assert desk.live.camera == here
+
+
+def test_two_that_speak_at_once_do_not_take_back_each_others_words(desk: Desk) -> None:
+    interval, is_over = sys.getswitchinterval(), threading.Event()
+
+    def ask() -> None:
+        while not is_over.is_set():
+            desk.files._say(doubt="?")
+
+    other = threading.Thread(target=ask)
+    desk.files._tell = lambda: None
+    sys.setswitchinterval(1e-6)
+    try:
+        other.start()
+        for k in range(20000):
+            desk.files._say(share=k)
+            assert desk.files.state["share"] == k
+    finally:
+        is_over.set()
+        other.join()
+        sys.setswitchinterval(interval)
 
 
 def test_unknown_kinds_are_refused(desk: Desk) -> None:

@@ -53,7 +53,7 @@ class DeskFiles:
                  tell: Callable[[], None]) -> None:
         self._session, self._seen, self._editor, self._live, self._tell = session, seen, editor, live, tell
         self._thread = Worker("deformnb-app-files")
-        self._stop = threading.Event()
+        self._stop, self._saying = threading.Event(), threading.Lock()
         self._folder: Path | None = None
         self._ready: tuple[str, Path] | None = None
         self._doubtful: Deformation | None = None
@@ -101,7 +101,7 @@ class DeskFiles:
             self._ready = None
             path = self._place(name)
             if kind == "page":
-                self._write_page(path)
+                self._write_page(path, frozen.seen)
             else:
                 export(frozen, path, progress=self._progress)
             key = secrets.token_urlsafe(24)
@@ -124,12 +124,12 @@ class DeskFiles:
                 old.unlink()
         return self._folder / name
 
-    def _write_page(self, path: Path) -> None:
+    def _write_page(self, path: Path, seen: Seen) -> None:
         from deformnb.widgets.standalone import write_standalone
 
-        self._live.camera = dict(self._seen().camera)
         editor, view = last_step(self._session, self._editor, self._live)
         try:
+            view.camera = dict(seen.camera)  # not of the desk's own view, which other pages look through
             write_standalone(path, editor, view, title=self._session.volume.name, progress=self._progress)
         finally:
             close_all(editor)
@@ -142,7 +142,8 @@ class DeskFiles:
             self._say(share=min(1.0, float(share)))
 
     def _say(self, **news: Any) -> None:
-        self.state = {**self.state, **news}
+        with self._saying:  # the desk and the one that writes speak at once, and neither may take back the other's
+            self.state = {**self.state, **news}
         self._tell()
 
     # -- from the page -------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 // downloads, and a saved session is read and handed to Python. Joined behind app_remote.js and before app_bridge.js,
 // whose Vue application it is a component of; its slot gets `write(kind)` and `open()`.
 
-const LONGEST_SESSION = 500000; // characters that Python takes
+const LONGEST_SESSION = 500000; // bytes that Python takes
 
 const AppFiles = {
   props: { files: Object }, // as DeskFiles.state says it
@@ -21,11 +21,11 @@ const AppFiles = {
     write(kind) { this.call("deformnb.write", kind, APP_PAGE); },
     open() { this.$refs.input.click(); },
     async take() {
-      const { input } = this.$refs, text = await input.files[0]?.text();
+      const { input } = this.$refs, [file] = input.files, isTooLong = file?.size > LONGEST_SESSION;
+      const text = isTooLong ? undefined : await file?.text();
       input.value = ""; // the same file can be chosen again
-      if (text === undefined) return;
-      if (text.length > LONGEST_SESSION) this.trame.state.set("error", "This file is too long for a session of this page.");
-      else this.call("deformnb.take", text);
+      if (isTooLong) this.trame.state.set("error", "This file is too long for a session of this page.");
+      else if (text !== undefined) this.call("deformnb.take", text);
     },
     // A call that fails because the connection has gone is no news: the page says so by itself.
     call(method, ...given) { this.trame.client.getConnection().getSession().call(method, given).catch(() => {}); },
