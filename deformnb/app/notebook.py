@@ -45,13 +45,14 @@ class Pane(MouseLooks):
         self.widgets: dict[str, Any] = {}
         self.controls: dict[str, Any] = {}
         self.changed: Callable[[], None] = lambda: None
-        self.volumes = self.pictures = self  # a desk keeps its volume apart from itself
+        self.volumes = self.pictures = self.files = self  # a desk keeps these apart from itself
         self.is_used = False
         self.views: dict[str, Any] = view.volume_info.get("views", {})
         self.thread = Worker("deformnb-pane")
         self._blink = Worker("deformnb-blink")
         self._push: Callable[[bytes, dict[str, Any]], None] = lambda data, about: None
         self._lock = threading.RLock()
+        self._layers: list[tuple[bytes, dict[str, Any]]] = []
         self._camera = view.camera
         self._number = 0
 
@@ -79,6 +80,17 @@ class Pane(MouseLooks):
     def document(self) -> str:
         """No document is offered."""
         raise DeformError("there is no document here.")
+
+    def open(self, text: str) -> None:
+        """No document is taken."""
+        raise DeformError("no document is opened here.")
+
+    def write(self, kind: str, page: str) -> None:
+        """No file is offered."""
+        raise DeformError("no file is written here.")
+
+    def path(self, key: str) -> None:
+        """No file is ready."""
 
     def update_size(self, size: Any) -> None:
         """A page is there. How large the pictures shall be is said by the view's own page around it."""
@@ -140,7 +152,7 @@ class Pane(MouseLooks):
 
     def _show_other(self) -> None:
         with self._lock:
-            if len(self._layers) < 2:
+            if len(self._layers) < 2 or self._blink.is_closed:
                 return
             self._layers.reverse()
             self._push(*self._layers[0])
