@@ -82,6 +82,11 @@ class Part:
         high = np.where(shares[:, 1] < 1, start + shares[:, 1] * (end - start), np.inf)
         return cls(grid, tuple(low.tolist()), tuple(high.tolist()))
 
+    @classmethod
+    def whole(cls, grid: Grid) -> Part:
+        """The box of a grid itself, with its six sides."""
+        return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
+
     def holds(self, lattice: Grid) -> NDArray[np.bool_]:
         """Which voxels [z, y, x] of another grid have their centres in it."""
         to_index = np.linalg.inv(self.grid.matrix)

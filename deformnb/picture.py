@@ -305,6 +305,8 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
         layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
         settings = _with_steps(settings, d, d, d)
+        if is_lit and part is None and _voxel_order(volume.grid, plane) is None:
+            part = Part.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
         if is_lit and part is not None:
             settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
         values = _accumulate(how, layers, settings, lattice.shape[0], progress)

@@ -19,7 +19,7 @@ from deformnb.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.picture import PROJECTIONS, Picture, plane_lattice, project
 from deformnb.plane import VIEWS, Plane, Raster
-from deformnb.transfer import PRESETS, TransferFunction
+from deformnb.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume import Grid, Volume
 
 # ---- along the voxels ------------------------------------------------------------------------------------------------
@@ -402,3 +402,17 @@ def test_the_real_carp_looks_left_with_its_back_up(real_data: Any) -> None:
     spine = rows[grey[:, trunk].argmax(axis=0)]
     centre = np.array([rows[bright[:, k]].mean() for k in np.flatnonzero(trunk)])
     assert np.median(spine - centre) < 0
+
+
+def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
+    k, j, i = np.indices((40, 24, 40)) - 19.5
+    body = Volume(np.where(k**2 + (j + 0.5) ** 2 + i**2 < 18**2, 250, 0).astype(np.uint8)[:, 8:],
+                  Grid((40, 16, 40)))
+    plane = Plane.through(body.grid.center, (0.4, 1, -0.3))
+    picture = project(body, plane, "shaded", transfer=preset("surface", body), spacing=0.5)
+    a, b, _ = plane.to_plane((19.5, -0.5, 19.5))  # the middle of the face
+    raster = picture.raster
+    u, v = (round((c - o) / d) for c, o, d in zip((a, b), raster.origin, raster.spacing, strict=True))
+    patch = picture.values[v - 6 : v + 7, u - 6 : u + 7, :3].mean(axis=2)
+    assert patch.min() > 0.3
+    assert np.ptp(patch) < 0.02
