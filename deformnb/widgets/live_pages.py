@@ -232,8 +232,7 @@ class AnswersPages(AbstractMoments):
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._take_theme(content)
         if self._volume is not None:
-            self._draw_here()
-            self._post({"type": "drawn", "view": view}, [])
+            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
 
     def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         if self._volume is not None and not self._draw_here().receive(content.get("say")):

@@ -1,8 +1,9 @@
 """What draws a live view's volume in Python for the pages whose browser cannot: a volume view without pages of its own.
 
 Messages by such a page: ``still`` (it cannot draw, and asks to be drawn for) and ``drawn`` (say: what the page of a
-volume view would say, see :mod:`~deformnb.widgets.volume_pages`). Messages to it: ``drawn`` (somebody draws), and what
-a volume view says to its pages.
+volume view would say, see :mod:`~deformnb.widgets.volume_pages`). Messages to it: ``drawn`` (somebody draws), ``info``
+(of the box that is seen, as the trait ``volume_info`` of a volume view; ``drawn`` has it too), and what a volume view
+says to its pages.
 """
 
 from __future__ import annotations
@@ -47,6 +48,11 @@ class StandIn:
         """Take what a page says to whoever draws for it; returns whether any page is left."""
         self._view._receive(None, said, [])
         return bool(self._view._pages)
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What a page must know of the box that is seen; it is told when that is another one."""
+        return dict(self._view.volume_info)
 
     def show(self, volume: Volume, field: AbstractField | None, output: Grid | None,
              followed: tuple[Any, int] | None) -> None:
@@ -110,6 +116,10 @@ class _Unseen(VolumeView):
 
     def open(self) -> None:
         """Open no line."""
+
+    @traitlets.observe("volume_info")
+    def _tell_box(self, change: Any) -> None:
+        self.send({"type": "info", "info": change["new"]})
 
     def send(self, content: Any, buffers: Any = None) -> None:
         say = self._to_pages()

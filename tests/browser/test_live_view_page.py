@@ -14,6 +14,7 @@ from PIL import Image
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
+from deformnb.field_of_view import grown
 from deformnb.picture import project
 from deformnb.plane import VIEWS, Plane
 from deformnb.transfer import TransferFunction
@@ -236,6 +237,8 @@ def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
     page.wait(f"{DRAWN}.count > 2 && {DRAWN}.isFull")
     _until(page, lambda: dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96)
+    view.show_deformation(None, output=grown(GRID, 9.0))
+    page.wait(f"{DRAWN}.info.box.high[0] > models.view.get('volume_info').box.high[0] + 8")
     assert page.errors == []
     view.close()
     page.close()

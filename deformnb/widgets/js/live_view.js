@@ -1,6 +1,6 @@
 // The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/live_view.py
 // names.
-// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, screenshot.
+// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
@@ -128,7 +128,8 @@ class LiveViewPage extends VolumePage {
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.receiveStill(buffers[0]);
-    if (content.type === "drawn") return this.still?.drawn();
+    if (content.type === "drawn") return this.still?.drawn(content.info);
+    if (content.type === "info") return this.still?.inform(content.info);
     if (content.type === "screenshot") return this.screenshot(content);
     return undefined;
   }

@@ -2,7 +2,7 @@
 
 class StillPicture {
   constructor(page, why) {
-    Object.assign(this, { page, why, pictures: null, after: null });
+    Object.assign(this, { page, why, pictures: null, after: null, info: null });
     this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
   }
 
@@ -25,10 +25,11 @@ class StillPicture {
   }
 
   /** Python draws: its page takes the place of the one that cannot. */
-  drawn() {
+  drawn(info) {
+    if (info) this.inform(info);
     if (this.pictures) return;
     const { page } = this, { model } = page;
-    const part = { get: (name) => model.get(name), set: (name, value) => model.set(name, value),
+    const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name), set: (name, value) => model.set(name, value),
       save_changes: () => model.save_changes(), on: (name, call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
@@ -37,6 +38,12 @@ class StillPicture {
     this.pictures.root.deformnb = this.pictures;
     this.pictures.say(this.why);
     this.#tell();
+  }
+
+  /** The box that Python's pictures show, which is the result's and not always the volume's own. */
+  inform(info) {
+    this.info = info;
+    this.pictures?.readInfo();
   }
 
   #tell() {
