@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -196,24 +195,27 @@ def test_a_page_is_written_as_it_is_seen_and_nobody_else_is_turned(desk: Desk, m
 
 
 def test_two_that_speak_at_once_do_not_take_back_each_others_words(desk: Desk) -> None:
-    interval, is_over = sys.getswitchinterval(), threading.Event()
+    has_begun, may_end = threading.Event(), threading.Event()
 
-    def ask() -> None:
-        while not is_over.is_set():
-            desk.files._say(doubt="?")
+    class Slow(dict[str, Any]):
+        """Is read while somebody else speaks."""
 
-    other = threading.Thread(target=ask)
-    desk.files._tell = lambda: None
-    sys.setswitchinterval(1e-6)
-    try:
-        other.start()
-        for k in range(20000):
-            desk.files._say(share=k)
-            assert desk.files.state["share"] == k
-    finally:
-        is_over.set()
-        other.join()
-        sys.setswitchinterval(interval)
+        def keys(self) -> Any:
+            has_begun.set()
+            may_end.wait(0.5)
+            return super().keys()
+
+        def __iter__(self) -> Any:
+            return super().__iter__()
+
+    desk.files.state = Slow(desk.files.state)
+    writer = threading.Thread(target=lambda: desk.files._say(share=0.5))
+    writer.start()
+    assert has_begun.wait(PATIENCE)
+    desk.files._say(doubt="?")
+    may_end.set()
+    writer.join()
+    assert (desk.files.state["share"], desk.files.state["doubt"]) == (0.5, "?")
 
 
 def test_unknown_kinds_are_refused(desk: Desk) -> None:
