@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.clipping import WHOLE, Clip
+from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
 from deformnb.fields import AbstractField
+from deformnb.io.headers import human_bytes
+from deformnb.io.memory import available_memory
 from deformnb.render import for_vtk, straight_image
 from deformnb.transfer import levels
 from deformnb.volume import Grid, Volume
@@ -23,10 +26,20 @@ Box = tuple[Float3, Float3]
 
 
 def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
-    """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is."""
+    """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is.
+
+    Raises
+    ------
+    DeformError
+        If there is no memory for that: a box of few voxels may be large, or far away.
+    """
     grid = volume.grid if output is None else volume.grid.covering(output.corners())
     if grid.shape == volume.grid.shape:
         return volume, np.zeros(3)
+    needed, free = 2 * grid.size * volume.dtype.itemsize, available_memory()  # another copy is made for VTK
+    if needed > free:
+        raise DeformError(f"to show this box in VTK takes {human_bytes(needed)} and {human_bytes(free)} are free; "
+                          "choose a box nearer to the volume, or a live view.")
     start = np.round(grid.point_to_index(volume.grid.origin))
     values = np.full(grid.shape, volume.dtype.type(volume.background))
     nz, ny, nx = volume.shape
