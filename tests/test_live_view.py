@@ -353,6 +353,33 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     assert view.volume_info["note"] == ""
 
 
+def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(monkeypatch: Any) -> None:
+    values = np.arange(4000, dtype=np.int16).reshape(10, 20, 20)
+    view = LiveView(Volume.from_array(values), transfer=TransferFunction(((0, 0, 0, 0),), ((0, 0), (4000, 1))))
+    narrow = TransferFunction(((1000, 0, 0, 0), (1600, 1, 1, 1)), ((1000, 0), (1600, 1)))
+    has_table, may_go_on, table_of = threading.Event(), threading.Event(), TransferFunction.table
+
+    def slow(function: TransferFunction, *given: Any) -> Any:
+        table = table_of(function, *given)
+        if threading.current_thread() is user:
+            has_table.set()
+            may_go_on.wait(30)
+        return table
+
+    monkeypatch.setattr(TransferFunction, "table", slow)
+    user, timer = threading.Thread(target=view.set_transfer, args=(narrow,)), threading.Thread(target=view._sharpen)
+    user.start()
+    assert has_table.wait(30)
+    timer.start()
+    timer.join(0.3)  # it waits for the user, or else is done before
+    may_go_on.set()
+    for thread in (user, timer):
+        thread.join(30)
+    assert view.volume_info["note"] == "finer greys from 970 to 1630"
+    assert view.table == np.ascontiguousarray(table_of(narrow, 970.0, 1630.0, narrow.unit), "<f4").tobytes()
+    view.close()
+
+
 def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view = Recorded(ramp(), transfer=NARROW)
     assert view._shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]

@@ -239,12 +239,12 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         self._wanted_transfer = transfer
         if self._volume is None or self._shown is None:
             return
-        function = _function(transfer, self._volume)
-        self._transfer = function
-        table = function.table(*self._shown.window, function.unit)  # alphas as they are; the page fits them to steps
-        with self.hold_sync():
-            self.unit = function.unit
-            self.table = np.ascontiguousarray(table, "<f4").tobytes()
+        with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
+            function = self._transfer = _function(self._wanted_transfer, self._volume)
+            table = function.table(*self._shown.window, function.unit)  # alphas as they are: the page fits them
+            with self.hold_sync():
+                self.unit = function.unit
+                self.table = np.ascontiguousarray(table, "<f4").tobytes()
         if self._stand_in is not None:
             self._stand_in.set_transfer(function)
         self._colours_changed()
