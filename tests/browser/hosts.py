@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -15,7 +16,6 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,8 @@ class _Application(Host):
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         self.write_notebook(cells, name)
-        page.goto(self.url(self.address.format(name=self.place + name, workspace=self.place.rstrip("/") or "test")))
+        workspace = f"{self.place}{name}".replace("/", "-").removesuffix(".ipynb")
+        page.goto(self.url(self.address.format(name=self.place + name, workspace=workspace)))
         self.wait_until_open(page)
         self.run_all(page)
 
@@ -172,7 +173,11 @@ class _Application(Host):
     def end_kernels(self) -> None:
         """Ends all kernels, and forgets what they have written by themselves."""
         for kernel in self._ask("GET", "/api/kernels"):
-            self._ask("DELETE", f"/api/kernels/{kernel['id']}")
+            for _ in range(20):
+                with contextlib.suppress(urllib.error.HTTPError):  # it is just being restarted
+                    self._ask("DELETE", f"/api/kernels/{kernel['id']}")
+                    break
+                time.sleep(0.5)
         shutil.rmtree(self.folder / "state", ignore_errors=True)
 
     def _ask(self, method: str, path: str) -> Any:
@@ -238,7 +243,7 @@ def told(page: Any, reached: Callable[[Any], bool] = lambda state: True, patienc
         page.wait_for_timeout(100)
 
 
-@contextmanager
+@contextlib.contextmanager
 def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
     """A host while a test needs it; skips the test where it is not installed."""
     if host.missing():

@@ -74,6 +74,8 @@ class LivePage:
         self.widgets: dict[str, Any] = {}
         self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
         self._echo = ""  # the widget that hears its own page
+        self._inbox: list[tuple[str, str, str, list[str]]] = []
+        self._is_reading = False
         self.page.expose_function("toPython", self._from_page)
         self.page.set_content(_PAGE)
         if init:
@@ -106,6 +108,18 @@ class LivePage:
         self.flush()
 
     def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
+        """One message after the other, as in a kernel: telling the page of one lets the next one in."""
+        self._inbox.append((name, kind, text, buffers))
+        if self._is_reading:
+            return
+        self._is_reading = True
+        try:
+            while self._inbox:
+                self._read(*self._inbox.pop(0))
+        finally:
+            self._is_reading = False
+
+    def _read(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
         widget, content = self.widgets[name], json.loads(text)
         if kind == "state":
             self._echo = name

@@ -324,7 +324,8 @@ def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(brows
           window.loss = this.getExtension("WEBGL_lose_context"); window.loss.loseContext();
           setTimeout(() => { window.loss.restoreContext(); }, 300); }; }""", size**3 // 2)
     view = opened(page, shape_without_symmetry(Grid((size, size, size))))
-    assert int(np.prod(view.volume_info["shape"])) == size**3 // 2
+    page.wait(f"models.view.get('volume_info').shape.reduce((a, b) => a * b) === {size**3 // 2}")
+    page.loaded()
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     view.close()
