@@ -34,6 +34,7 @@ Progress = Callable[[float], None]
 """Called with the finished share from 0 to 1; raises :class:`~deformnb.errors.Cancelled` to stop."""
 
 _RENDERING = (1600, 1200)
+_BAND = 64  # rows of a picture between two looks at whether it is still wanted
 _FRAME = (640, 480)
 _FRAMES = 48
 _FPS = 24.0
@@ -50,8 +51,8 @@ class Scene(Protocol):
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
         """Deform what is shown, in the box of a grid."""
 
-    def render(self) -> Image | None:
-        """The picture, (height, width, 3) uint8."""
+    def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8, in about so many parts; ``progress`` is called in between."""
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -70,6 +71,7 @@ class Seen:
     clip : the part of the box that is seen, as a view's ``clip``.
     show_folds : whether matter is red where the map folds.
     scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
+    still : makes what is quicker for a single picture, alike; None takes ``scene``.
     """
 
     camera: Mapping[str, Any] = field(default_factory=lambda: dict(_HOME))
@@ -79,6 +81,7 @@ class Seen:
     clip: Clip = WHOLE
     show_folds: bool = False
     scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
+    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
 
     @classmethod
     def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
@@ -148,9 +151,9 @@ class Frozen:
         check_room(self.volume, self.output)
         return warp(self.volume, self.field, output=self.output, progress=progress)
 
-    def scene(self, size: tuple[int, int]) -> Scene | None:
-        """What draws the volume as it is seen; None where only a camera is known."""
-        make = self.seen.scene
+    def scene(self, size: tuple[int, int], *, once: bool = False) -> Scene | None:
+        """What draws the volume as it is seen, many times or once; None where only a camera is known."""
+        make = (self.seen.still if once else None) or self.seen.scene
         return None if make is None else make(self.volume, self.transfer, size, self.seen)
 
 
@@ -205,13 +208,15 @@ def _rendering(it: Frozen, path: Path, progress: Progress) -> None:
 
 
 def _as_seen(it: Frozen, progress: Progress) -> Image:
-    scene = it.scene(it.size or _RENDERING)
+    size = it.size or _RENDERING
+    progress(0.0)
+    scene = it.scene(size, once=True)
     assert scene is not None
     try:
-        progress(0.2)
+        progress(0.05)
         scene.set_field(it.field, it.output)
-        progress(0.4)
-        image = scene.render()
+        progress(0.1)
+        image = scene.render(bands=max(1, size[1] // _BAND), progress=lambda share: progress(0.1 + 0.75 * share))
         assert image is not None  # only what is asked to stop stops
         return image
     finally:

@@ -11,6 +11,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -21,6 +22,38 @@ from deformnb.io.locks import held, sweep
 _SUFFIX = ".deformnb.tmp"
 # A lock may say nothing of a process on another machine that shares the folder: only our own leftovers are swept.
 _HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+# Of the work of one thread; see writing_held_by.
+_last_doubts: ContextVar[Callable[[], AbstractContextManager[Any]]] = ContextVar("last_doubts", default=nullcontext)
+
+
+@contextmanager
+def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterator[None]:
+    """Within this block, in this thread, files take their places only within a context of their own.
+
+    Parameters
+    ----------
+    doubts : makes the context, when all is written; what it raises on entering keeps the old file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "note.txt"
+    >>> @contextmanager
+    ... def never():
+    ...     raise KeyError("not wanted any more")
+    ...     yield
+    >>> with suppress(KeyError), writing_held_by(never), atomic_write(target) as file:
+    ...     _ = file.write(b"whole")
+    >>> list(target.parent.iterdir())
+    []
+    """
+    token = _last_doubts.set(doubts)
+    try:
+        yield
+    finally:
+        _last_doubts.reset(token)
 
 
 def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Path:
@@ -104,7 +137,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            with replacing(target):
+            with _last_doubts.get()(), replacing(target):
                 temporary.replace(target)
         finally:
             if lock is not None:

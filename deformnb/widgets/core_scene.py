@@ -25,6 +25,10 @@ _QUICK_SHARE = 0.35
 
 _LIMIT, _LARGEST = 256**3, 2048
 
+# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a graphics card 5 s and 10 s more for its
+# shader. The core's time grows with the voxels, that of VTK with the pixels.
+_MOST_BY_CORE = 160**3
+
 
 class CoreScene:
     """One volume as the core draws it; parameters and methods are those of ``VtkScene``."""
@@ -102,12 +106,13 @@ class CoreScene:
         self._size = size
 
     def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None) -> Image | None:
+               interrupted: Callable[[], bool] | None = None,
+               progress: Callable[[float], None] | None = None) -> Image | None:
         """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
         width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
         scene = Scene(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
                       self._background, self._shows if shows is None else shows, self._clip)
-        return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None)
+        return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 
     def close(self) -> None:
         """Nothing is held."""
@@ -136,11 +141,39 @@ def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, m
 
 
 def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, int],
-                  seen: Seen) -> VtkScene | CoreScene:
+                  seen: Seen, method: str = "auto") -> VtkScene | CoreScene:
     """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
-    scene, _ = make_scene(volume, size, transfer=transfer, projection=seen.projection, background=seen.background)
+    scene, _ = make_scene(volume, size, method, transfer=transfer, projection=seen.projection,
+                          background=seen.background)
     scene.set_camera(dict(seen.camera))
     scene.set_shows(seen.shows)
     scene.set_clip(seen.clip)
     scene.folding.show = seen.show_folds
     return scene
+
+
+class StillAsSeen:
+    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a graphics card too.
+
+    The core draws it, but for large volumes and where matter is red because it folds, which the core does not show.
+    Parameters are those of :func:`scene_as_seen`.
+    """
+
+    def __init__(self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen) -> None:
+        self._arguments = volume, transfer, size, seen
+        self.scene = scene_as_seen(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
+
+    def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown."""
+        self.scene.set_field(field, output)
+        if isinstance(self.scene, CoreScene) and self.scene.folding.remark and gl_status()[0]:
+            self.scene = scene_as_seen(*self._arguments)
+            self.scene.set_field(field, output)
+
+    def render(self, *, bands: int = 1, progress: Callable[[float], None] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8."""
+        return self.scene.render(bands=bands, progress=progress)
+
+    def close(self) -> None:
+        """Give back what is held."""
+        self.scene.close()

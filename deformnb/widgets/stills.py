@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from deformnb.warp import warp
 from deformnb.widgets.shown_volume import ShownVolume, coarser, factors_of
 
 Image = NDArray[np.uint8]
+Progress = Callable[[float], None]
 
 BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.918, 0.923, 0.932)}
 """The middle tone of the view's two backgrounds."""
@@ -90,26 +92,37 @@ class Scene:
 _PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip")
 
 
-def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None) -> Image:
+def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None,
+                 progress: Progress | None = None) -> Image:
     """A picture of a scene, (height, width, 3); original and deformed share it where they are side by side.
 
     Parameters
     ----------
     most : voxels of the deformed volume at most; default is as many as there are.
+    progress : called with the finished share from 0 to 1.
     """
     if scene.shows != "side_by_side":
-        return _render(scene, size, scene.shows == "original", most)
+        return _render(scene, size, scene.shows == "original", most, progress)
     left, height = size[0] // 2, size[1]
-    halves = _render(scene, (left, height), True, most), _render(scene, (size[0] - left, height), False, most)
+    halves = (_render(scene, (left, height), True, most, within(progress, 0.0, 0.5)),
+              _render(scene, (size[0] - left, height), False, most, within(progress, 0.5, 1.0)))
     return np.concatenate(halves, axis=1)
 
 
-def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None) -> Image:
+def within(progress: Progress | None, first: float, last: float) -> Progress | None:
+    """What is told of a part of some work, as that part of the whole."""
+    return None if progress is None else lambda share: progress(first + share * (last - first))
+
+
+def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None,
+            progress: Progress | None = None) -> Image:
     shown, camera = scene.shown, scene.camera
     box = scene.output or shown.volume.grid
     lattice = scene.output if most is None else coarser(box, factors_of(box, most, most))
     field = None if is_original else scene.field
-    seen = shown.volume if field is None else warp(shown.volume, field, output=lattice)
+    warped = 0.0 if field is None else 0.3
+    seen = shown.volume if field is None else warp(shown.volume, field, output=lattice,
+                                                   progress=within(progress, 0.0, warped))
     sides, zoom = (camera["direction"], camera.get("up")), float(camera.get("zoom") or 1.0)
     height = seen_height(box, *sides, size[0] / size[1], zoom)
     plane = Plane.through(box.center, *sides)
@@ -118,7 +131,7 @@ def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | 
     part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
     eye = Eye(STANDOFF * height, height * size[0] / size[1], height) if camera.get("perspective") else None
     draw = _mip if scene.projection == "mip" else _composite
-    return draw(scene, seen, plane, height, size, part, eye)
+    return draw(scene, seen, plane, height, size, part, eye, within(progress, warped, 1.0))
 
 
 def preview_png(scene: Scene) -> bytes:
@@ -161,14 +174,15 @@ def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFu
 
 
 def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-               eye: Eye | None) -> Image:
+               eye: Eye | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
     # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value. Half a voxel
     # between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
     background = BACKGROUNDS[scene.background]
     picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
-                      spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye)
+                      spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye,
+                      progress=progress)
     ink: Any = tuple(round(255 * c) for c in background)
     drawn = Pillow.fromarray(picture.rgb8(background)).transform(
         size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BICUBIC, fillcolor=ink)
@@ -176,10 +190,11 @@ def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: 
 
 
 def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-         eye: Eye | None) -> Image:
+         eye: Eye | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
-    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye)
+    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye,
+                      progress=progress)
     low, white = volume.background, 255 * scene.shown.white
     share = np.clip((picture.values.astype(np.float64) - low) / max(white - low, 1e-12), 0, 1)
     drawn = Pillow.fromarray(share.astype(np.float32)).transform(

@@ -31,6 +31,10 @@ SHOWS = {
 }
 """What of a volume and its deformation is seen, by name; the first is the default."""
 
+SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
+         "-z": "from above (-z)", "+z": "from below (+z)"}
+"""The six views in words, for a patient or an animal in LPS."""
+
 HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
 """The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""
 
@@ -156,11 +160,13 @@ class AbstractView(ABC):
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
     camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the viewer's hand change it.
+    draws_by_vtk : whether its pictures are VTK's, and so those in files too.
     """
 
     shows: Any
     clip: Any
     camera: Any
+    draws_by_vtk = False
     _following: Any = None
     _followed_output: Grid | None = None
 
@@ -242,10 +248,11 @@ class AbstractView(ABC):
     def seen(self) -> Seen:
         """What this view shows now, apart from the deformation: what a picture in a file needs to show the same."""
         from deformnb.exports import Seen
-        from deformnb.widgets.core_scene import scene_as_seen
+        from deformnb.widgets.core_scene import StillAsSeen, scene_as_seen
 
         looks = {name: getattr(self, name) for name in ("camera", "projection", "show_folds") if hasattr(self, name)}
-        return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen, **looks)
+        return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen,
+                    still=None if self.draws_by_vtk else StillAsSeen, **looks)
 
     def _shade(self) -> str:
         """The background on the page, "dark" or "light"."""

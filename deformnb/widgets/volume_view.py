@@ -88,6 +88,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
 
     _esm = joined(*_FILES)
     _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
+    draws_by_vtk = True
 
     volume_info = traitlets.Dict().tag(sync=True)
     projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)

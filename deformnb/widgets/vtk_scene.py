@@ -24,7 +24,7 @@ from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.stills import _INKS as INKS
-from deformnb.widgets.stills import BACKGROUNDS, STANDOFF, seen_height
+from deformnb.widgets.stills import BACKGROUNDS, STANDOFF, seen_height, within
 from deformnb.widgets.view import SHOWS, Image, checked_camera, known
 from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_probe import cut_probe, is_like, probe, warped
@@ -182,7 +182,8 @@ class VtkScene:
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None) -> Image | None:
+               interrupted: Callable[[], bool] | None = None,
+               progress: Callable[[float], None] | None = None) -> Image | None:
         """The picture, (height, width, 3) uint8.
 
         Parameters
@@ -192,20 +193,22 @@ class VtkScene:
         shows : instead of what was set.
         bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
         interrupted : asked between two parts; if it says True, the work is dropped and None returned.
+        progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
         kind = self._shows if shows is None else known(shows, tuple(SHOWS), "kind of picture")
         if kind != "side_by_side":
-            return self._picture((width, height), kind != "original", coarseness, bands, interrupted)
-        left = self._picture((width // 2, height), False, coarseness, bands, interrupted)
+            return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
+        left_half, right_half = (within(progress, first, first + 0.5) for first in (0.0, 0.5))
+        left = self._picture((width // 2, height), False, coarseness, bands, interrupted, left_half)
         right = left if left is None else self._picture((width - width // 2, height), True, coarseness, bands,
-                                                        interrupted)
+                                                        interrupted, right_half)
         if left is None or right is None:
             return None
         return np.concatenate([left, right], axis=1)
 
     def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
-                 interrupted: Callable[[], bool] | None) -> Image | None:
+                 interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:
         self._deform(deformed)
         seen = self._look(size)
         # Half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger.
@@ -217,6 +220,8 @@ class VtkScene:
             if parts and interrupted is not None and interrupted():
                 return None
             parts.append(self._band(size, top, bottom, seen))
+            if progress is not None:
+                progress(len(parts) / count)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
