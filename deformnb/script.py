@@ -32,8 +32,12 @@ _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knot
           "parts", "cuts", "cut_rule", "stages")
 
 
-UNKNOWN_VOLUME = 'dn.read_volume("volume.nii.gz")'
-"""What a script says of a volume of which it is not known where it came from."""
+UNKNOWN_VOLUME = ('dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, "volume.nii.gz"), '
+                  "or put your own volume here")
+"""What a script says of a volume of which it is not known where it came from; nothing may follow on the line."""
+
+VOLUME_LINE = 3
+"""The line of a script that gives the volume."""
 
 
 def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOLUME) -> str:
@@ -49,10 +53,10 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     --------
     >>> points = ControlPoints.from_arrays([[0, 0], [9, 0]], [[0, 0], [9, 2.5]], names=["tail", "nose"])
     >>> grid = Grid((10, 10, 10))
-    >>> print(as_python(Deformation.on_picture(grid, "+y", points), grid))
+    >>> print(as_python(Deformation.on_picture(grid, "+y", points), grid, volume='dn.read_volume("ct.nii.gz")'))
     import deformnb as dn
     <BLANKLINE>
-    volume = dn.read_volume("volume.nii.gz")
+    volume = dn.read_volume("ct.nii.gz")
     <BLANKLINE>
     points = dn.ControlPoints.from_arrays(
         source=[[0.0, 0.0], [9.0, 0.0]],

@@ -6,7 +6,8 @@ import html
 import os
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -19,6 +20,8 @@ from deformnb.deformation import Deformation
 from deformnb.document import LONGEST, from_json
 from deformnb.errors import Cancelled, DeformError, FileChangedError, OtherVolumeError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
+from deformnb.io.atomic import writing_held_by
+from deformnb.script import VOLUME_LINE
 from deformnb.session import Session
 from deformnb.widgets.controls import Guard, Panel, button, row
 from deformnb.widgets.hand_over import HandOver
@@ -47,8 +50,8 @@ class FilesPanel(Panel):
         self._view = view
         self._folder = Path(folder)
         self._write_page = write_page
-        self._stop = threading.Event()
-        self._writing = ""
+        self._job: Job | None = None  # what is awaited
+        self._ending = threading.Lock()
         self._own: set[Path] = set()  # written here
         self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
@@ -61,7 +64,7 @@ class FilesPanel(Panel):
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
         self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
         self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
-        self.cancel = self._acting("Cancel", "Stop; no half file is left", self._stop.set)
+        self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
         self.upload = ipw.FileUpload(accept=".json", description="Open session", layout=ipw.Layout(width="auto"),
                                      tooltip="Go on with a saved session; can be undone")
         self.upload.observe(lambda change: self._open(change["new"]), "value")
@@ -99,44 +102,63 @@ class FilesPanel(Panel):
 
     def _begin(self, path: Path, frozen: Frozen, downloads: bool) -> None:
         self.question.forget()
-        self._stop.clear()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
         self.bar.value, self.bar.layout.display = 0.0, ""
-        self._writing = self.said.value = f"Writing {path.name} ..."
-        self._thread.call(lambda: self._do(path, frozen, downloads))
+        self.said.value = f"Writing {path.name} ..."
+        job = self._job = Job(path, frozen, downloads)
+        self._thread.call(lambda: self._do(job))
 
-    def _do(self, path: Path, frozen: Frozen, downloads: bool) -> None:
-        said = ""
+    def _do(self, job: Job) -> None:
         try:
-            if path.name.lower().endswith(_PAGE):
-                self._write_page(path, progress=self._progress)
-            else:
-                export(frozen, path, progress=self._progress)
-            self._own.add(path)
-            said = f"Wrote {path.name} ({_size(path)})."
-            if downloads:
-                self.hand_over.download(path.name, path.read_bytes())
+            with writing_held_by(job.landing):
+                if job.path.name.lower().endswith(_PAGE):
+                    self._write_page(job.path, progress=partial(self._progress, job))
+                else:
+                    export(job.frozen, job.path, progress=partial(self._progress, job))
+            self._own.add(job.path)
+            content = job.path.read_bytes() if job.downloads else None
+            if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
+                self.guard(lambda: self.hand_over.download(job.path.name, content))
         except Cancelled:
-            said = f"Stopped; {path.name} was not written."
+            self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            over = replace(frozen, save=partial(frozen.save, overwrite=True))
-            self.question.ask(f"{path.name} has been changed by someone else since it was opened or saved here. Write "
-                              "it under another name, or over theirs?", "Write over it",
-                              lambda: self._begin(path, over, downloads))
+            over = replace(job.frozen, save=partial(job.frozen.save, overwrite=True))
+            if self._ended(job, ""):
+                self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
+                                  " Write it under another name, or over theirs?", "Write over it",
+                                  lambda: self._begin(job.path, over, job.downloads))
         except Exception as error:
             reason = error
-            self.guard(lambda: _raise(reason))
-        finally:
-            self.said.value = said
-            self._idle()
+            if self._ended(job, ""):
+                self.guard(lambda: _raise(reason))
 
-    def _progress(self, share: float) -> None:
-        if self._stop.is_set():
+    def _progress(self, job: Job, share: float) -> None:
+        if job.is_cancelled:
             raise Cancelled("stopped in the studio.")
         if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
-            self.bar.value = share
-            self.said.value = f"{self._writing} {share:.0%}"
+            with self._ending:
+                if self._job is job:
+                    self.bar.value = share
+                    self.said.value = f"Writing {job.path.name} ... {share:.0%}"
+
+    def _cancel(self) -> None:
+        """Free the panel at once, whatever the thread is at: it may not look up for long, and ends by itself."""
+        job = self._job
+        if job is not None and job.cancel():
+            self._thread.close(0)
+            self._thread = Worker("deformnb-files")
+            self._ended(job, f"Stopped; {job.path.name} was not written.")
+
+    def _ended(self, job: Job, said: str) -> bool:
+        """Whether this was still awaited, and nothing is any more."""
+        with self._ending:
+            if self._job is not job:
+                return False
+            self._job = None
+            self.said.value = said
+            self._idle()
+            return True
 
     def _idle(self) -> None:
         self.write.disabled = self.download.disabled = False
@@ -169,12 +191,57 @@ class FilesPanel(Panel):
 
     def _copy(self) -> None:
         self.said.value = ""
-        self.hand_over.copy(self.session.code())
+        note = "" if self.session.source else (
+            f"This volume has no file: line {VOLUME_LINE} says where yours goes before the script is run.")
+        self.hand_over.copy(self.session.code(), note)
 
     def close(self) -> None:
         """Stop what is being written."""
-        self._stop.set()
+        if self._job is not None:
+            self._job.cancel()
         self._thread.close()
+
+
+class Job:
+    """A file that is being written: it can be cancelled until it takes its place.
+
+    Parameters
+    ----------
+    path : where it is written.
+    frozen : what of.
+    downloads : whether it is handed to the browser too.
+
+    Attributes
+    ----------
+    is_cancelled : whether nobody wants it any more.
+
+    Examples
+    --------
+    >>> job = Job(Path("fish.png"), None, False)
+    >>> with job.landing():
+    ...     job.cancel()
+    False
+    """
+
+    def __init__(self, path: Path, frozen: Frozen, downloads: bool) -> None:
+        self.path, self.frozen, self.downloads = path, frozen, downloads
+        self.is_cancelled = self._is_landing = False
+        self._lock = threading.Lock()
+
+    def cancel(self) -> bool:
+        """Whether the file will not be there; False once it takes its place, which takes no time."""
+        with self._lock:
+            self.is_cancelled = not self._is_landing
+            return self.is_cancelled
+
+    @contextmanager
+    def landing(self) -> Iterator[None]:
+        """The moment in which the file takes its place; Cancelled if nobody wants it."""
+        with self._lock:
+            if self.is_cancelled:
+                raise Cancelled("stopped in the studio.")
+            self._is_landing = True
+        yield
 
 
 class Question:

@@ -19,7 +19,7 @@ class HandOver(anywidget.AnyWidget):
 
     Notes
     -----
-    Messages to the page: ``{"type": "copy", "text": ...}`` and ``{"type": "download", "name": ...}`` with the bytes.
+    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with the bytes.
     The page sends nothing.
 
     Examples
@@ -34,9 +34,14 @@ class HandOver(anywidget.AnyWidget):
 
     said = traitlets.Unicode("").tag(sync=True)
 
-    def copy(self, text: str) -> None:
-        """Put a text on the clipboard; where the browser refuses, it is shown and selected."""
-        self.send({"type": "copy", "text": text})
+    def copy(self, text: str, note: str = "") -> None:
+        """Put a text on the clipboard; where the browser refuses, it is shown and selected.
+
+        Parameters
+        ----------
+        note : what to do with it, said along with how much was copied.
+        """
+        self.send({"type": "copy", "text": text, "note": note})
 
     def download(self, name: str, content: bytes) -> None:
         """Let the browser save a file under this name."""

@@ -30,7 +30,8 @@ function render({ model, el }) {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
       const lines = content.text.trimEnd().split("\n").length;
-      line.textContent = isCopied ? `Copied ${lines} lines of Python.` : "Press Ctrl+C to copy:";
+      line.textContent = isCopied ? `Copied ${lines} lines of Python. ${content.note ?? ""}`.trim()
+        : `${content.note ?? ""} Press Ctrl+C to copy:`.trim();
       area.hidden = false;
       area.value = content.text;
       area.rows = Math.min(12, lines);
