@@ -49,7 +49,8 @@ _SCALES = (0.2, 0.6, 1.8)
 # Matter leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through tissue.
 _LEAVES = 0.01
 
-_TOWARDS = (("left (+x)", "right (-x)"), ("back (+y)", "front (-y)"), ("top (+z)", "bottom (-z)"))
+# With the letters that views show at their edges: in a picture from the front, left is on the right.
+_TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("top (S)", "bottom (I)"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +303,7 @@ def sides_left(places: Array, box: Grid) -> tuple[str, ...]:
     Examples
     --------
     >>> sides_left(np.array([[2.0, 2.0, 2.0], [9.5, 2.0, 2.0]]), Grid((4, 4, 4)))
-    ('left (+x)',)
+    ('left side (L)',)
     """
     at, counts = box.point_to_index(places), np.array(box.shape[::-1])
     most = 1.0 + _LEAVES * counts

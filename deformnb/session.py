@@ -197,11 +197,18 @@ class Session(EditedSteps):
 
     @traitlets.validate("output")
     def _valid_output(self, proposal: Any) -> Grid | None:
-        grid = proposal["value"]
+        self._set_output(proposal["value"])
+        return self.deformation.output
+
+    @traitlets.observe("output")
+    def _output_taken_back(self, change: Any) -> None:
+        if change["new"] is None:  # traitlets has nobody validate None
+            self._set_output(None)
+
+    def _set_output(self, grid: Grid | None) -> None:
         with self._lock:
             if grid != self.deformation.output:  # set from outside: an edit like any other
                 self._become(replace(self.deformation, output=grid), "change the result box", "result box")
-        return grid
 
     def _show_parts(self) -> None:
         self.output = self.deformation.output
@@ -248,7 +255,9 @@ class Session(EditedSteps):
         return not found.is_limited
 
     def sides_left(self) -> tuple[str, ...]:
-        """The sides on which deformed matter leaves the box of the result, in words; takes a moment."""
+        """The sides on which dragged matter leaves the box of the result, in words; takes a moment."""
+        if not _moves(self.deformation):
+            return ()
         return sides_left(landed(self.matter(), self.field()), self.box)
 
     def matter(self) -> Matter:
@@ -360,3 +369,9 @@ def check_room(volume: Volume, output: Grid | None) -> None:
         remedy = "choose a smaller result box" if grid.size > volume.grid.size else "read the volume with a stride"
         raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} are free; "
                           f"close something else, or {remedy}.")
+
+
+def _moves(deformation: Deformation) -> bool:
+    """Whether anything is dragged at all: a scan may be cut through tissue as it is."""
+    return any(part.motion is not None for step in deformation.steps for part in step.parts) or any(
+        bool(points.displacement.any()) for step in deformation.steps for points in step.maps)

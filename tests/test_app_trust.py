@@ -157,6 +157,16 @@ def test_points_that_disagree_are_marked_and_found(desk: Desk) -> None:
     assert act(desk, "undo")["suspects"] == desk.editor.marked == []
 
 
+def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(desk: Desk) -> None:
+    assert settled(desk)["cut_off"] == ""
+    state = drag(desk, 40.0)
+    assert state["cut_off"].startswith("Matter leaves the box at the ")
+    state = act(desk, "fit_box")
+    assert (state["cut_off"], desk.session.sides_left()) == ("", ())
+    assert "Matter leaves" in act(desk, "own_box")["cut_off"]
+    assert act(desk, "reset")["cut_off"] == ""
+
+
 def test_the_haze_is_made_while_it_is_looked_at(desk: Desk) -> None:
     drag(desk, 3.0)
     assert desk.editor.haze == b""

@@ -129,7 +129,7 @@ def cut_off(session: Session) -> Session:
     """The egg dragged out of its box to the left, and a box that is large enough."""
     middle = session.points.source.mean(axis=0)
     session.edit_points(session.points.add(middle, middle + np.array([26.0, 0.0])))
-    assert session.sides_left() == ("left (+x)",)
+    assert session.sides_left() == ("left side (L)",)
     assert session.fit_output()
     return session
 

@@ -147,7 +147,7 @@ def test_matter_knows_where_it_is() -> None:
 def test_sides_are_told_as_those_of_the_body() -> None:
     volume = brick()
     matter = matter_of(volume)
-    moved = {(40.0, 0.0): ("left (+x)",), (0.0, 30.0): ("bottom (-z)",), (0.0, 0.0): (), (1.0, 0.0): ()}
+    moved = {(40.0, 0.0): ("left side (L)",), (0.0, 30.0): ("bottom (I)",), (0.0, 0.0): (), (1.0, 0.0): ()}
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])
         field = Deformation.on_picture(volume.grid, "+y", points, trend="translation").field(volume.grid)

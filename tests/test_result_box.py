@@ -83,23 +83,54 @@ def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
     assert (box.choice.value, box.follows) == ("volume", False)
 
 
-def test_what_is_cut_off_is_said_once_and_stands_beside_the_menu(box: ResultBox) -> None:
-    session = box.session
-    said: list[str] = []
-    session.observe(lambda change: said.append(change["new"]), "notice")
+def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
+    session, seen = box.session, box.warning.layout
+    assert seen.display == "none"
     drag_out(session)
     looked(box)
-    assert said[-1].startswith("Matter leaves the box at the left (+x) and is cut off")
-    assert box.words.value.endswith("cut off at the left (+x)")
-    drag_out(session, 20.0)
+    text, button = box.warning.children
+    assert seen.display == ""
+    assert 'role="status"' in text.value
+    assert "Matter leaves the box at the left side (L), and is cut off there." in text.value
+    assert box.words.value.endswith("cut off at the left side (L)")
+    button.click()
     looked(box)
-    assert "Matter leaves" not in session.notice  # once is enough
+    assert (box.choice.value, session.sides_left()) == ("needed", ())
+    assert seen.display == "none"
+    assert "cut off" not in box.words.value
+    drag_out(session, 40.0)
+    looked(box)
+    assert (seen.display, session.sides_left()) == ("none", ())  # the box goes on with the edits
+    box.choice.value = "volume"
+    looked(box)
+    assert (seen.display, button.layout.display) == ("", "")
+
+
+def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     box.choice.value = "needed"
     looked(box)
-    assert "cut off" not in box.words.value
-    session.output = None
+    drag_out(box.session, 5000.0)
     looked(box)
-    assert "Matter leaves" in session.notice  # it fitted meanwhile
+    assert box.warning.layout.display == ""
+    assert box.warning.children[1].layout.display == "none"
+
+
+def test_the_warning_stands_right_below_the_pictures() -> None:
+    studio = Studio(a_brick())
+    try:
+        panel = next(panel for panel in studio._panels if isinstance(panel, ResultBox))
+        pictures = next(k for k, child in enumerate(studio.children)
+                        if studio._editors.box in getattr(child, "children", ()))
+        assert studio.children[pictures + 1] is panel.warning
+        drag_out(studio.session)
+        studio.wait()
+        assert panel.warning.layout.display == ""
+        panel.warning.children[1].click()
+        studio.wait()
+        assert panel.warning.layout.display == "none"
+        assert studio.session.sides_left() == ()
+    finally:
+        studio.close()
 
 
 def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:

@@ -447,7 +447,7 @@ def test_what_is_dragged_out_of_the_box_is_kept_by_a_larger_one() -> None:
     session = a_brick()
     assert session.sides_left() == ()
     drag_out(session)
-    assert session.sides_left() == ("left (+x)",)
+    assert session.sides_left() == ("left side (L)",)
     small = session.result()
     assert small.grid == session.volume.grid
     assert session.fit_output()
@@ -470,6 +470,17 @@ def test_the_box_goes_along_with_undo_and_is_an_edit_of_its_own() -> None:
     assert session.undo() == "change the result box"
     assert session.output is None
     assert len(session.points) == 5
+def test_the_volumes_own_box_is_chosen_by_an_edit_too() -> None:
+    session = a_brick()
+    drag_out(session)
+    session.fit_output()
+    session.output = None
+    assert session.deformation.output is None
+    assert session.document().output is None
+    assert session.sides_left() == ("left side (L)",)
+    assert session.history["undo"] == "change the result box"
+
+
     assert session.redo() == "change the result box"
     assert session.output == fitted
     session.grow(5.0)

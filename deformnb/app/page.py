@@ -7,8 +7,9 @@ from typing import Any
 from deformnb.app.controls import AbstractControl, Switch
 from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED, suffix_of
-from deformnb.app.page_parts import add_control, history_part, trust_part
+from deformnb.app.page_parts import BOX_HINT, add_control, history_part, trust_part
 from deformnb.app.remote import AREA
+from deformnb.widgets.result_box import LARGER
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
@@ -65,6 +66,7 @@ def build_page(server: Any, desk: Desk) -> None:
                 _widget("editor", "deformnb/editor.js")
             with html.Section(classes="dnb-app-half", aria_label="Volume", __properties=["aria_label"]):
                 _volume(html)
+                _cut_off(v, html)
             with html.Aside(classes="dnb-app-panel", aria_label="Settings", __properties=["aria_label"]):
                 _drawer(v, html, desk)
         with v.VFooter(app=True, classes="dnb-app-foot", role="status", __properties=["role"]):
@@ -87,6 +89,14 @@ def _lost(v: Any, html: Any) -> None:
         v.VBtn("{{ dnb_sure ? 'Delete for good?' : 'Delete' }}", size="small", variant="text", color="primary",
                click="dnb_sure ? trigger('delete') : 0; dnb_sure = !dnb_sure", title="Remove its file",
                __properties=["title"])
+
+
+def _cut_off(v: Any, html: Any) -> None:
+    """A warning over the foot of the volume, so that no picture changes its size under a hand."""
+    with html.Div(classes="dnb-app-cut", role="status", __properties=["role"]):
+        html.Span("{{ cut_off }}", v_if=("cut_off",))
+        v.VBtn(LARGER[0], v_if=("cut_off",), size="small", variant="flat", color="primary", click="trigger('fit_box')",
+               title=BOX_HINT, __properties=["title"])
 
 
 def _widget(name: str, source: str) -> None:

@@ -10,8 +10,9 @@ _SAFETY = (
     ("take_back", "Largest safe drag", "Take the last drag, or else the strength, back to where nothing folds"),
     ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
 )
+BOX_HINT = "So that nothing is cut off that was dragged out of the volume's box"
 _BOX: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
-    ("fit_box", "As large as needed", "So that nothing is cut off that was dragged out of the volume's box", {}),
+    ("fit_box", "As large as needed", BOX_HINT, {}),
     ("own_box", "The volume's own", "What lies outside of it is cut off", {"v_if": ("box",)}),
 )
 _SUSPECT_HINT = "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"

@@ -1,4 +1,5 @@
-"""What the application says of the map being edited: figures, points that disagree, and a haze over the picture.
+"""What the application says of the map being edited: figures, points that disagree, a haze over the picture, and what
+of the matter leaves the box.
 
 It is found in a thread of its own after an edit, the newest first, so that no edit waits for it, and shown by the
 desk's thread.
@@ -17,6 +18,7 @@ from deformnb.session import Session
 from deformnb.trust import LEAST
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.judgement import NO_HAZE, Haze, HazeKeeper, Judgement, facts_html, point_name, suspects_of
+from deformnb.widgets.result_box import cut_off_text
 from deformnb.widgets.safety import Safety
 from deformnb.widgets.worker import Worker
 
@@ -44,6 +46,7 @@ class DeskTrust:
         self._worker = Worker("deformnb-trust")
         self._hazes = HazeKeeper()
         self._found: Judgement | None = None
+        self._left: tuple[str, ...] = ()  # the sides of the box that matter leaves
         self._facts, self._said = "", ""  # the figures as HTML; why there is no haze
         self.safety = Safety(session)
         self.keep_free = False
@@ -62,6 +65,7 @@ class DeskTrust:
             "trust": self._facts, "verdict": " \u00b7 ".join(verdict), "haze_said": self._said,
             "folded": found is not None and found.folds is not None and found.folds.least <= 0,
             "unsafe": found is not None and found.folds is not None and found.folds.least < LEAST,
+            "cut_off": cut_off_text(self._left),
             "suspects_text": text, "suspects": [{"id": i, "name": point_name(points, i)} for i in known],
         }
 
@@ -86,10 +90,10 @@ class DeskTrust:
     def _judge(self) -> None:
         try:
             found = self.safety.look(self.keep_free)
-            haze = (NO_HAZE, "")
+            haze, left = (NO_HAZE, ""), self._session.sides_left()
             if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
                 haze = self._hazes.make(self._session)
-            after = self._show if found is None else partial(self._take, found, *haze)
+            after = self._show if found is None else partial(self._take, found, left, *haze)
         except Exception as error:  # shown, or the page would wait for its figures for ever
             _LOG.exception("a step could not be judged")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
@@ -99,17 +103,17 @@ class DeskTrust:
     # -- in the desk's thread ------------------------------------------------------------------------------------------
 
     def _fail(self, text: str) -> None:
-        self._found, self._facts = None, ""
+        self._found, self._left, self._facts = None, (), ""
         self._session.notice = f"The map could not be judged: {text}"
         self._show()
 
-    def _take(self, found: Judgement, haze: Haze, said: str) -> None:
+    def _take(self, found: Judgement, left: tuple[str, ...], haze: Haze, said: str) -> None:
         session, editor = self._session, self._editor
         if found.step is not session.step or found.key != session.key:
             return  # another one comes
         if found is not self._found:
             self._found, self._facts = found, facts_html(found)
-        self._said = said
+        self._left, self._said = left, said
         with editor.hold_sync():
             editor.marked = suspects_of(found, session.points)[1]
             if editor.overlay == "uncertainty":

@@ -131,9 +131,11 @@ class Panel:
     Attributes
     ----------
     title : of the tab; box : the widget; controls : what is bound.
+    warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
     """
 
     title = ""
+    warning: Any = None
     box: Any
 
     def __init__(self, session: Session, guard: Guard) -> None:

@@ -1,8 +1,8 @@
 """The box of the result in the studio: as the volume, with a margin, or as large as deformed matter needs.
 
 What is dragged out of the box is cut off everywhere: in the view, in the result, in whatever is written. So after each
-edit the studio's thread looks whether that happens, makes the box anew where it shall be as large as needed, and says
-once what is cut off where it shall not.
+edit the studio's thread looks whether that happens, makes the box anew where it shall be as large as needed, and warns
+where it shall not: below the picture, for that is where it is seen, with a button that makes the box larger.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ from deformnb.field_of_view import grown
 from deformnb.io.headers import human_bytes
 from deformnb.session import Session
 from deformnb.volume import Grid
-from deformnb.widgets.controls import Guard, Panel, fill, menu, row
+from deformnb.widgets.controls import Guard, Panel, button, fill, menu, row
+from deformnb.widgets.studio_words import as_html
 from deformnb.widgets.worker import Worker
 
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
 """What the result's box may be, in words and by name."""
 
 _OWN = ("a box of its own", "own")  # that somebody gave by code
+
+LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
+"""The way out that stands beside the warning: its name and what it does."""
 
 # Of the longest edge of the volume: the margin that is proposed.
 _MARGIN = 0.1
@@ -41,6 +45,7 @@ class ResultBox(Panel):
 
     Attributes
     ----------
+    warning : a line that is seen while something is cut off, with the way out; it stands below the pictures.
     follows : whether the box is as large as needed after every edit; it then belongs to the edit, and goes with it.
     """
 
@@ -56,6 +61,9 @@ class ResultBox(Panel):
             description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels")
         self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
+        self._told = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self._larger = button(*LARGER, self._make_larger)
+        self.warning = row(self._told, self._larger)
         self.choice = self.add(menu("Result box", self._options(),
                                     "What can be seen, and what the result holds: matter dragged out of this box is "
                                     "cut off"), self._chosen, self._choose)
@@ -95,6 +103,10 @@ class ResultBox(Panel):
         elif what == "volume":
             self.session.output = None
 
+    def _make_larger(self) -> None:
+        self.guard(lambda: self._choose("needed"))
+        self.refresh()
+
     def _grow(self, length: float) -> None:
         self._length = float(length)
         self.follows = False
@@ -121,6 +133,9 @@ class ResultBox(Panel):
         if self._left:
             facts.append(f"cut off at the {_listed(self._left)}")
         self.words.value = "; ".join(facts)
+        self._told.value = as_html(cut_off_text(self._left))
+        self._larger.layout.display = "none" if self.follows else ""  # then it is as large as it may be
+        self.warning.layout.display = "" if self._left else "none"
 
     # -- in the studio's thread ----------------------------------------------------------------------------------------
 
@@ -139,19 +154,19 @@ class ResultBox(Panel):
             self._is_asked = False
         elif self.follows and session.output is not None:
             session.fit_output(joins=True)
-        left = session.sides_left() if _moves(session.deformation) else ()
-        is_new, self._left = bool(left) and not self._left, left
-        if is_new:
-            text = (f"Matter leaves the box at the {_listed(left)} and is cut off: choose “as large as needed” for the "
-                    "result box, in Files.")
-            session.notice = f"{session.notice} {text}".strip()
+        self._left = session.sides_left()
         self.refresh()
 
 
-def _moves(deformation: Deformation) -> bool:
-    """Whether anything is dragged at all."""
-    return any(part.motion is not None for step in deformation.steps for part in step.parts) or any(
-        bool(points.displacement.any()) for step in deformation.steps for points in step.maps)
+def cut_off_text(sides: tuple[str, ...]) -> str:
+    """A warning of what is cut off at these sides of the box; empty for none.
+
+    Examples
+    --------
+    >>> cut_off_text(("left side (L)", "top (S)"))
+    'Matter leaves the box at the left side (L) and top (S), and is cut off there.'
+    """
+    return f"Matter leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
 
 
 def _listed(sides: tuple[str, ...]) -> str:

@@ -92,7 +92,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
 
 
 def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: ipw.Box) -> list[Any]:
-    """Picture and volume side by side, the first panel below, the others in tabs, and the words."""
+    """Picture and volume side by side, warnings and the first panel below, the others in tabs, and the words."""
     view.layout.width = "100%"
     editors.beside.children = (view,)
     if view.has_trait("fill"):
@@ -106,7 +106,8 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: 
     tell = _tell_opened(others)
     tell({"new": tabs.selected_index})
     tabs.observe(tell, "selected_index")
-    return [pictures, head.box, tabs, words]
+    warnings = [panel.warning for panel in panels if panel.warning is not None]
+    return [pictures, *warnings, head.box, tabs, words]
 
 
 def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
