@@ -18,6 +18,8 @@ from deformnb.errors import DeformError
 # Beyond this a coordinate squared loses all digits of its neighbours, and LAPACK routines were seen to hang on inf.
 LARGEST_COORDINATE = 1e15
 
+_NAMES_SHOWN = 8  # by repr
+
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
@@ -74,6 +76,13 @@ class ControlPoints:
         for array in (self.source, self.target, *self._of_each.values()):
             array.flags.writeable = False
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
+
+    def __repr__(self) -> str:
+        moved = int((self.source != self.target).any(axis=1).sum())
+        named = [name[:20] for name in self.names if name]
+        names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
+        return (f"<ControlPoints: {len(self)} {'point' if len(self) == 1 else 'points'} "
+                f"{'in the plane' if self.dim == 2 else 'in space'}, {moved} moved{': ' if names else ''}{names}>")
 
     @property
     def _of_each(self) -> dict[str, NDArray[Any]]:

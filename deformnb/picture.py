@@ -57,6 +57,13 @@ class Picture:
     method: str
     window: tuple[float, float]
 
+    def __repr__(self) -> str:
+        high, wide = self.values.shape[:2]
+        low, white = self.window
+        kind = "coloured" if self.values.ndim == 3 else f"{self.values.dtype.name} from {low:.6g} to {white:.6g}"
+        return (f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
+                f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>")
+
     def grey(self) -> NDArray[np.float32]:
         """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""
         if self.values.ndim == 3:

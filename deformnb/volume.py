@@ -255,6 +255,14 @@ class Volume:
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
             raise DeformError(f"voxel type {self.values.dtype} is not kept as it is; use Volume.from_array to cast it.")
 
+    def __repr__(self) -> str:
+        (nz, ny, nx), spacing = self.shape, self.grid.spacing
+        unit = "" if spacing == (1.0, 1.0, 1.0) else " mm"  # which says nothing else
+        kind = f"{self.dtype.name} labels" if self.is_labels and self.dtype != np.bool_ else self.dtype.name
+        name = f" {self.name[:60]!r}" if self.name else ""
+        return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
+                f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>")
+
     @classmethod
     def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
                    direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None) -> Volume:

@@ -195,3 +195,13 @@ class Gestures(RuleBasedStateMachine):
 
 
 TestGestures = Gestures.TestCase
+
+
+def test_points_are_printed_in_one_line() -> None:
+    points = ControlPoints.from_arrays([[0, 0], [10, 0], [5, 5]], [[0, 0], [12, 1], [5, 5]], names=["tail", "", "head"])
+    assert repr(points) == "<ControlPoints: 3 points in the plane, 1 moved: 'tail', 'head'>"
+    assert repr(ControlPoints.empty(3)) == "<ControlPoints: 0 points in space, 0 moved>"
+    many = ControlPoints.from_arrays(np.arange(600).reshape(-1, 3), names=[f"point {k}\n" * 9 for k in range(200)])
+    assert repr(many).startswith("<ControlPoints: 200 points in space, 0 moved: 'point 0")
+    assert len(repr(many)) < 300
+    assert "\n" not in repr(many)

@@ -351,3 +351,13 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "SimpleITK", None)
     with pytest.raises(DeformError, match="pip install SimpleITK"):
         Volume.from_array(numbers()).to_sitk()
+
+
+def test_a_volume_is_printed_in_one_line() -> None:
+    grid = Grid((4, 5, 6), (0.5, 1.0, 2.25))
+    volume = Volume(np.zeros(grid.shape, np.int16), grid, "a fish")
+    assert repr(volume) == str(volume) == (
+        "<Volume 'a fish': 6 x 5 x 4 voxels (x, y, z), int16, spacing 0.5 x 1 x 2.25 mm>")
+    labels = Volume.from_array(np.zeros((2, 3, 4), np.uint8), is_labels=True)
+    assert repr(labels) == "<Volume: 4 x 3 x 2 voxels (x, y, z), uint8 labels, spacing 1 x 1 x 1>"
+    assert "\n" not in repr(Volume.from_array(np.zeros((2, 3, 4)), name="two\nlines" * 50))

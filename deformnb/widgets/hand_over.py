@@ -19,8 +19,8 @@ class HandOver(anywidget.AnyWidget):
 
     Notes
     -----
-    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with the bytes.
-    The page sends nothing.
+    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with
+    the bytes. The page sends nothing.
 
     Examples
     --------
