@@ -420,6 +420,7 @@ def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
 
 def test_a_picture_is_printed_in_one_line() -> None:
     volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4), (1.0, 1.0, 2.5)))
-    assert repr(project(volume, "+z")).startswith("<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 0 to ")
+    assert repr(project(volume, "+z")).startswith(
+        "<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 0 to ")
     assert repr(project(volume, "+y", "shaded")) == (
         "<Picture: shaded, 4 x 2 pixels (right, down) of 1 x 2.5, coloured>")

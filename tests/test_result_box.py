@@ -49,7 +49,7 @@ def looked(box: ResultBox) -> None:
 
 def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     assert (box.choice.value, box.margin.layout.display) == ("volume", "none")
-    assert box.words.value == "16 x 16 x 16 voxels, 4.0 KiB"
+    assert box.words.value == "16 x 16 x 16 voxels (x, y, z), 4.0 KiB"
     box.choice.value = "margin"
     box.refresh()
     assert box.session.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
@@ -57,7 +57,7 @@ def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     box.margin.value = 8.0
     box.refresh()
     assert box.session.box.shape == (24, 24, 24)
-    assert box.words.value == "24 x 24 x 24 voxels, 13.5 KiB"
+    assert box.words.value == "24 x 24 x 24 voxels (x, y, z), 13.5 KiB"
     box.choice.value = "volume"
     box.refresh()
     assert box.session.output is None

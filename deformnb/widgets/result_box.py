@@ -129,7 +129,7 @@ class ResultBox(Panel):
     def _tell_size(self) -> None:
         grid, volume = self.session.box, self.session.volume
         size = " x ".join(map(str, grid.shape[::-1]))
-        facts = [f"{size} voxels, {human_bytes(grid.size * volume.dtype.itemsize)}"]
+        facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
         if self._left:
             facts.append(f"cut off at the {_listed(self._left)}")
         self.words.value = "; ".join(facts)
