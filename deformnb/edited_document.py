@@ -134,11 +134,17 @@ class EditedDocument(traitlets.HasTraits):
             step = self.step.with_points(points, min(self.key, len(self.step.maps) - 1))
             self._become(self.deformation.with_step(self.index, step), label, kind)
 
-    def change(self, label: str = "", kind: str | None = None, **fields: Any) -> None:
+    def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
         """Change fields of the step being edited, such as ``kernel="gaussian"``.
 
         A kernel that needs a richer trend gets it, with a notice. The rule "interpolate" spreads the points to three
         depths at first; leaving it keeps those being edited.
+
+        Parameters
+        ----------
+        label : what was done, for the history.
+        kind : edits of one kind in quick succession are one step of undo; None never joins.
+        slides : it comes from a slider: a slow hand joins for half a minute, or until :meth:`take_hold`.
 
         Raises
         ------
@@ -149,8 +155,13 @@ class EditedDocument(traitlets.HasTraits):
             notice = complete_change(self.step, self.points, fields)
             label = label or "change " + " and ".join(_NAMES.get(name, name) for name in list(fields)[:1])
             step = replace(self.step, **fields)
-            self._become(self.deformation.with_step(self.index, step), label, kind)
+            self._become(self.deformation.with_step(self.index, step), label, kind, slides=slides)
             self.notice = notice
+
+    def take_hold(self) -> None:
+        """A hand has taken hold of a slider: what it does is a step of undo of its own."""
+        with self._lock:
+            self._history.take_hold()
 
     def amend(self, made: Deformation, better: Deformation, notice: str = "") -> bool:
         """Put another form of the document in the place of the one that the last edit made, as part of that edit.
@@ -184,7 +195,7 @@ class EditedDocument(traitlets.HasTraits):
         return untouched_step(plane, self.volume.grid)
 
     def _become(self, deformation: Deformation, label: str, kind: str | None = None, *, index: int | None = None,
-                key: int | None = None) -> None:
+                key: int | None = None, slides: bool = False) -> None:
         deformation = self._checked(deformation)
         before = self._state
         at = before.step if index is None else index
@@ -197,7 +208,8 @@ class EditedDocument(traitlets.HasTraits):
         if after == before:
             return
         self.notice = ""  # what was said of the edit before
-        self._history.record(before, label, kind)
+        where = f"{before.step}, {before.key}: {kind}"  # a slider of another step is another slider
+        self._history.record(before, label, kind and where, slides=slides)
         self._show(after)
 
     @property

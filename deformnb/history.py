@@ -26,6 +26,8 @@ MOST_BYTES = 256 * 2**20
 
 # Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
 _JOIN_SECONDS = 0.8
+# A hand on a slider may stand still for so long, and still be on its way.
+_SLIDE_SECONDS = 30.0
 # Python objects, roughly: one of any kind, and the id, the name and the switches of one control point.
 _OBJECT, _POINT = 64, 100
 
@@ -105,11 +107,18 @@ class History:
 
     # -- edits and ways ------------------------------------------------------------------------------------------------
 
-    def record(self, before: Any, label: str, kind: str | None = None, now: float | None = None) -> None:
-        """Keep ``before``, the state that an edit leaves; kind None never joins the edit before it."""
+    def record(self, before: Any, label: str, kind: str | None = None, now: float | None = None, *,
+               slides: bool = False) -> None:
+        """Keep ``before``, the state that an edit leaves; kind None never joins the edit before it.
+
+        Parameters
+        ----------
+        slides : it is one of a slider, whose hand may be slow; see :meth:`take_hold`.
+        """
         now = time.monotonic() if now is None else now
         here = self._nodes[self._current]
-        joins = kind is not None and kind == self._kind and now - self._at < _JOIN_SECONDS and here.parent is not None
+        patience = _SLIDE_SECONDS if slides else _JOIN_SECONDS
+        joins = kind is not None and kind == self._kind and now - self._at < patience and here.parent is not None
         self._kind, self._at = kind, now
         if joins:
             here.time = time.time()
@@ -120,6 +129,10 @@ class History:
         here.children.append(made.id)
         self._current = made.id
         self._prune()
+
+    def take_hold(self) -> None:
+        """A hand has taken hold of a slider: what it does joins no edit before."""
+        self._kind = None
 
     def step(self, way: str, current: Any) -> tuple[Any, str] | None:
         """The state before ("undo") or after ("redo") the current one and what lies between; None at the end.

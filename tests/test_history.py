@@ -77,6 +77,19 @@ def test_edits_of_one_kind_in_quick_succession_are_one_state() -> None:
     assert [history.step("undo", None)[0] for _ in range(4)] == [5, 4, 3, 0]  # type: ignore[index]
 
 
+def test_a_slider_takes_its_time_and_each_hold_of_it_is_one_state() -> None:
+    history = History()
+    for k, now in enumerate((0.0, 2.0, 31.0, 62.0)):
+        history.record(k, f"slide {k}", "strength", now=now, slides=True)
+    assert flat(history) == [(0, None, ""), (1, 0, "slide 0"), (2, 1, "slide 3")]
+    history.take_hold()
+    history.record(4, "again", "strength", now=62.1, slides=True)
+    history.record(5, "again", "strength", now=70.0, slides=True)
+    history.record(6, "menu", "kernel", now=71.0)
+    history.record(7, "menu", "kernel", now=73.0)
+    assert [history.step("undo", None)[0] for _ in range(5)] == [7, 6, 4, 3, 0]  # type: ignore[index]
+
+
 def test_an_edit_after_a_step_never_joins_what_was_before_it() -> None:
     history = History()
     history.record("A", "nudge", "nudge", now=0.0)

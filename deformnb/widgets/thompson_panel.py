@@ -102,7 +102,7 @@ class ThompsonPanel(Panel):
         self.magnify = self.add(
             slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
             lambda: float(np.clip(self.session.step.strength, -1.0, 3.0)),
-            lambda value: self.session.change(kind="strength", strength=float(value)))
+            lambda value: self.session.change(kind="strength", slides=True, strength=float(value)))
         self._words = ipw.Label("")
         self.everywhere = ipw.Checkbox(description="drag the net in the main picture too", indent=False,
                                        layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""))
