@@ -96,4 +96,6 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> 
     if not is_used:
         return deformation.with_step(index, new), index, ""
     count = len(steps)
-    return deformation.then(new), count, f"Step {count + 1} begins: what is dragged now is done after step {count}."
+    notice = (f"Step {count + 1} begins. The points of step {index + 1} are kept: "
+              "choose its side again to edit them.")
+    return deformation.then(new), count, notice

@@ -13,7 +13,7 @@ from running_app import PATIENCE, RunningApp, connected, edit_of, heard
 
 from deformnb.app.controls import ACTIONS, Choice, Formula, Number, Switch, control_table
 from deformnb.app.desk import Desk
-from deformnb.app.launch import check_app, made_up_carp
+from deformnb.app.launch import _announce, check_app, made_up_carp
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.deformation import Deformation
 from deformnb.document import from_json
@@ -21,13 +21,12 @@ from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
-from deformnb.plane import VIEWS
 from deformnb.session import Session
 from deformnb.transfer import PRESETS
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
 from deformnb.widgets.point_messages import points_to_json
-from deformnb.widgets.view import SHOWS
+from deformnb.widgets.view import SHOWS, SIDES
 
 
 def _bar() -> Volume:
@@ -51,7 +50,7 @@ def _dragged_points(desk: Desk, by: float = 3.0) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(("name", "registry"), [
-    ("view", VIEWS), ("method", PROJECTIONS), ("kernel", KERNELS), ("trend", TRENDS), ("extrusion", EXTRUSIONS),
+    ("view", SIDES), ("method", PROJECTIONS), ("kernel", KERNELS), ("trend", TRENDS), ("extrusion", EXTRUSIONS),
     ("transfer", PRESETS), ("shows", SHOWS),
 ])
 def test_menus_are_the_registries(name: str, registry: Any) -> None:
@@ -185,7 +184,7 @@ def test_two_pictures_are_deformed_one_after_the_other(desk: Desk) -> None:
     desk.editor.points = desk.editor.points.move(0, desk.editor.points.target[0] + 2.0)
     desk.set("view", "-x")
     assert len(desk.session.deformation.steps) == 2
-    assert "picture 2 of 2" in desk.state()["facts"]
+    assert "step 2 of 2" in desk.state()["facts"]
     assert desk.editor.points == desk.session.points
     desk.act("undo")
     assert desk.state()["view"] == "+y"
@@ -193,12 +192,57 @@ def test_two_pictures_are_deformed_one_after_the_other(desk: Desk) -> None:
 
 
 def test_cameras_look_from_the_side_of_the_picture(desk: Desk) -> None:
-    desk.set("view", "-x")
     glance = np.array(desk.live.camera["direction"])
+    assert 0.8 < glance @ np.array(desk.session.plane.normal) < 0.99  # turned a little, so that depth shows
     desk.act("front")
     np.testing.assert_allclose(desk.live.camera["direction"], desk.session.plane.normal, atol=1e-12)
     np.testing.assert_allclose(desk.live.camera["up"], [-c for c in desk.session.plane.v], atol=1e-12)
-    assert 0.8 < glance @ np.array(desk.session.plane.normal) < 0.99  # turned a little, so that depth shows
+
+
+def test_another_side_is_seen_square_on_unless_somebody_has_turned_the_volume(desk: Desk) -> None:
+    for side, toward in (("-x", (-1, 0, 0)), ("+z", (0, 0, 1))):
+        desk.set("view", side)
+        np.testing.assert_allclose(desk.live.camera["direction"], toward, atol=1e-12)
+    turned = [0.6, 0.0, 0.8]
+    desk.live.set_camera(turned)
+    desk.set("view", "-x")
+    np.testing.assert_allclose(desk.live.camera["direction"], turned, atol=1e-12)
+    desk.act("front")
+    desk.set("view", "+y")
+    np.testing.assert_allclose(desk.live.camera["direction"], (0, 1, 0), atol=1e-12)
+
+
+def test_the_points_of_a_side_wait_there_and_choosing_it_again_leads_back(desk: Desk) -> None:
+    desk.editor.points = dragged = desk.editor.points.move(0, desk.editor.points.target[0] + 2.0)
+    desk.set("view", "-x")
+    assert desk.state()["notice"] == "Step 2 begins. The points of step 1 are kept: choose its side again to edit them."
+    assert desk.editor.points != dragged
+    desk.editor.points = others = desk.editor.points.move(1, desk.editor.points.target[1] - 1.0)
+    desk.set("view", "+y")
+    assert (desk.editor.points, desk.session.points) == (dragged, dragged)
+    assert "step 1 of 2" in desk.state()["facts"]
+    desk.set("view", "-x")
+    assert desk.editor.points == others
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("strength", (0.4, 0.9, 2.6)), ("smoothing", (0.1, 0.2, 0.3)), ("support", (3.0, 9.0, 0.0)),
+])
+def test_a_slow_hand_on_a_slider_makes_one_edit(desk: Desk, monkeypatch: pytest.MonkeyPatch, name: str,
+                                                values: tuple[float, ...]) -> None:
+    now = 100.0
+    monkeypatch.setattr("deformnb.history.time.monotonic", lambda: now)
+    first = desk.state()[name]
+    for hold in range(2):
+        desk.act("take_hold")
+        for value in values:
+            desk.set(name, value + 0.05 * hold)
+            now += 2.0
+    desk.act("undo")
+    assert desk.state()[name] == values[-1]
+    desk.act("undo")
+    assert desk.state()[name] == first
+    assert desk.state()["undo"] == ""
 
 
 def test_unknown_names_are_refused(desk: Desk) -> None:
@@ -347,6 +391,18 @@ def test_options_are_checked_before_a_volume_is_read() -> None:
                              ("127.0.0.1", 0, "z")):
         with pytest.raises(DeformError):
             check_app(host, port, side)
+    assert check_app("localhost", 0, None, 0) == "127.0.0.1"
+    for idle in (-1, float("nan"), float("inf")):
+        with pytest.raises(DeformError, match="--idle takes minutes"):
+            check_app("127.0.0.1", 0, None, idle)
+
+
+def test_it_says_when_it_ends_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    for idle, words in ((240.0, "240 minutes without a page"), (0.0, "Ctrl-C ends it.")):
+        _announce("http://here", idle, None)
+        said = capsys.readouterr()
+        assert said.out == "http://here\n"  # and nothing else
+        assert words in said.err
 
 
 def test_a_port_that_is_taken_is_said() -> None:

@@ -76,6 +76,26 @@ def test_each_kind_is_written(desk: Desk, kind: str, begins: bytes) -> None:
     assert path.read_bytes()[:40].lower().startswith(begins)
 
 
+def test_what_went_well_is_said_for_a_while_or_until_something_else_is(desk: Desk, monkeypatch: pytest.MonkeyPatch
+                                                                       ) -> None:
+    written(desk, "script")
+    assert "goes to the downloads" in desk.files.state["said"]
+    desk.set("kernel", "gaussian")
+    assert desk.state()["files"]["said"] == ""
+    assert desk.files.state["key"]  # it can still be fetched
+    monkeypatch.setattr("deformnb.app.files._BRIEFLY", 0.1)
+    written(desk, "script")
+    until(lambda: not desk.files.state["said"])
+    desk.open(desk.document())
+    until(lambda: not desk.files.state["said"])
+    monkeypatch.setattr("deformnb.app.files.export", lambda *given, **options: 1 / 0)
+    desk.write("script", "page")
+    until(lambda: not desk.files.state["busy"])
+    time.sleep(0.3)
+    desk.set("kernel", "cubic")
+    assert "could not be written" in desk.files.state["said"]  # that is for its user to close
+
+
 def test_one_file_at_a_time_and_the_next_takes_it_away(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     first = written(desk, "script")
     key = desk.files.state["key"]

@@ -359,6 +359,15 @@ def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
         assert not _is_open(app.server.port)
 
 
+def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
+    session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
+    with RunningApp(session) as app:
+        assert app.server.idle == 4 * 60 * 60
+    with RunningApp(session, idle=0) as app:
+        time.sleep(1.5)  # it looks every second
+        assert app.server.reason == ""
+
+
 def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deformnb.app.guard.LOGIN_SECONDS", 0.2)
 
@@ -399,6 +408,26 @@ def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
     process.send_signal(getattr(signal, name))
     rest, _ = process.communicate(timeout=PATIENCE)
     assert (process.returncode, rest) == (0, "")  # the address is printed once
+    assert not _is_open(port)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m deformnb.cli app {_volume(tmp_path)} --no-browser --idle 0"
+    inner = f"trap '' HUP; {command} & echo $!; wait"
+    shell = subprocess.Popen(["/bin/sh", "-c", inner], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert shell.stdout is not None
+    process = int(shell.stdout.readline())
+    try:
+        port = int(shell.stdout.readline().split(":")[2].split("/")[0])
+        os.kill(process, signal.SIGHUP)
+        shell.kill()
+        shell.wait(PATIENCE)
+        time.sleep(3.0)  # it looks every second
+        assert _is_open(port)
+    finally:
+        os.kill(process, signal.SIGTERM)
+    shell.communicate(timeout=PATIENCE)  # until it has closed its end
     assert not _is_open(port)
 
 

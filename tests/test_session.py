@@ -240,6 +240,17 @@ def test_a_side_leads_back_to_its_step_and_leaves_no_empty_one(session: Session)
     assert [session.view_of(s.plane) for s in session.deformation.steps] == [first, "-x"]
 
 
+def test_sliders_of_two_steps_are_two_sliders(session: Session) -> None:
+    session.edit_points(dragged(session))
+    session.set_view("+z")
+    session.change(kind="strength", slides=True, strength=0.5)
+    session.edit_step(0)
+    session.change(kind="strength", slides=True, strength=0.25)
+    session.change(kind="strength", slides=True, strength=0.2)
+    session.undo()
+    assert [step.strength for step in session.deformation.steps] == [1.0, 0.5]
+
+
 def test_steps_can_be_added_and_removed(session: Session) -> None:
     session.edit_points(dragged(session))
     kept = session.deformation
@@ -459,17 +470,6 @@ def test_what_is_dragged_out_of_the_box_is_kept_by_a_larger_one() -> None:
     assert (large.values > 100).sum() == (wide.values > 100).sum() > (small.values > 100).sum()
 
 
-def test_the_box_goes_along_with_undo_and_is_an_edit_of_its_own() -> None:
-    session = a_brick()
-    told: list[Any] = []
-    session.observe(lambda change: told.append(change["new"]), "output")
-    drag_out(session)
-    session.fit_output()
-    fitted = session.output
-    assert told == [fitted]
-    assert session.undo() == "change the result box"
-    assert session.output is None
-    assert len(session.points) == 5
 def test_the_volumes_own_box_is_chosen_by_an_edit_too() -> None:
     session = a_brick()
     drag_out(session)
@@ -481,6 +481,17 @@ def test_the_volumes_own_box_is_chosen_by_an_edit_too() -> None:
     assert session.history["undo"] == "change the result box"
 
 
+def test_the_box_goes_along_with_undo_and_is_an_edit_of_its_own() -> None:
+    session = a_brick()
+    told: list[Any] = []
+    session.observe(lambda change: told.append(change["new"]), "output")
+    drag_out(session)
+    session.fit_output()
+    fitted = session.output
+    assert told == [fitted]
+    assert session.undo() == "change the result box"
+    assert session.output is None
+    assert len(session.points) == 5
     assert session.redo() == "change the result box"
     assert session.output == fitted
     session.grow(5.0)

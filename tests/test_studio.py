@@ -24,8 +24,7 @@ from deformnb.plane import VIEWS
 from deformnb.trend import TRENDS
 from deformnb.widgets import Studio
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.controls import SIDES
-from deformnb.widgets.view import SHOWS
+from deformnb.widgets.view import SHOWS, SIDES
 
 
 @pytest.fixture
@@ -258,6 +257,23 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
     assert studio.view.table != before
     studio.session.transfer = "bone"
     assert studio._opacity.transfer == studio.session.transfer_function
+
+
+def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("deformnb.history.time.monotonic", lambda: now)
+    for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support", "support")):
+        first = getattr(studio.session.step, field)
+        for value in (0.5, 1.0, 1.5):
+            controls(studio)[name].value = value * (20 if field == "support" else 1)
+            now += 2.0
+        studio.undo()
+        assert getattr(studio.session.step, field) == first
+    for kernel in ("gaussian", "cubic"):  # a menu has no way between
+        controls(studio)["Kernel"].value = kernel
+        now += 2.0
+    studio.undo()
+    assert studio.session.step.kernel == "gaussian"
 
 
 def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:

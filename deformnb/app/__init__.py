@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-IDLE_SECONDS = 15 * 60.0
-"""The server ends when no page was connected for so long."""
+IDLE_MINUTES = 240.0
+"""The server ends when no page was connected for so long; a lesson begins an hour after it was started."""
 
 VIEWERS = ("live", "vtk")
 """Where the volume is rendered: in the page, or by VTK here, which sends pictures."""
@@ -37,4 +37,6 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
     p.add_argument("--host", default="127.0.0.1", help="address to listen at; another than the default lets others in "
                    "who know the password (default %(default)s)")
     p.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
+    p.add_argument("--idle", type=float, default=IDLE_MINUTES, metavar="MINUTES", help="end when no page was connected "
+                   "for so long; 0 never does (default %(default)g)")
     p.set_defaults(run=run)

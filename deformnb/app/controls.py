@@ -15,12 +15,11 @@ from deformnb.expression import LONGEST
 from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
-from deformnb.plane import VIEWS
 from deformnb.staged import MOST_STAGES
 from deformnb.transfer import PRESETS
 from deformnb.trend import TRENDS
 from deformnb.widgets.judgement import OVERLAY_WORDS
-from deformnb.widgets.view import SHOWS
+from deformnb.widgets.view import SHOWS, SIDES
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,8 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
     pictures = {name: projection.title for name, projection in PROJECTIONS.items()}
     step = 10 ** math.floor(math.log10(reach / 200)) if reach > 0 else 0.01
     return {
-        "view": Choice("Side", "From where the picture is taken", tuple((v, v.replace("-", "−")) for v in VIEWS)),
+        "view": Choice("Side", "Where the picture is seen from; each side has points of its own",
+                       tuple(SIDES.items())),
         "method": Choice("Projection", "How depth becomes a picture", _titled(PROJECTIONS, pictures)),
         "depth": Number("Slice at", "0 in front, 1 at the back", 0.0, 1.0, 0.005),
         "kernel": Choice("Kernel", "How the pull of a point fades with distance", _titled(KERNELS, kernels)),
@@ -153,7 +153,7 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
 
 
 ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
-           "stop_file", "take_anyway", "forget_file", "fit_box", "own_box")
+           "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold")
 """What a page may ask for by name."""
 
 NUMBERED = ("go_to", "look_at")

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from deformnb.app.controls import ACTIONS, NUMBERED, control_table
+from deformnb.app.controls import ACTIONS, NUMBERED, Number, control_table
 from deformnb.app.files import DeskFiles
 from deformnb.app.remote import dragged
 from deformnb.app.trust import DeskTrust
@@ -29,7 +29,7 @@ from deformnb.widgets.point_labels import JOINING, edit_label
 from deformnb.widgets.shape_messages import shapes_of
 from deformnb.widgets.studio_editors import make_editor, show_step
 from deformnb.widgets.studio_link import StudioLink
-from deformnb.widgets.studio_picture import picture_key
+from deformnb.widgets.studio_picture import looks_alike, picture_key
 from deformnb.widgets.view import checked_camera
 from deformnb.widgets.worker import Worker
 
@@ -111,12 +111,13 @@ class Desk:
         session = self.session
         if name in _OF_THE_STEP:
             fields: dict[str, Any] = {name: int(value) if name == "stages" else value}
-            session.change(kind=name, **fields)
+            session.change(kind=name, slides=isinstance(self.controls[name], Number), **fields)
         elif name == "support":
-            session.change(kind=name, support=value or None)
+            session.change(kind=name, slides=True, support=value or None)
         elif name == "view":
             session.set_view(value)
-            self._look(*_beside(session.plane))
+            if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
+                self._look(*_camera(session.plane))
         elif name == "depth":
             low, high = session.depth_range
             session.depth = low + value * (high - low)
@@ -148,6 +149,9 @@ class Desk:
         """Do one of the actions of :mod:`~deformnb.app.controls` that give nothing back."""
         if name not in (*ACTIONS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
+        if name == "take_hold":  # no edit: what is said of the last one stays
+            self.session.take_hold()
+            return
         actions: dict[str, Callable[[], Any]] = {
             "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
             "go_to": lambda: go_to(self.session, *number), "look_at": lambda: self.trust.look_at(*number),
@@ -231,6 +235,7 @@ class Desk:
     def _try(self, action: Callable[[], Any]) -> None:
         started = time.perf_counter()
         self.error = ""
+        self.files.pass_on()
         try:
             action()
             self._show()
@@ -306,6 +311,7 @@ class Desk:
 
     def _look(self, direction: Any, up: Any) -> None:
         self.volumes.set_camera(direction, up)
+        self._looks = self.volumes.camera
 
     def fail(self, message: str) -> None:
         """Say in the page what is wrong; may be called from any thread."""
@@ -325,6 +331,7 @@ class Desk:
         """What is said from another thread."""
         def tell() -> None:
             self.session.notice = text
+            self.files.pass_on()
             self.changed()
 
         self.thread.call(tell)
@@ -368,9 +375,9 @@ def _beside(plane: Plane) -> tuple[list[float], list[float]]:
 
 
 def _box_text(session: Session) -> str:
-    return "" if session.output is None else f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels"
+    return "" if session.output is None else f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels (x, y, z)"
 
 
 def _step_text(session: Session) -> str:
     count = len(session.deformation.steps)
-    return f" · picture {session.index + 1} of {count}" if count > 1 else ""
+    return f" · step {session.index + 1} of {count}" if count > 1 else ""

@@ -31,6 +31,7 @@ WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "dr
 """What a page may ask for by name, with words for a menu. A session is saved elsewhere."""
 
 _PAGE_SUFFIX = ".html"
+_BRIEFLY = 8.0  # seconds that it is said what went well
 _LOG = logging.getLogger(__name__)
 
 
@@ -57,6 +58,7 @@ class DeskFiles:
         self._folder: Path | None = None
         self._ready: tuple[str, Path] | None = None
         self._doubtful: Deformation | None = None
+        self._passing = ""  # of what is said, what need not be read
         stem = session.volume.name.split(".", maxsplit=1)[0]
         self._stem = re.sub(r"[^\w-]+", "_", stem, flags=re.ASCII).strip("_")[:40] or "deformed"
         self.state: dict[str, Any] = {"busy": False, "said": "", "share": 0.0, "key": "", "name": "", "page": "",
@@ -106,15 +108,16 @@ class DeskFiles:
                 export(frozen, path, progress=self._progress)
             key = secrets.token_urlsafe(24)
             self._ready = (key, path)
-            said = f"{name} goes to the downloads."
+            said = self._passing = f"{name} goes to the downloads."
         except Cancelled:
-            said = f"Stopped; {name} was not written."
+            said = self._passing = f"Stopped; {name} was not written."
         except DeformError as error:
             said = str(error)
         except Exception as error:  # of whatever writes this kind of file: the page must hear of it
             _LOG.exception("a file could not be written")
             said = f"{name} could not be written: {type(error).__name__}: {error}"
         self._say(busy=False, said=said, key=key)
+        self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def _place(self, name: str) -> Path:
         if self._folder is None:
@@ -158,7 +161,9 @@ class DeskFiles:
             self._doubtful = document
             self._say(doubt=self._session.difference(document))
             return
-        self._say(said="Opened; it can be undone.")
+        self._passing = "Opened; it can be undone."
+        self._say(said=self._passing)
+        self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def take_anyway(self) -> None:
         """Go on with the session that was asked about."""
@@ -166,6 +171,11 @@ class DeskFiles:
         self.forget()
         if document is not None:
             self._session.take(document, allow_other_volume=True)
+
+    def pass_on(self) -> None:
+        """Say no more what went well: it was read, or there is something else to say. What went wrong stays."""
+        if self._passing and self.state["said"] == self._passing:
+            self._say(said="")
 
     def forget(self) -> None:
         """Ask nothing, say nothing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import html
+import math
 import os
 import sys
 import tempfile
@@ -12,6 +13,7 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from deformnb.app import IDLE_MINUTES
 from deformnb.app.desk import Desk
 from deformnb.app.guard import checked_host, is_loopback
 from deformnb.app.server import AppServer
@@ -24,18 +26,20 @@ from deformnb.session import Session
 from deformnb.volume import Volume
 
 
-def check_app(host: str, port: int, side: str | None) -> str:
+def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:
     """The address to listen at, or what is wrong with the options, before a volume is read.
 
     Raises
     ------
     DeformError
-        For an address, a port or a side that cannot be.
+        For an address, a port, a side or a time that cannot be.
     """
     if not 0 <= port < 2**16:
         raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
     if side is not None and side not in VIEWS:
         raise DeformError(f"unknown side {side!r}; choose one of {', '.join(VIEWS)}.")
+    if not (idle >= 0 and math.isfinite(idle)):
+        raise DeformError(f"--idle takes minutes, 0 for never, got {idle:g}.")
     return checked_host(host)
 
 
@@ -45,7 +49,7 @@ def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
 
 
 def open_app(volume: Volume, deformation: Deformation | None = None, *, side: str | None = None, viewer: str = "live",
-             host: str = "127.0.0.1", port: int = 0, browser: bool = True) -> None:
+             host: str = "127.0.0.1", port: int = 0, browser: bool = True, idle: float = IDLE_MINUTES) -> None:
     """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
 
     Parameters
@@ -56,20 +60,21 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
     viewer : "live" or "vtk", see :data:`deformnb.app.VIEWERS`.
     host, port : where to listen; port 0 takes a free one.
     browser : whether to open a browser.
+    idle : minutes without a page after which it ends; 0 never does.
 
     Raises
     ------
     DeformError
         If the address or the port cannot be had.
     """
-    host = check_app(host, port, side)
+    host = check_app(host, port, side, idle)
     if not is_loopback(host):
         _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
     desk = Desk(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
     try:
-        server = AppServer(desk, host=host, port=port)
+        server = AppServer(desk, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
-            asyncio.run(server.run(lambda url: _announce(url, stack if browser else None)))
+            asyncio.run(server.run(lambda url: _announce(url, idle, stack if browser else None)))
     except OSError as error:
         raise DeformError(f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; "
                           "choose another --port.") from None
@@ -84,10 +89,11 @@ def _say(text: str) -> None:
         sys.stderr.flush()
 
 
-def _announce(url: str, stack: contextlib.ExitStack | None) -> None:
+def _announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
     sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
     sys.stdout.flush()
-    _say("open this address in a browser of this machine; Ctrl-C ends it.")
+    alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
+    _say(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
     if stack is not None:
         webbrowser.open(stack.enter_context(_doorway(url)).as_uri())
 

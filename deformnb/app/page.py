@@ -57,7 +57,7 @@ def build_page(server: Any, desk: Desk) -> None:
         with v.VAppBar(density="compact", flat=True, classes="dnb-app-bar"):
             html.Div("deformnb", classes="dnb-app-brand")
             html.Div("{{ dnb_name }}", classes="dnb-app-name")
-            html.Div(f"{shapes} voxels", classes="dnb-app-soft")
+            html.Div(f"{shapes} voxels (x, y, z)", classes="dnb-app-soft")
             v.VSpacer()
             _buttons(v, html)
         with v.VMain(classes="dnb-app-back"), html.Div(classes="dnb-app-main"):
@@ -73,7 +73,7 @@ def build_page(server: Any, desk: Desk) -> None:
             html.Span("{{ facts }}")
             html.Span("{{ verdict }}", classes=("folded ? 'dnb-app-folded' : ''",))
             html.Span("{{ latency }}", classes="dnb-app-soft")
-            html.Span("{{ notice }}", classes="dnb-app-notice")
+            html.Span("{{ notice }}", classes="dnb-app-notice", title=("notice",), __properties=["title"])
         _writing(v, html)
         with html.Div(classes="dnb-app-error", v_if=("error",), role="alert", __properties=["role"]):
             html.Span("{{ error }}")

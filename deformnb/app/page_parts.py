@@ -48,7 +48,8 @@ def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if
         with html.Div(classes="dnb-app-number", title=control.hint, **shown):
             html.Span(control.title, classes="dnb-app-label")
             v.VSlider(v_model_number=(name,), min=control.low, max=control.high, step=control.step,
-                      aria_label=control.title, track_size=3, thumb_size=14, __properties=["aria_label"], **common)
+                      aria_label=control.title, start="trigger('take_hold')", track_size=3, thumb_size=14,
+                      __properties=["aria_label"], **common)
             html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
     elif isinstance(control, Switch):
         v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import secrets
 import signal
@@ -16,7 +17,7 @@ from typing import Any
 
 from aiohttp import web
 
-from deformnb.app import IDLE_SECONDS
+from deformnb.app import IDLE_MINUTES
 from deformnb.app.bridge import Bridge
 from deformnb.app.desk import Desk
 from deformnb.app.guard import LONGEST_MESSAGE, Answer, Doorkeeper, MessageGuard, gate, own_names
@@ -44,7 +45,7 @@ class AppServer:
     host, port : where to listen; port 0 takes a free one.
     page : gives trame's server its page.
     framed_by : the one origin whose pages may show ours in a frame; else nobody's may.
-    idle : seconds without a page after which the server ends.
+    idle : seconds without a page after which the server ends; 0 never does.
 
     Attributes
     ----------
@@ -52,15 +53,15 @@ class AppServer:
     reason : why it ended.
     """
 
-    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = IDLE_SECONDS,
+    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES,
                  page: Callable[[Any, Any], None] = build_page, framed_by: str = "'none'") -> None:
         from trame.app import get_server
 
-        self.desk, self.host, self.idle = desk, host, idle
+        self.desk, self.host, self.idle = desk, host, idle or math.inf
         self.url, self.reason = "", ""
         self.token = secrets.token_urlsafe(32)
         self._wanted_port, self._framed_by = port, framed_by
-        self._parent = os.getppid()
+        self._parent = None if _outlives_its_terminal() else os.getppid()
         self._guards: list[MessageGuard] = []
         self._handlers: list[Any] = []
         self._doorkeeper = Doorkeeper(self.token)
@@ -133,7 +134,7 @@ class AppServer:
             last = time.monotonic() if known else last
             if time.monotonic() - last > self.idle:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
-            if os.getppid() != self._parent:
+            if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
             for handler in self._handlers:
                 for client in self._doorkeeper.strangers(known) if handler.connections else ():
@@ -148,7 +149,7 @@ class AppServer:
             number = getattr(signal, name, None)
             # Signals belong to the main thread; tests run a server in another.
             with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-                if number is not None:
+                if number is not None and not (name == "SIGHUP" and _outlives_its_terminal()):
                     loop.add_signal_handler(number, self.stop, why)
                     caught.append(number)
         try:
@@ -199,6 +200,11 @@ class AppServer:
 
         return {"trame.state.get": lambda: state_of(state), "trame.lifecycle.update": life,
                 "trame.error.client": failed, **self.bridge.answers()}
+
+
+def _outlives_its_terminal() -> bool:
+    """Whether who started this wants it to stay when the terminal has gone, as nohup says."""
+    return hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 def _serve(text: str, kind: str) -> Callable[[web.Request], Any]:

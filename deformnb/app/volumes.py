@@ -52,12 +52,14 @@ class Volumes:
         views: dict[str, dict[str, list[float]]] = about(self._session.volume, None)["views"]
         return views
 
+    @property
+    def camera(self) -> dict[str, Any]:
+        """From where the volume is seen."""
+        return dict(self.remote.camera if self.remote is not None and self.remote.is_used else self.live.camera)
+
     def seen(self) -> Seen:
         """How the page shows the volume, for pictures in files."""
-        seen = self.live.seen()
-        if self.remote is not None and self.remote.is_used:
-            return replace(seen, camera=dict(self.remote.camera))
-        return seen
+        return replace(self.live.seen(), camera=self.camera)
 
     # -- as a view -----------------------------------------------------------------------------------------------------
 

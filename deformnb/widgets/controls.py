@@ -23,14 +23,10 @@ from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
 from deformnb.trend import TRENDS
 from deformnb.widgets.clip_controls import ClipControls
-from deformnb.widgets.view import SHOWS
+from deformnb.widgets.view import SHOWS, SIDES
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows what went wrong with it; says whether it was done."""
-
-SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
-         "-z": "from above (-z)", "+z": "from below (+z)"}
-"""The six views in words, for a patient or an animal in LPS."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
@@ -76,11 +72,15 @@ class Control:
 
     def _shows(self, shown: Any, value: Any) -> bool:
         """Whether the widget shows this value: a slider's page rounds it to its step, and tells so as if by hand."""
-        if not isinstance(self.widget, ipw.FloatSlider | ipw.FloatLogSlider):
+        if not _is_slider(self.widget):
             return bool(shown == value)
         if isinstance(self.widget, ipw.FloatLogSlider):
             shown, value = np.log10(shown), np.log10(value)
         return bool(abs(shown - value) <= _ROUNDING * self.widget.step)
+
+
+def _is_slider(widget: Any) -> bool:
+    return isinstance(widget, ipw.FloatSlider | ipw.FloatLogSlider)
 
 
 def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "") -> ipw.Dropdown:
@@ -155,7 +155,7 @@ class Panel:
     def of_step(self, widget: Any, name: str) -> Any:
         """Bind a widget to a field of the step being edited."""
         return self.add(widget, lambda: getattr(self.session.step, name),
-                        lambda value: self.session.change(kind=name, **{name: value}))
+                        lambda value: self.session.change(kind=name, slides=_is_slider(widget), **{name: value}))
 
     def refresh(self) -> None:
         """Show what the session holds."""
@@ -237,7 +237,7 @@ class MapPanel(Panel):
             layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
             tooltip="How far a point reaches, as a length in the volume")
         self.add(self._support, self._shown_support,
-                 lambda value: session.change(kind="support", support=float(value)))
+                 lambda value: session.change(kind="support", slides=True, support=float(value)))
         self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: session.step.support is None,
                  lambda on: session.change(support=None if on else float(self._support.value)))
@@ -283,7 +283,7 @@ def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
                       "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
                       layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
     panel.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
-              lambda value: session.change(kind="strength", strength=float(value)))
+              lambda value: session.change(kind="strength", slides=True, strength=float(value)))
     shows = ipw.Dropdown(options=[(name.replace("_", " "), name) for name in SHOWS], description="Show",
                          style={"description_width": "44px"}, layout=ipw.Layout(width="190px"),
                          tooltip="; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()))

@@ -79,7 +79,7 @@ class StudioPicture:
 
     def turn(self) -> None:
         """Look at the volume from the side of the picture, unless somebody has turned it to look from elsewhere."""
-        if self._turned_to is None or _looks_alike(self._turned_to, self._view.camera):
+        if self._turned_to is None or looks_alike(self._turned_to, self._view.camera):
             self._link.turn()
             self._turned_to = dict(self._view.camera)
 
@@ -116,6 +116,6 @@ class StudioPicture:
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
 
-def _looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether two cameras look the same way; how near they stand does not count."""
     return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))

@@ -166,6 +166,30 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     assert tab.app.desk.session.step.strength == -1.0
 
 
+def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
+    thumb = tab.page.get_by_role("slider", name="Strength")
+    mouse, session = tab.page.mouse, tab.app.desk.session
+    for toward in (-20, 25):
+        box = thumb.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        mouse.move(x, y)
+        mouse.down()
+        before = session.step.strength
+        for share in (0.5, 1.0):
+            mouse.move(x + share * toward, y)
+            _eventually(lambda: session.step.strength != before)  # noqa: B023
+            before = session.step.strength
+            time.sleep(1.0)  # longer than what joins edits by itself
+        mouse.up()
+    undone = []
+    for _ in range(2):
+        undone.append(session.history["undo"])
+        tab.page.get_by_role("button", name="Undo: change strength").click()
+        _eventually(lambda: session.step.strength != before)  # noqa: B023
+        before = session.step.strength
+    assert (before, session.history["undo"]) == (1.0, "")
+
+
 def test_a_menu_changes_the_kernel(tab: Tab) -> None:
     tab.page.get_by_role("combobox", name="Kernel").focus()
     tab.page.keyboard.press("Enter")
@@ -181,7 +205,7 @@ def test_another_side_shows_another_picture(tab: Tab) -> None:
     before = tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.model.get('raster').shape")
     tab.page.get_by_role("combobox", name="Side").focus()
     tab.page.keyboard.press("Enter")
-    tab.page.get_by_role("option", name="−z").click()
+    tab.page.get_by_role("option", name="from above").click()
     tab.page.wait_for_function("""(before) => {
         const { painter, model } = document.querySelector('.dnb-editor').deformnb;
         return model.get('raster').shape[0] !== before[0] && painter.source?.raster.shape[0] !== before[0]; }""",
@@ -232,6 +256,13 @@ def test_it_fits_a_small_projector_in_light_and_dark(browser: Any, fresh: Runnin
     assert len(parts) > 18
     for name, left, top, right, bottom in parts:
         assert left >= 0 and top >= 0 and right <= 1280 and bottom <= 800, name  # noqa: PT018
+    rows = tab.page.evaluate("""() => new Set([...document.querySelectorAll('.dnb-ed-bar button')].filter(
+      (button) => button.offsetWidth).map((button) => button.offsetTop)).size""")
+    assert rows == 1  # of tools above the picture
+    room = tab.page.evaluate("""() => { const [side, projection] = document.querySelectorAll('.dnb-app-select');
+      const label = projection.querySelector('.v-field__outline .v-label');
+      return label.getBoundingClientRect().top - side.getBoundingClientRect().bottom; }""")
+    assert room >= 0  # its line is higher than its letters
     clipped = tab.page.evaluate("""() => ['.dnb-app-part', '.dnb-app-tabs', '.dnb-app-half', 'html', '.dnb-app-foot'
       ].flatMap((name) => [...document.querySelectorAll(name)].filter((part) =>
       part.scrollHeight > part.clientHeight + 1 || part.scrollWidth > part.clientWidth + 1).map(() => name))""")
