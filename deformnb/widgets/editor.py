@@ -67,6 +67,8 @@ class Editor(EditedPoints):
     theme : "auto" follows the page, "light" and "dark" do not.
     label : what a screen reader calls the picture.
     read_only : True shows points that cannot be changed.
+    beyond : (a0, a1, b0, b1), a box on the picture's plane: as far the deformed picture is drawn where it reaches
+        beyond the picture itself; empty for no farther than that.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.cuts.Cut` and :class:`~deformnb.rigid_parts.RigidPart` of dimension 2, or
         the plain data of :mod:`deformnb.document_regions`, which the traits then hold.
@@ -127,6 +129,7 @@ class Editor(EditedPoints):
     ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
+    beyond = traitlets.List(traitlets.Float(), help="how far matter off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
 
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
@@ -267,6 +270,14 @@ class Editor(EditedPoints):
                 len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)):
             raise DeformError('the facts of a haze must be {} or {"width": columns, "height": rows, "legend": [[byte, '
                               f"text], ...]}}, got {value}.")
+        return value
+
+    @traitlets.validate("beyond")
+    def _box_beyond(self, proposal: Any) -> list[float]:
+        value = [float(x) for x in proposal["value"]]
+        if value and not (len(value) == 4 and np.isfinite(value).all() and value[0] < value[1] and value[2] < value[3]):
+            raise DeformError(f"what is drawn beyond a picture is (a0, a1, b0, b1) with a0 < a1 and b0 < b1, or empty, "
+                              f"got {value}.")
         return value
 
     @traitlets.validate("mirror", "snap", "brush_radius")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import ipywidgets as ipw
+import numpy as np
 
 from deformnb.deformation import lone_support
 from deformnb.fields import AbstractField
@@ -48,10 +49,19 @@ def show_step(editor: Any, session: Session) -> None:
                 if getattr(editor, name) != shapes:
                     setattr(editor, name, shapes)
             editor.cut_rule = step.cut_rule
+            editor.beyond = _box_on_picture(session)
         elif editor.options != _options(session):
             editor.options = _options(session)
         if editor.points != session.points:
             editor.points = session.points
+
+
+def _box_on_picture(session: Session) -> list[float]:
+    """Where the result's box reaches on the picture, (a0, a1, b0, b1); empty for the volume's own."""
+    if session.output is None:
+        return []
+    corners = session.plane.to_plane(session.output.corners())[:, :2]
+    return np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1).ravel().tolist()
 
 
 def _options(session: Session) -> dict[str, Any]:

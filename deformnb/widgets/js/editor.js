@@ -71,6 +71,7 @@ class EditorPage extends EditorHand {
     on("change:selected", () => this.select(this.model.get("selected"), false));
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
+    on("change:beyond", () => this.layout());
     on("change:height", () => this.layout());
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
@@ -202,6 +203,12 @@ class EditorPage extends EditorHand {
   get box() {
     const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
+  }
+
+  // All that is drawn: the picture's box, and what the result's box holds beyond it.
+  get sheet() {
+    const { box } = this, beyond = this.model.get("beyond") ?? [];
+    return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
   }
 
   // ---- selection and commands ---------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ class EditorDrawing {
 
   layout() {
     this.applyTheme(); // a style sheet that comes late changes sizes as well
-    const [a0, a1, b0, b1] = this.box, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
+    const [a0, a1, b0, b1] = this.sheet, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
     const isFilling = Boolean(this.model.get("fill")); // the application gives the editor a place to fill, Jupyter none
     const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH);
     const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
@@ -43,12 +43,12 @@ class EditorDrawing {
   }
 
   get fittedScale() {
-    const [a0, a1, b0, b1] = this.box, { width, height } = this.view;
+    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view;
     return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
   }
 
   fitView() {
-    const [a0, a1, b0, b1] = this.box, { width, height } = this.view, k = this.fittedScale;
+    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view, k = this.fittedScale;
     Object.assign(this.view, { k, x: width / 2 - k * (a0 + a1) / 2, y: height / 2 - k * (b0 + b1) / 2 });
     this.isFitted = true;
     this.invalidate();
@@ -81,7 +81,7 @@ class EditorDrawing {
 
   // Some of the picture stays in the view, so that nobody is lost in the grey.
   #keepInSight() {
-    const [a0, a1, b0, b1] = this.box, v = this.view, rest = 40;
+    const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));
     this.isFitted = false;
@@ -117,8 +117,8 @@ class EditorDrawing {
     this.isBefore = this.netNodes.side === "before";
     if (this.isDirty) this.refit();
     const fitted = performance.now(), { isMoving } = this, fit = this.isComparing || this.isBefore ? null : this.layered;
-    this.stats.paint = this.painter.paint(this.view, fit, { isMoving, paper: this.colours.stage });
-    this.painter.drawFrame(this.view, this.box);
+    this.stats.paint = this.painter.paint(this.view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet });
+    this.painter.drawFrame(this.view, this.sheet);
     const painted = performance.now();
     if (this.model.get("show_net") && this.model.get("density") > 0) this.drawNet(fit);
     const drawn = performance.now();

@@ -68,9 +68,9 @@ class Overlay {
   }
 
   #lay(layered, kind, folds, isMoving) {
-    const { view, model, box } = this.page;
+    const { view, model, box, sheet } = this.page;
     const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
-      String(box), model.get("density"), model.get("show_net"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+      String(box), String(sheet), model.get("density"), model.get("show_net"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
@@ -92,9 +92,9 @@ class Overlay {
     this.isUsed = false;
   }
 
-  // The part of the picture that is seen, [a0, a1, b0, b1].
+  // The part of what is drawn that is seen, [a0, a1, b0, b1].
   #visible() {
-    const { view: { k, x, y, width, height }, box: [a0, a1, b0, b1] } = this.page;
+    const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.page;
     const part = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k), Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
     return part[1] > part[0] && part[3] > part[2] ? part : null;
   }

@@ -79,15 +79,15 @@ class Painter {
     }
   }
 
-  // A layered fit (cut_fits.js), or null for the picture as it is. Returns what it took: {ms, step, lattice}.
-  paint(view, fit, { isMoving, paper }) {
+  // A layered fit (cut_fits.js), or null for the picture as it is, drawn as far as `sheet` reaches. Returns what it took: {ms, step, lattice}.
+  paint(view, fit, { isMoving, paper, sheet }) {
     const start = performance.now(), { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
     this.paper = [1, 3, 5].map((k) => parseInt(String(c.fillStyle).slice(k, k + 2), 16) || 0); // #rrggbb, whatever was set
     if (!source) return { ms: performance.now() - start, step: 0, lattice: 0 };
-    const part = this.visible(view);
+    const part = this.visible(view, sheet);
     if (part.width <= 0 || part.height <= 0) return { ms: 0, step: 0, lattice: 0 };
     const pixels = part.width * part.height;
     const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
@@ -111,9 +111,9 @@ class Painter {
     return { ms, step, lattice };
   }
 
-  // The part of the canvas, in its own pixels, that the picture's box covers.
-  visible({ k, x, y, ratio }) {
-    const [a0, a1, b0, b1] = this.source.box, { width, height } = this.canvas;
+  // The part of the canvas, in its own pixels, that a box on the picture's plane covers.
+  visible({ k, x, y, ratio }, [a0, a1, b0, b1] = this.source.box) {
+    const { width, height } = this.canvas;
     const clamp = (value, most) => Math.max(0, Math.min(most, Math.round(value * ratio)));
     const left = clamp(k * a0 + x, width), right = clamp(k * a1 + x, width);
     const top = clamp(k * b0 + y, height), bottom = clamp(k * b1 + y, height);
@@ -162,7 +162,7 @@ class Painter {
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
   }
 
-  // The edge of the picture, where its own edge is as dark as what is around.
+  // The edge of what is drawn, where its own edge is as dark as what is around.
   drawFrame({ k, x, y, ratio }, [a0, a1, b0, b1]) {
     const { context: c } = this;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
