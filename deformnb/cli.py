@@ -164,13 +164,13 @@ def _app(options: argparse.Namespace) -> None:
     from deformnb.app.launch import check_app, made_up_carp, open_app
     from deformnb.opening import as_deformation
 
-    check_app(options.host, options.port, options.side)
+    check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
         volume = (read_input(options.file, options.spacing, stage) if options.file
                   else made_up_carp(stage("make the carp")))
     open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
-             browser=not options.no_browser)
+             browser=not options.no_browser, idle=options.idle)
 
 
 @contextlib.contextmanager
