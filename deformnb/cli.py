@@ -18,7 +18,7 @@ from typing import NoReturn, TypeAlias
 from deformnb.cli_replay import add_replay
 from deformnb.cli_stages import stages
 from deformnb.cli_warp import add_spacing, add_warp, read_input
-from deformnb.errors import Cancelled, DeformError
+from deformnb.errors import Cancelled, DeformError, UnknownKindError
 
 EXIT_ERROR = 2
 EXIT_INTERRUPTED = 130
@@ -202,8 +202,8 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
     from deformnb.io.documents import describe_document
-    from deformnb.io.landmarks import describe_landmarks, is_landmarks
-    from deformnb.io.meshes import describe_mesh, is_mesh
+    from deformnb.io.landmarks import describe_landmarks, is_landmarks, landmark_suffixes
+    from deformnb.io.meshes import describe_mesh, is_mesh, mesh_suffixes
 
     path = Path(options.file)
     if is_landmarks(path):
@@ -213,7 +213,11 @@ def _info(options: argparse.Namespace) -> None:
     elif path.suffix.lower() == ".json" and not path.is_dir():
         rows = describe_document(path)
     else:
-        rows = describe_file(path).rows()
+        try:
+            rows = describe_file(path).rows()
+        except UnknownKindError as error:
+            raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}) and sessions "
+                              "(.json) are known too.") from None
     wide = max(len(key) for key in rows)
     print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
 

@@ -15,6 +15,10 @@ class VolumeFileError(DeformError):
     """A file could not be read or written; nothing was loaded and nothing was overwritten."""
 
 
+class UnknownKindError(VolumeFileError):
+    """Neither the name of a file nor its content says that it is a volume."""
+
+
 class FileChangedError(VolumeFileError):
     """Somebody else has written the file since it was opened or saved here; nothing was overwritten."""
 

@@ -101,6 +101,19 @@ def test_demo_protects_what_is_not_its_own(small: Path, capsys: pytest.CaptureFi
     assert "would be overwritten" in refused(capsys.readouterr(), code)
 
 
+def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture[str],
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    (small / "notes.txt").write_text("no volume")
+    code = run(small, "info notes.txt", monkeypatch)
+    said = refused(capsys.readouterr(), code)
+    for kind in (".nii.gz", "folders of slices", ".stl", ".fcsv", ".mrk.json", "sessions (.json)"):
+        assert kind in said
+    code = run(small, "demo --volume notes.txt --out new", monkeypatch)
+    said = refused(capsys.readouterr(), code)
+    assert "no known kind of volume file" in said
+    assert "sessions" not in said  # of which no demo is made
+
+
 @pytest.mark.parametrize(("line", "match"), [
     ("demo --volume missing.nii.gz --out new", "no such file"),
     ("demo --volume . --out new", "neither a DICOM series nor TIFF"),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError, VolumeFileError
+from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import Header, fail, human_bytes, regular_file, shown
@@ -136,7 +136,7 @@ def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
     why = f"this is no known kind of volume file; known are {supported()} and folders of slices."
     if likely is not None:
         why += f" It looks like {FORMATS[likely].description}: rename it to end in {FORMATS[likely].suffixes[0]}."
-    raise fail(path, why)
+    raise UnknownKindError(str(fail(path, why)))
 
 
 def _writable() -> str:
