@@ -35,6 +35,18 @@ _POINT = """() => {
 }"""
 
 
+# The path of PointHand at 6 steps a second.
+_DRAG = """([x, y, seconds, rate]) => new Promise((done) => {
+  const stage = document.querySelector(".dnb-editor .dnb-ed-svg"), start = performance.now();
+  const timer = setInterval(() => {
+    const now = (performance.now() - start) / 1e3, angle = 6 * now / 2.1;
+    if (now > seconds) { clearInterval(timer); done(); return; }
+    stage.dispatchEvent(new PointerEvent("pointermove", { bubbles: true, cancelable: true, pointerId: 1, buttons: 1,
+      pointerType: "mouse", isPrimary: true, clientX: x + 24 * Math.cos(angle), clientY: y + 24 * Math.sin(angle) }));
+  }, 1e3 / rate);
+})"""
+
+
 class Hand(ABC):
     """What edits: takes a handle and moves it along a path around the place where it was first."""
 
@@ -68,6 +80,14 @@ class Hand(ABC):
         (x, y), (dx, dy) = self.home, self.away(step)
         self.page.mouse.move(x + dx, y + dy)
 
+    def drag(self, seconds: float, rate: float) -> None:
+        """Moves the held handle as often as the driver of the browser can, at most ``rate`` times a second."""
+        start, k = time.perf_counter(), 0
+        while (now := time.perf_counter() - start) < seconds:
+            self.move(6 * now)
+            k += 1
+            time.sleep(max(0.0, k / rate - (time.perf_counter() - start)))
+
     def release(self) -> None:
         if self.is_down:
             self.page.mouse.up()
@@ -82,6 +102,11 @@ class PointHand(Hand):
 
     def away(self, step: float) -> tuple[float, float]:
         return 24 * math.cos(step / 2.1), 24 * math.sin(step / 2.1)
+
+    def drag(self, seconds: float, rate: float) -> None:
+        """By events that the page makes: a driver waits for each to be drawn, and would set the pace itself."""
+        self.move(0.0)  # the mouse itself took hold
+        self.page.evaluate(_DRAG, [*self.home, seconds, rate])
 
 
 class SliderHand(Hand):
@@ -232,14 +257,7 @@ class Seat:
         self.rest(self._long_rest)
         self.fresh()
 
-        def move() -> None:
-            start, k = time.perf_counter(), 0
-            while (now := time.perf_counter() - start) < seconds:
-                self.hand.move(6 * now)
-                k += 1
-                time.sleep(max(0.0, k / rate - (time.perf_counter() - start)))
-
-        carried = self.bytes_of(move)
+        carried = self.bytes_of(lambda: self.hand.drag(seconds, rate))
         self.rest(self._long_rest)
         inputs, end = self.seen.inputs, max(self.seen.inputs)
         span = (end - inputs[0]) / 1e3
