@@ -270,7 +270,12 @@ class LookPanel(Panel):
             menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
                                   lambda: view.projection, lambda value: view.set_trait("projection", value)))
         self.clip = ClipControls(view if view.has_trait("clip") else None)
-        self.box = ipw.VBox([row(*menus), ipw.VBox([transfer], layout=ipw.Layout(max_width="720px")), self.clip])
+        colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
+        inside = ipw.VBox([ipw.HTML("<b>See inside</b>"), self.clip],
+                          layout=ipw.Layout(flex="1 1 270px", min_width="0"))
+        beside = ipw.HBox([colours, inside], layout=ipw.Layout(
+            flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
+        self.box = ipw.VBox([row(*menus), beside])
 
     def close(self) -> None:
         self.clip.close()

@@ -84,7 +84,7 @@ def test_keys_move_the_ends_and_both_can_be_reached(page: LivePage) -> None:
 
 def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> None:
     view = opened(page)
-    button = page.page.get_by_role("button", name="Cut towards me")
+    button = page.page.get_by_role("button", name="Open towards me")
     for direction, wanted in (((0, 1, 0), (2, (0.0, 0.5))), ((0, -1, 0), (2, (0.5, 1.0))),
                               ((0.2, 0.1, 1), (0, (0.5, 1.0))), ((0.9, 0.1, 0.1), (1, (0.0, 0.5)))):
         view.set_camera(direction)

@@ -107,6 +107,30 @@ def test_ctrl_s_saves_the_session_wherever_the_focus_is(in_lab: Lab, window: Any
     assert window.evaluate("document.querySelectorAll('.dnb-studio').length") == 1
 
 
+PLACES = """() => ['.dnb-cv-stage', '.dnb-clip'].map((s) => [...document.querySelectorAll(
+  `.dnb-studio ${s}`)].find((e) => e.offsetWidth)).map((e) => e.getBoundingClientRect()).map(
+  ({ left, right, top, bottom }) => ({ left, right, top, bottom }))"""
+
+
+def test_see_inside_stands_beside_the_colours_where_there_is_room(in_lab: Lab, window: Any) -> None:
+    in_lab.dark(window, False)
+    window.evaluate(NARROW, 0)
+    choose(window, "Look")
+    assert window.get_by_text("See inside", exact=True).is_visible()
+    assert window.get_by_role("button", name="Open towards me").is_visible()
+    if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
+        window.evaluate("() => document.querySelector('.dnb-studio').scrollIntoView({ block: 'end' })")
+        window.screenshot(path=str(Path(folder) / "look.png"))
+    colours, clip = window.evaluate(PLACES)
+    assert clip["left"] >= colours["right"]
+    assert clip["top"] < colours["bottom"]
+    window.evaluate(NARROW, 620)
+    choose(window, "Look")
+    colours, clip = window.evaluate(PLACES)
+    assert clip["top"] >= colours["bottom"]
+    window.evaluate(NARROW, 0)
+
+
 @pytest.fixture(scope="module")
 def voila(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Voila]:
     with running(Voila, tmp_path_factory.mktemp("voila")) as server:

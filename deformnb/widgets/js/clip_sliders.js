@@ -22,10 +22,10 @@ class ClipSliders {
     this.root = pageElement("div", "dnb-clip", parent, { role: "group", "aria-label": "Part of the volume that is seen" });
     this.rows = [0, 1, 2].map((axis) => this.#row(axis));
     const buttons = pageElement("div", "dnb-clip-buttons", this.root);
-    this.#button(buttons, "Cut towards me", "Takes away the half that lies towards the viewer", () => {
+    this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
       this.put(openedTowards(this.model.get("camera").direction, this.info));
     });
-    this.whole = this.#button(buttons, "Show all", "Nothing is cut away", () => this.put(UNCLIPPED));
+    this.whole = this.#button(buttons, "Show all", "Nothing is taken away", () => this.put(UNCLIPPED));
     this.shown = () => this.show();
     for (const name of ["clip", "volume_info"]) model.on(`change:${name}`, this.shown);
     this.show();
