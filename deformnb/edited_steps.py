@@ -97,12 +97,14 @@ class EditedSteps(EditedDocument):
         """
         self.change(label, kind, cuts=tuple(cuts))
 
-    def edit_parts(self, parts: Iterable[Any], label: str = "", kind: str | None = None) -> None:
+    def edit_parts(self, parts: Iterable[Any], label: str = "", kind: str | None = None, *,
+                   slides: bool = False) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rigid_parts.RigidPart`; see :meth:`edit_cuts`.
 
-        A point inside a part that asks for something else than the part does is refused.
+        A point inside a part that asks for something else than the part does is refused; ``slides`` is as of
+        :meth:`change`.
         """
-        self.change(label, kind, parts=tuple(parts))
+        self.change(label, kind, slides=slides, parts=tuple(parts))
 
     def set_cut_rule(self, rule: str) -> None:
         """What is seen beside a cut: a name of :data:`~deformnb.cuts.CUT_RULES`."""

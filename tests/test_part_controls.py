@@ -76,6 +76,27 @@ def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
     assert session.step.parts[0].motion is None
 
 
+def test_a_slow_hand_on_each_slider_makes_one_edit(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("deformnb.history.time.monotonic", lambda: now)
+    session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
+    session.add_step(in_space=True)
+    values = np.zeros(GRID.shape, bool)
+    values[4:6, 5:7, 6:8] = True
+    still = RigidMotion.turn(0.0, (9, 8, 20), axis=(0, 0, 1))
+    session.edit_parts([RigidPart(Mask(values, GRID), name="stone", motion=still)])
+    found = {c.widget.description: c.widget for c in PartControls(session, done, lambda: 0).controls}
+    states = []
+    for name in ("Turn", "Shift x", "Shift y", "Reach"):
+        states.append(session.deformation)
+        for value in (0.5, 1.0, 1.5):
+            found[name].value = value
+            now += 2.0
+    for state in reversed(states):
+        session.undo()
+        assert session.deformation == state
+
+
 def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     bone = Polygon([(2, 2), (5, 2), (5, 6), (2, 6)])

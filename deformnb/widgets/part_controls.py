@@ -176,7 +176,8 @@ class PartControls(Panel):
             new_shift[shift[0]] = shift[1]
         about = _AXES[old_axis if axis is None else axis] if len(middle) == 3 else None
         motion = RigidMotion.turn(old_degrees if degrees is None else degrees, middle, new_shift, about)
-        self._write(verb, verb, motion=motion)
+        slider = f"shift {shift[0]}" if shift else "turn" if degrees is not None and to is None else None
+        self._write(verb, slider, motion=motion)
 
     def _write(self, verb: str, kind: str | None = None, **fields: Any) -> None:
         index, parts = self._index(), list(self.session.step.parts)
@@ -184,7 +185,8 @@ class PartControls(Panel):
             return
         parts[index] = replace(parts[index], **fields)
         name = parts[index].name or f"part {index + 1}"
-        self.session.edit_parts(parts, f"{verb} {name}", f"{kind} {index}" if kind else None)
+        self.session.edit_parts(parts, f"{verb} {name}", f"{kind} {index}" if kind else None,
+                                slides=kind is not None)
 
     def arrange(self) -> None:
         part = self.part
