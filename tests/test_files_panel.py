@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from driven_studio import a_drag, a_volume, drag, panel, wait_for
 
+from deformnb.exports import export
 from deformnb.io.atomic import atomic_write
 from deformnb.widgets import Studio
 from deformnb.widgets import files_panel as module
@@ -28,8 +29,6 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio, tmp_path: Path, moment: str,
                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on, ended = (threading.Event() for _ in range(3))
-    export = module.export
-
     def stubborn(frozen: Any, path: Path, progress: Any) -> Path:
         if path.suffix != ".png":
             return export(frozen, path, progress=progress)
