@@ -257,6 +257,9 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     lets.clear()
     page.page.get_by_label("What the pictures show").select_option("mip")
     page.wait(f"{PAGE}.shownCount > 1")
+    count = -1
+    while count != (count := page.page.evaluate(f"() => {PAGE}.shownCount")):  # finer ones of them may come later
+        page.page.wait_for_timeout(1500)
     page.page.get_by_label("What the pictures show").select_option("slice")
     page.wait(f"{said} === 'Making the pictures'")
     lets.set()
