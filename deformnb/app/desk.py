@@ -375,7 +375,9 @@ def _beside(plane: Plane) -> tuple[list[float], list[float]]:
 
 
 def _box_text(session: Session) -> str:
-    return "" if session.output is None else f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels (x, y, z)"
+    if session.output is None:
+        return ""
+    return f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels (x, y, z)"
 
 
 def _step_text(session: Session) -> str:

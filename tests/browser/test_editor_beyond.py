@@ -67,7 +67,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     result = replace(project(session.result(), session.plane), window=editor.picture.window)
     expected = looked_up(result, page.raster().points())
     sheet = page.raster().points()
-    a0, a1, b0, b1 = np.array(editor.beyond) + [1.5, -1.5, 1.5, -1.5]  # the frame's line lies on its edge
+    a0, a1, b0, b1 = np.add(editor.beyond, (1.5, -1.5, 1.5, -1.5))  # the frame's line lies on its edge
     seen = off & (sheet[..., 0] > a0) & (sheet[..., 0] < a1) & (sheet[..., 1] > b0) & (sheet[..., 1] < b1)
     assert (expected[seen] > 60).sum() > 1000
     # One picture is warped, the other is of a warped volume: they differ along edges only.

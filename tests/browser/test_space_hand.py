@@ -239,13 +239,16 @@ def test_targets_keep_to_the_lattice_unless_alt_is_held(opened: Any, pairs: Cont
 
 
 def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: pytest.MonkeyPatch) -> None:
-    lets, made = threading.Event(), SpacePictures.slice
+    lets = threading.Event()
 
-    def slow(*given: Any) -> Any:
-        lets.wait(60)
-        return made(*given)
+    def slowly(made: Any) -> Any:
+        def slow(*given: Any, **options: Any) -> Any:
+            lets.wait(60)
+            return made(*given, **options)
+        return slow
 
-    monkeypatch.setattr(SpacePictures, "slice", slow)
+    for name in ("slice", "projection"):
+        monkeypatch.setattr(SpacePictures, name, slowly(getattr(SpacePictures, name)))
     editor = SpaceEditor(waves())
     page.add(editor, "editor")
     said = "document.querySelector('[role=status]').innerText"
@@ -254,13 +257,11 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     lets.set()
     page.wait(f"{PAGE}.shownCount > 0")
     page.wait(f"{said} === ''")
+    count = -1
+    while count != (count := page.page.evaluate(f"() => {PAGE}.shownCount")):  # finer ones may come later
+        page.page.wait_for_timeout(1000)
     lets.clear()
     page.page.get_by_label("What the pictures show").select_option("mip")
-    page.wait(f"{PAGE}.shownCount > 1")
-    count = -1
-    while count != (count := page.page.evaluate(f"() => {PAGE}.shownCount")):  # finer ones of them may come later
-        page.page.wait_for_timeout(1500)
-    page.page.get_by_label("What the pictures show").select_option("slice")
     page.wait(f"{said} === 'Making the pictures'")
     lets.set()
     page.wait(f"{said} === ''")
