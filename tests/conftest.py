@@ -32,6 +32,9 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" i
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
+    is_left = os.environ.get("CI") and os.environ.get("HYPOTHESIS_PROFILE") != "nightly"
+    if is_left and item.get_closest_marker("nightly") is not None:
+        pytest.skip("another case of it is run: HYPOTHESIS_PROFILE=nightly runs all")
     if item.get_closest_marker("needs_gl") is None:
         return
     from deformnb.render import gl_status

@@ -61,7 +61,7 @@ def in_lab(window: Any, lab: Lab) -> Any:
     return lab
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("theme", ["light", pytest.param("dark", marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("width", [0, 620], ids=["wide", "narrow"])
 def test_all_tabs_can_be_used_in_lab(in_lab: Lab, window: Any, theme: str, width: int) -> None:
     in_lab.dark(window, theme == "dark")
