@@ -283,7 +283,7 @@ def test_edits_go_on_while_a_movie_is_written(tmp_path: Path, monkeypatch: pytes
     files = panel(studio, "Files")
     goes_on = threading.Event()
     progress = files._progress
-    monkeypatch.setattr(files, "_progress", lambda share: (goes_on.wait(60), progress(share)))
+    monkeypatch.setattr(files, "_progress", lambda *given: (goes_on.wait(60), progress(*given)))
     drag(studio, a_drag(studio))
     files.name.value = "ball.nrrd"
     files.write.click()

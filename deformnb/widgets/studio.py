@@ -7,6 +7,7 @@ document, and does whatever takes time in one thread of its own, the newest firs
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from os import PathLike
@@ -364,7 +365,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _display_(self) -> Any:
         """What marimo shows, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
-        import marimo
+        marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 
