@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,9 +14,21 @@ _STATE = tempfile.TemporaryDirectory(prefix="deformnb-state-", ignore_cleanup_er
 os.environ["DEFORMNB_STATE"] = _STATE.name
 
 
+def _own_state(patch: pytest.MonkeyPatch) -> Path:
+    folder = Path(tempfile.mkdtemp(dir=_STATE.name))
+    patch.setenv("DEFORMNB_STATE", str(folder))
+    return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _state_of_module() -> Iterator[None]:
+    """A folder for what the tests of a module share: an application offers what another has left, which takes room."""
+    with pytest.MonkeyPatch.context() as patch:
+        _own_state(patch)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def state_folder(monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for sessions that save themselves, of this test alone: none finds what another has left."""
-    folder = Path(tempfile.mkdtemp(dir=_STATE.name))
-    monkeypatch.setenv("DEFORMNB_STATE", str(folder))
-    return folder
+    return _own_state(monkeypatch)

@@ -80,8 +80,8 @@ def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.flo
 
     Examples
     --------
-    >>> glow_of(np.array([[0.0, 0.0, 1.0]]), np.array([0.0, 0.0, -1.0])).round(2).tolist()
-    [1.45]
+    >>> glow_of(np.array([[0.0, 0.0, 1.0]]), np.array([0.0, 0.0, -1.0])).round(2)
+    array([1.45], dtype=float32)
     """
     half = light + np.array([0.0, 0.0, -1.0])
     half = half / np.linalg.norm(half)

@@ -178,6 +178,7 @@ def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
     thumb = tab.page.get_by_role("slider", name="Strength")
     mouse, session = tab.page.mouse, tab.app.desk.session
     for toward in (-20, 25):
+        thumb.scroll_into_view_if_needed()
         box = _resting(thumb)
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         mouse.move(x, y)
