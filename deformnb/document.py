@@ -26,9 +26,9 @@ from deformnb.plane import Plane
 from deformnb.volume import Grid
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 3)
+VERSION = (1, 4)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
-result. Each is left out where a document has none."""
+result; 1.4: how it is looked at (:mod:`deformnb.look`). Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""

@@ -23,6 +23,7 @@ from deformnb.io.atomic import atomic_write
 from deformnb.io.formats import format_of, read_volume, write_volume
 from deformnb.io.landmarks import is_landmarks
 from deformnb.io.meshes import is_mesh
+from deformnb.look import without_look
 from deformnb.placing import placed
 
 RECORD = "deformnb-replay.json"
@@ -121,7 +122,8 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     outputs = [target / _renamed(path, suffix) for path in files]
     _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)
-    made_of = {"document": _digest(to_json(replace(deformation, volume=None))), "options": dict(options or {})}
+    what_is_done = replace(without_look(deformation), volume=None)
+    made_of = {"document": _digest(to_json(what_is_done)), "options": dict(options or {})}
     record, results = _read_record(target / RECORD), []
     tell = progress or (lambda _name, _share: None)
     for path, output in zip(files, outputs, strict=True):

@@ -8,12 +8,13 @@ It may be called from any thread; observers are called in the thread of the edit
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
@@ -26,6 +27,7 @@ from deformnb.io.documents import read_document, write_deformation
 from deformnb.io.headers import human_bytes, shown
 from deformnb.io.known_files import KnownFiles
 from deformnb.io.memory import available_memory
+from deformnb.look import Look, without_look
 from deformnb.picture import PROJECTIONS, Picture, project
 from deformnb.plane import VIEWS, Plane
 from deformnb.script import UNKNOWN_VOLUME, as_python
@@ -41,7 +43,8 @@ class Session(EditedSteps):
     Parameters
     ----------
     volume : what is deformed; never changed.
-    deformation : to go on with; default is one step with a point in each corner of the picture that holds it still.
+    deformation : to go on with, and to look at as it was saved; default is one step with a point in each corner of the
+        picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.plane.VIEWS`.
     output : grid of the result; default is the document's, and the volume's own if it has none.
     traits : first values of the traits below.
@@ -86,8 +89,9 @@ class Session(EditedSteps):
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  output: Grid | None = None, **traits: Any) -> None:
+        deformation, look = Look.parted(deformation or Deformation())
         if output is not None:
-            deformation = replace(deformation or Deformation(), output=output)
+            deformation = replace(deformation, output=output)
         self._matter: Matter | None = None
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
@@ -98,6 +102,8 @@ class Session(EditedSteps):
         self.volume = volume
         home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(volume, deformation, home, **traits)
+        made_on = deformation.volume
+        self._look_as(look, besides=traits, is_other=made_on is not None and made_on.shape != volume.shape)
 
     # -- the side of the picture ---------------------------------------------------------------------------------------
 
@@ -145,6 +151,12 @@ class Session(EditedSteps):
         elif not isinstance(value, TransferFunction):
             raise DeformError(f"transfer must be a TransferFunction or the name of a preset, got {value!r:.60}.")
         return value
+
+    def _look_as(self, look: Look, *, besides: Container[str] = (), is_other: bool = False) -> None:
+        """Take over how a document was looked at, as far as it tells."""
+        for name, value in look.traits(is_other=is_other).items():
+            if name not in besides:
+                setattr(self, name, float(np.clip(value, *self.depth_range)) if name == "depth" else value)
 
     def base(self) -> Volume:
         """The volume as the steps before the one being edited have made it: what the picture shows."""
@@ -267,6 +279,11 @@ class Session(EditedSteps):
                 self._matter = matter_of(self.volume)
             return self._matter
 
+    @traitlets.validate("saved")
+    def _valid_saved(self, proposal: Any) -> Deformation | None:
+        """Without its look: what has other colours only is not unsaved."""
+        return None if proposal["value"] is None else without_look(proposal["value"])
+
     # -- results -------------------------------------------------------------------------------------------------------
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
@@ -277,8 +294,8 @@ class Session(EditedSteps):
         return warp(self.volume, field, output=output, progress=progress)
 
     def document(self) -> Deformation:
-        """The deformation together with the checksum of its volume, as it is saved."""
-        return replace(self.deformation, volume=self.reference())
+        """The deformation, how it is looked at, and the checksum of its volume, as it is saved."""
+        return Look.of(self).added_to(replace(self.deformation, volume=self.reference()))
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False, document: Deformation | None = None) -> None:
         """Write the document as JSON.
@@ -316,13 +333,18 @@ class Session(EditedSteps):
 
     def take(self, deformation: Deformation, label: str = "open a document", *,
              allow_other_volume: bool = False) -> None:
-        """Go on with another document that is kept elsewhere; can be undone. See :meth:`open`."""
+        """Go on with another document that is kept elsewhere; can be undone, but for colours and projection.
+
+        See :meth:`open`.
+        """
+        deformation, look = Look.parted(deformation)
         difference = self.difference(deformation)
         if difference and not allow_other_volume:
             raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it all the same.")
         with self._lock:
             self._become(deformation, label, index=max(0, len(deformation.steps) - 1), key=0)
             self.file, self.saved = None, self.deformation
+        self._look_as(look, is_other=bool(difference))
         if difference:
             self.notice = difference
 

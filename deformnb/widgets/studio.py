@@ -55,7 +55,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     side : where the first picture is taken from, one of :data:`~deformnb.plane.VIEWS`; default is the side that shows
         most of the subject.
     method : projection of the picture, a name of :data:`~deformnb.picture.PROJECTIONS`.
-    transfer : colours and opacities of the volume: a transfer function, or the name of a preset.
+    transfer : colours and opacities of the volume: a transfer function, or the name of a preset. Both are by default as
+        the deformation was saved, or else "mip" and "specimen".
     view : "live" renders in the browser, "vtk" in Python; or a view of your own.
     height : of picture and volume in CSS pixels.
     folder : where files are saved and opened by the controls.
@@ -89,15 +90,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
                  deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
-                 method: str = "mip", transfer: Any = "specimen", view: str | AbstractView = "live", height: int = 430,
+                 method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 430,
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
         given = as_volume(volume)
         shown = parts.as_labels(labels, given), label_names, parts.as_target(target, given)
-        self.session = Session(given, as_deformation(deformation), view=side or best_view(given), method=method,
-                               transfer=transfer, output=output, source=source_of(volume))
+        look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
+        self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
+                               source=source_of(volume), **look)
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
