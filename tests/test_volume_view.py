@@ -24,6 +24,7 @@ from deformnb.extrusion import Extrusion
 from deformnb.fields import Composed, Identity
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.core_scene import CoreScene
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.point_messages import EditMessage
 from deformnb.widgets.refit import Refit
@@ -297,6 +298,24 @@ def test_experts_reach_the_plotter_in_its_thread(opened: Any) -> None:
 
 
 @pytest.mark.needs_gl
+def test_a_scene_that_cannot_take_its_field_is_closed(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[CoreScene] = []
+
+    def note(scene: CoreScene) -> None:
+        closed.append(scene)
+
+    monkeypatch.setattr(CoreScene, "close", note)
+
+    def refuse(_scene: CoreScene, _field: Any, _output: Any = None) -> None:
+        raise DeformError("these maps are wrong")
+
+    monkeypatch.setattr(CoreScene, "set_field", refuse)
+    view = opened(method="core")
+    with pytest.raises(DeformError, match="these maps are wrong"):
+        view.still()
+    assert len(closed) == 1
+
+
 def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     view = opened()
     view.say(type="hello", **PAGE)

@@ -246,12 +246,16 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection,
                                  "background": self._shade()}
         scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
-        if notice:
-            self._say(notice)
-        self._path = scene.path
-        scene.set_camera(self.camera)
-        scene.set_clip(self.clip)
-        self._set_content(scene)
+        try:
+            if notice:
+                self._say(notice)
+            self._path = scene.path
+            scene.set_camera(self.camera)
+            scene.set_clip(self.clip)
+            self._set_content(scene)
+        except BaseException:
+            scene.close()  # nobody else knows it, and a window of VTK's holds the graphics memory
+            raise
         return scene
 
     def _set_content(self, scene: Any) -> None:
