@@ -11,12 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deformnb.control_points import ControlPoints
 from deformnb.datasets import PHANTOMS
-from deformnb.deformation import Deformation
+from deformnb.deformation import Deformation, Step
 from deformnb.document import from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.look import MOST_NODES, Look, without_look
 from deformnb.picture import PROJECTIONS
+from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.transfer import PRESETS, TransferFunction
 from deformnb.volume import Volume
@@ -44,7 +46,8 @@ def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth
     assert Look.parted(from_json(to_json(look.added_to(document)))) == (document, look)
 
 
-SEEN = Look(OWN, "slice", 3.5).added_to(Deformation(name="bent"))
+POINTS = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]])
+SEEN = Look(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along(BAR.grid, "+y")),), name="bent"))
 
 
 def test_a_look_is_kept_to_the_letter() -> None:
