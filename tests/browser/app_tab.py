@@ -24,7 +24,7 @@ _DRAWN = """() => {
 }"""
 _VOLUME = """() => {
   const page = document.querySelector('.dnb-view').deformnb;
-  page.loop.drawNow(4);
+  page.loop.drawNow(1);
   return page.canvas.toDataURL('image/png').split(',')[1];
 }"""
 _PICTURE = """() => {

@@ -120,7 +120,7 @@ class Opened:
 
     def volume(self) -> NDArray[np.int64]:
         """What is on the canvas of the volume, drawn in full now."""
-        data = self.js(f"""{{ const view = {VIEW}; view.loop.drawNow(4);
+        data = self.js(f"""{{ const view = {VIEW}; view.loop.drawNow(2);
             return view.canvas.toDataURL('image/png').split(',')[1]; }}""")
         return _decoded(data)
 
