@@ -7,7 +7,8 @@ const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside i
 const REST_SHARE = 0.6; // a renderer without a card takes the processors from the page that moves the points: so it rests
 const MOST_REST = 60;
 const MOST_PIECES = 3; // each waits for its turn at the card: many small ones take longer than they save
-const PASSES = [[150, 8], [700, 4], [3000, 2]]; // the faster a full picture, the more of them are averaged
+// The faster a full picture, the more of them are averaged; without a card the processors have other work to do.
+const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [3000, 2]];
 
 class FrameLoop {
   /**
@@ -204,7 +205,7 @@ class FrameLoop {
     for (const { layer } of work.pictures) this.drawn[layer] = "full";
     if (work.pass === 0) {
       this.times.full = work.spent;
-      work.passes = (PASSES.find(([limit]) => work.spent < limit) || [0, 1])[1];
+      work.passes = ((this.caster.isSoftware ? SOFTWARE_PASSES : PASSES).find(([limit]) => work.spent < limit) || [0, 1])[1];
     }
     this.times.passes = work.pass + 1;
     if (work.pass + 1 < work.passes) this.#begin(work.pass + 1);
