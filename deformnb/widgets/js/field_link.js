@@ -8,9 +8,12 @@ const SHAPES = ["cuts", "cut_rule", "parts"];
 const FOLLOWED = ["points", "kernel", "support", "trend", "smoothing", "strength", "stages", ...SHAPES];
 
 class FieldLink {
-  /** apply(planar) is called with what RayCaster.setPlanar takes. */
-  constructor(model, apply) {
-    Object.assign(this, { model, apply, base: null, reference: null, editor: null, bus: null, count: 0, ms: 0,
+  /**
+   * apply(planar, isDrawing) is called with what RayCaster.setPlanar takes. later() is told of a movement: it asks
+   * catchUp for the maps when it is drawing, for a hand moves more often than a volume is drawn.
+   */
+  constructor(model, apply, later) {
+    Object.assign(this, { model, apply, later, awaited: null, base: null, reference: null, editor: null, bus: null, count: 0, ms: 0,
       isMoving: false, index: null, expected: null, settled: "" });
     this.undo = [];
   }
@@ -74,14 +77,23 @@ class FieldLink {
   }
 
   moved(detail) {
-    if (detail.phase !== "move" && detailKey(detail) === this.settled) return; // Python's maps show it already
-    this.refit(detail);
+    const isMoving = detail.phase === "move";
+    this.awaited = isMoving ? detail : null;
+    if (isMoving) this.later();
+    else if (detailKey(detail) !== this.settled) this.refit(detail); // else Python's maps show it already
+  }
+
+  /** The maps of the newest movement, unless they have been made. */
+  catchUp() {
+    const { awaited } = this;
+    this.awaited = null;
+    if (awaited) this.refit(awaited, true);
   }
 
   /** Samples a fit on the raster of the maps that Python has sent, and shows it. */
-  refit(detail) {
+  refit(detail, isDrawing = false) {
     const planar = this.#sampled(detail);
-    if (planar) this.apply(planar);
+    if (planar) this.apply(planar, isDrawing);
   }
 
   #sampled({ points, settings, layered, phase }) {
@@ -107,6 +119,7 @@ class FieldLink {
     for (const step of this.undo) step();
     this.undo = [];
     this.ticket = null;
+    this.awaited = null;
     this.editor = null;
     this.bus = null;
     this.reference = null;

@@ -1,11 +1,14 @@
 // When to draw what: quick pictures while something moves, then the full one piece by piece, then finer ones.
 // Never more than one piece of work is on its way, so the next movement waits for that piece only.
 // What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
+// A page whose canvas has changed waits, as it puts its next frame together, for all that the card was given: so the
+// canvas changes when the card has nothing left to do, and gets no more until that frame is on its way.
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside it waits for one piece only
 const REST_SHARE = 0.6; // a renderer without a card takes the processors from the page that moves the points: so it rests
 const MOST_REST = 60;
+const SHOW_MS = 150; // of work on the full picture, after which what there is of it is shown
 const MOST_PIECES = 3; // each waits for its turn at the card: many small ones take longer than they save
 // The faster a full picture, the more of them are averaged; without a card the processors have other work to do.
 const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [3000, 2]];
@@ -13,10 +16,11 @@ const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [30
 class FrameLoop {
   /**
    * caster: a RayCaster; pictures: (width, height) -> [{layer, x, width, original, camera}], what is seen in a canvas of
-   * that size; options: () -> {target, settle} in milliseconds; report is called when all is drawn.
+   * that size; options: () -> {target, settle} in milliseconds; report is called when all is drawn,
+   * catchUp before anything is, for what is made only then.
    */
-  constructor(caster, pictures, options, report) {
-    Object.assign(this, { caster, pictures, options, report });
+  constructor(caster, pictures, options, report, catchUp) {
+    Object.assign(this, { caster, pictures, options, report, catchUp });
     this.scale = caster.isSoftware ? 0.3 : 0.7;
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
     this.moved = 0;
@@ -28,7 +32,7 @@ class FrameLoop {
     this.parts = 1; // pictures side by side
     this.after = [];
     this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
-    this.rest = 0; // milliseconds until the next quick picture
+    this.restUntil = 0; // no movement begins the next quick picture before that
     this.rush = null; // the quick picture under way, in pieces
     this.change = null; // what comes with the next quick picture
     this.times = { drag: [], full: 0, passes: 0, frames: 0 };
@@ -65,11 +69,12 @@ class FrameLoop {
   close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame || 0); }
 
   #plan(delay) {
-    if (this.closed || this.sync) return; // what is on its way plans the next step itself
+    if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
     clearTimeout(this.waiting);
     cancelAnimationFrame(this.frame || 0);
     const next = () => { this.frame = requestAnimationFrame(() => this.#step()); };
-    if (delay > 0) this.waiting = setTimeout(next, delay); else next();
+    const pause = Math.max(delay, this.restUntil - performance.now());
+    if (pause > 0) this.waiting = setTimeout(next, pause); else next();
   }
 
   #step() {
@@ -121,13 +126,13 @@ class FrameLoop {
   #piece() {
     const { rush } = this, { picture, tile } = rush.pieces.shift(), start = performance.now();
     this.#cast("coarse", ...rush.size, picture, { coarseness: rush.coarseness, tile });
-    if (rush.pieces.length === 0) {
-      this.drawn[rush.layer] = "coarse";
-      this.#present();
-    }
     this.#when(() => {
       rush.spent += performance.now() - start;
-      if (rush.pieces.length === 0 && this.rush === rush) this.#rushed(rush);
+      if (rush.pieces.length > 0 || this.rush !== rush) return false;
+      this.drawn[rush.layer] = "coarse";
+      this.#present();
+      this.#rushed(rush);
+      return true;
     });
   }
 
@@ -141,11 +146,12 @@ class FrameLoop {
     const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
     this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
     for (const tell of this.after.splice(0)) tell();
-    if (this.caster.isSoftware) this.rest = Math.min(MOST_REST, REST_SHARE * ms);
+    if (this.caster.isSoftware) this.restUntil = performance.now() + Math.min(MOST_REST, REST_SHARE * ms);
   }
 
   /** What was asked to change while a picture was being drawn changes now. */
   #settle() {
+    this.catchUp();
     const { change } = this;
     this.change = null;
     if (change) change();
@@ -166,7 +172,8 @@ class FrameLoop {
     const far = ({ picture, at: [x, y, tw, th] }) => Math.hypot(x + tw / 2 - picture.x - picture.width / 2, y + th / 2 - h / 2);
     const hidden = ({ picture }) => (picture.layer === this.layer ? 0 : 1);
     tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // taken from the end: what is seen, and its middle first
-    this.work = { pass, tiles, pictures, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1 };
+    this.work = { pass, tiles, pictures, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1,
+      unseen: 0 };
     if (pass > 0) return;
     for (const layer of new Set(pictures.map((p) => p.layer))) {
       if (this.drawn[layer] !== "coarse") continue;
@@ -189,12 +196,16 @@ class FrameLoop {
       this.#cast("full", w, h, picture, { tile: at, pass: work.pass });
       pixels += at[2] * at[3];
     } while (work.tiles.length && pixels * this.pixelCost < TILE_MS);
-    this.#present();
     this.#when(() => {
       const ms = performance.now() - start;
       // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
       this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / pixels));
-      if (this.work === work) this.#finished(work, ms);
+      if (this.work !== work) return false;
+      work.unseen += ms;
+      const isDue = work.unseen >= SHOW_MS || work.tiles.length === 0;
+      if (isDue) { work.unseen = 0; this.#present(); }
+      this.#finished(work, ms);
+      return isDue;
     });
     return true;
   }
@@ -212,7 +223,7 @@ class FrameLoop {
     else this.report();
   }
 
-  /** Calls done when the card has finished what it was given, without blocking the page. */
+  /** Calls done when the card has finished what it was given, without blocking the page; done tells if it changed the canvas. */
   #when(done) {
     const gl = this.caster.gl;
     this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -223,10 +234,10 @@ class FrameLoop {
       if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) { setTimeout(look, 2); return; }
       gl.deleteSync(this.sync);
       this.sync = null;
-      done();
-      const { rest } = this;
-      this.rest = 0;
-      this.#plan(rest);
+      this.isShowing = done();
+      const next = () => { this.isShowing = false; this.#plan(0); };
+      if (this.isShowing) requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
+      else next();
     };
     setTimeout(look, 1);
   }

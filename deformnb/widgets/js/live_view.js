@@ -52,7 +52,8 @@ class LiveViewPage extends VolumePage {
 
   #prepare() {
     this.loop = new FrameLoop(this.caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell());
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell(),
+      () => this.link.catchUp());
     this.caster.projection = this.model.get("projection");
     this.caster.background = this.background;
     this.setFolds();
@@ -114,7 +115,7 @@ class LiveViewPage extends VolumePage {
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));
-    this.link = new FieldLink(this.model, (planar) => { this.planarFromLink(planar); });
+    this.link = new FieldLink(this.model, (...maps) => this.planarFromLink(...maps), () => this.movedByLink());
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
     this.times = new TimeLink(this);
     this.on("change:player", () => this.times.follow(this.model.get("player")));
@@ -247,11 +248,17 @@ class LiveViewPage extends VolumePage {
   }
 
   /** New maps from the editor in this page: no byte goes to Python. */
-  planarFromLink(planar) {
+  planarFromLink(planar, isDrawing) {
     if (!this.field) this.field = { box: null, space: null };
     this.field.planar = planar;
     this.applyField();
-    if (this.caster && this.caster.volume) this.touch(this.link.isMoving);
+    if (!isDrawing && this.caster?.volume) this.touch(this.link.isMoving);
+  }
+
+  /** A point is on its way: its maps are made with the next picture, or now if none is drawn here. */
+  movedByLink() {
+    if (this.loop && this.caster.volume) this.touch(true);
+    else this.link.catchUp();
   }
 
   async screenshot({ id }) {
