@@ -59,6 +59,7 @@ def dense(points: ControlPoints, places: np.ndarray, kernel: str, trend: str, sm
     return np.array(out), sigma
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_the_deviation_is_that_of_dense_kriging(kernel: str, trend: str, dim: int) -> None:

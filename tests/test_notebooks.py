@@ -116,6 +116,7 @@ def test_its_lines_fit_a_narrow_window(path: Path) -> None:
 # ---- with real volumes, where they are -------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("default")
 def test_the_knee_that_was_scanned_twice_is_shown(kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                   real_data: Callable[[str], Path]) -> None:

@@ -233,6 +233,7 @@ def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int])
     assert np.isfinite(tilted.values).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("dtype", ["bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float64"])
 def test_every_type_of_voxel_gives_the_same_picture(method: str, dtype: str) -> None:

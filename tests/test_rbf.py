@@ -456,6 +456,7 @@ def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
 # ---- the derivative in closed form ----------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim", "own"), [(*case, False) for case in CASES] + [
     (*case, True) for case in CASES if case[0] in OWN_KERNELS])
 def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, dim: int, own: bool) -> None:

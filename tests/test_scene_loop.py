@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -46,6 +48,27 @@ class Canvas:
 
     def close(self) -> None:
         self.closed += 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has priorities of threads")
+def test_drawing_and_what_it_starts_gives_way_to_others() -> None:
+    def way() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    def started(_canvas: Any) -> tuple[int, int]:
+        found: list[int] = []
+        own = threading.Thread(target=lambda: found.append(way()))
+        own.start()
+        own.join()
+        return way(), found[0]
+
+    before = way()
+    loop, *_ = opened()
+    try:
+        assert loop.do(started).result(10) == (max(5, before), max(5, before))
+        assert way() == before
+    finally:
+        loop.close()
 
 
 def opened(**options: Any) -> tuple[SceneLoop, Canvas, list[Frame], list[str]]:

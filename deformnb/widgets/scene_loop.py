@@ -6,7 +6,10 @@ kind the newest is kept, and the last is always drawn.
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import os
+import sys
 import threading
 import time
 from collections import deque
@@ -30,6 +33,7 @@ _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures diff
 _RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture
 _KEPT = 50  # times that medians are taken of
 _RATES = 3
+_WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
 
 
 class Scene(Protocol):
@@ -242,6 +246,7 @@ class _Holder:
 
     def get(self, make: Callable[[], Any]) -> Any:
         if self._scene is None:
+            _give_way()
             self._scene = make()
         return self._scene
 
@@ -249,6 +254,17 @@ class _Holder:
         if self._scene is not None:
             self._scene.close()
             self._scene = None
+
+
+def _give_way() -> None:
+    """Let others on this machine come first, above all a browser that moves the points and shows what is drawn here.
+
+    It goes for this thread and for those that it starts, such as VTK's own; only Linux can do that.
+    """
+    if sys.platform == "linux":
+        here = (os.PRIO_PROCESS, threading.get_native_id())
+        with contextlib.suppress(OSError):
+            os.setpriority(*here, max(_WAY, os.getpriority(*here)))
 
 
 def _coarseness(scale: float) -> float:

@@ -14,8 +14,8 @@ from benchmarks.latency_page import Seat
 pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl]
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=() if name == "Editor + LiveView" else pytest.mark.nightly) for name in CASES])
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", CASES)
 def test_a_view_is_edited_and_measured(name: str, browser: Any, lab: Lab) -> None:
     if name in RIVALS and importlib.util.find_spec("trame_pyvista") is None:
         pytest.skip("trame-pyvista is not installed: pip install deformnb[benchmark]")
