@@ -103,3 +103,22 @@ def test_a_processor_that_draws_rests_between_pictures_however_often_the_hand_mo
 def test_a_single_movement_is_drawn_at_once(moves: int) -> None:
     log = play(moves=moves)
     assert log["presents"][0][0] < 200
+
+
+LINK = """(details) => {
+  const told = [], link = new FieldLink(null, () => told.push("maps"), (isMoving) => told.push(isMoving));
+  link.settled = JSON.stringify([]) + JSON.stringify({});
+  for (const [phase, draws] of details) {
+    link.moved({ phase, points: [], settings: {} });
+    if (draws) { told.push(Boolean(link.awaited)); link.catchUp(); told.push(Boolean(link.awaited)); }
+  }
+  return told;
+}"""
+
+
+def test_the_end_of_a_movement_is_told_though_it_ends_where_it_began() -> None:
+    """Else the view would wait for a hand that has long let go, and stay coarse."""
+    unseen = run_script(("field_link.js",), LINK, [["move", False], ["move", False], ["end", False]])
+    assert unseen == [True, True, False]
+    drawn = run_script(("field_link.js",), LINK, [["move", True], ["end", True]])
+    assert drawn == [True, True, False, False, False, False]

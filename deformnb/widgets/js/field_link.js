@@ -9,12 +9,12 @@ const FOLLOWED = ["points", "kernel", "support", "trend", "smoothing", "strength
 
 class FieldLink {
   /**
-   * apply(planar, isDrawing) is called with what RayCaster.setPlanar takes. later() is told of a movement: it asks
-   * catchUp for the maps when it is drawing, for a hand moves more often than a volume is drawn.
+   * apply(planar, isDrawing) is called with what RayCaster.setPlanar takes. hand(isMoving) is told of a movement, and of
+   * its end: it asks catchUp for the maps when it is drawing, for a hand moves more often than a volume is drawn.
    */
-  constructor(model, apply, later) {
-    Object.assign(this, { model, apply, later, awaited: null, base: null, reference: null, editor: null, bus: null, count: 0, ms: 0,
-      isMoving: false, index: null, expected: null, settled: "" });
+  constructor(model, apply, hand) {
+    Object.assign(this, { model, apply, hand, awaited: null, base: null, reference: null, editor: null, bus: null,
+      count: 0, ms: 0, isMoving: false, index: null, expected: null, settled: "" });
     this.undo = [];
   }
 
@@ -79,8 +79,8 @@ class FieldLink {
   moved(detail) {
     const isMoving = detail.phase === "move";
     this.awaited = isMoving ? detail : null;
-    if (isMoving) this.later();
-    else if (detailKey(detail) !== this.settled) this.refit(detail); // else Python's maps show it already
+    this.hand(isMoving); // also of an end at which nothing is new: the view waits for one
+    if (!isMoving && detailKey(detail) !== this.settled) this.refit(detail); // else Python's maps show it already
   }
 
   /** The maps of the newest movement, unless they have been made. */

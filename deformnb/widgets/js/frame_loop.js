@@ -16,8 +16,8 @@ const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [30
 class FrameLoop {
   /**
    * caster: a RayCaster; pictures: (width, height) -> [{layer, x, width, original, camera}], what is seen in a canvas of
-   * that size; options: () -> {target, settle} in milliseconds; report is called when all is drawn,
-   * catchUp before anything is, for what is made only then.
+   * that size; options: () -> {target, settle} in milliseconds; report is called when all is
+   * drawn, catchUp before anything is, for what is made only then.
    */
   constructor(caster, pictures, options, report, catchUp) {
     Object.assign(this, { caster, pictures, options, report, catchUp });
@@ -223,7 +223,7 @@ class FrameLoop {
     else this.report();
   }
 
-  /** Calls done when the card has finished what it was given, without blocking the page; done tells if it changed the canvas. */
+  /** Calls done when the card has finished, without blocking the page; done tells whether it has changed the canvas. */
   #when(done) {
     const gl = this.caster.gl;
     this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);

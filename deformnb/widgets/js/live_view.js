@@ -115,7 +115,7 @@ class LiveViewPage extends VolumePage {
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
     this.on("change:editor", () => this.link.follow(this.model.get("editor")));
-    this.link = new FieldLink(this.model, (...maps) => this.planarFromLink(...maps), () => this.movedByLink());
+    this.link = new FieldLink(this.model, (...maps) => this.planarFromLink(...maps), (isMoving) => this.movedByLink(isMoving));
     this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
     this.times = new TimeLink(this);
     this.on("change:player", () => this.times.follow(this.model.get("player")));
@@ -256,7 +256,9 @@ class LiveViewPage extends VolumePage {
   }
 
   /** A point is on its way: its maps are made with the next picture, or now if none is drawn here. */
-  movedByLink() {
+  movedByLink(isMoving) {
+    if (!isMoving && this.loop?.held) this.loop.release();
+    if (!isMoving) return;
     if (this.loop && this.caster.volume) this.touch(true);
     else this.link.catchUp();
   }
