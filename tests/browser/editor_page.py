@@ -75,6 +75,9 @@ class EditorOnPage(LivePage):
     def canvas(self) -> np.ndarray:
         """The canvas in its own pixels; grid and points are not on it if the grid is off."""
         self.settled()
+        self.page.wait_for_function("""() => { const stage = document.querySelector('.dnb-ed-stage');
+            const canvas = stage.querySelector('.dnb-ed-canvas'), ratio = Math.min(2, window.devicePixelRatio);
+            return Math.abs(canvas.width - ratio * stage.clientWidth) <= 1; }""")  # a style sheet may come after it
         data = self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]")
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
 

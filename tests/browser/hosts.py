@@ -254,3 +254,11 @@ def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
         yield server
     finally:
         server.close()
+
+
+def resting(element: Any) -> Any:
+    """The box of an element that does not move any more: a page that has just come is still laid out."""
+    box: Any = None
+    while box != (box := element.bounding_box()):
+        time.sleep(0.5)
+    return box

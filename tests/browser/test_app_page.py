@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, Tab, cube
+from browser.hosts import resting
 from numpy.typing import NDArray
 from running_app import RunningApp
 
@@ -166,20 +167,12 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     assert tab.app.desk.session.step.strength == -1.0
 
 
-def _resting(element: Any) -> Any:
-    """The box of an element that does not move any more: a page that has just come is still laid out."""
-    box: Any = None
-    while box != (box := element.bounding_box()):
-        time.sleep(0.5)
-    return box
-
-
 def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
     thumb = tab.page.get_by_role("slider", name="Strength")
     mouse, session = tab.page.mouse, tab.app.desk.session
     for toward in (-20, 25):
         thumb.scroll_into_view_if_needed()
-        box = _resting(thumb)
+        box = resting(thumb)
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         mouse.move(x, y)
         mouse.down()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Lab, told
+from browser.hosts import Lab, resting, told
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -68,7 +68,7 @@ class StudioInLab:
     def at(self, a: float, b: float) -> tuple[float, float]:
         """Where a place of the picture, in millimetres, is on the screen."""
         self.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
-        box = self.page.locator(".dnb-ed-stage").bounding_box()
+        box = resting(self.page.locator(".dnb-ed-stage"))
         x, y, k = self.page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
         return box["x"] + x + k * a, box["y"] + y + k * b
 
