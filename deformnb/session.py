@@ -102,7 +102,7 @@ class Session(EditedSteps):
         self.volume = volume
         home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(volume, deformation, home, **traits)
-        made_on = deformation.volume
+        made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
         self._look_as(look, besides=traits, is_other=made_on is not None and made_on.shape != volume.shape)
 
     # -- the side of the picture ---------------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     is_left = os.environ.get("CI") and os.environ.get("HYPOTHESIS_PROFILE") != "nightly"
     if is_left and item.get_closest_marker("nightly") is not None:
-        pytest.skip("another case of it is run: HYPOTHESIS_PROFILE=nightly runs all")
+        pytest.skip("it takes long: HYPOTHESIS_PROFILE=nightly runs all")
     if item.get_closest_marker("needs_gl") is None:
         return
     from deformnb.render import gl_status

@@ -297,7 +297,6 @@ def test_experts_reach_the_plotter_in_its_thread(opened: Any) -> None:
         view.call(lambda plotter: 1 / 0)
 
 
-@pytest.mark.needs_gl
 def test_a_scene_that_cannot_take_its_field_is_closed(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[CoreScene] = []
 
@@ -316,6 +315,7 @@ def test_a_scene_that_cannot_take_its_field_is_closed(opened: Any, monkeypatch: 
     assert len(closed) == 1
 
 
+@pytest.mark.needs_gl
 def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     view = opened()
     view.say(type="hello", **PAGE)
