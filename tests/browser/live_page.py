@@ -13,6 +13,12 @@ from numpy.typing import NDArray
 _PAGE = """<!doctype html><meta charset="utf-8"><style>body { margin: 0; background: #888 }</style><div id="root"></div>
 <script>
 const models = {};
+let underway = 0; // messages that Python has not read yet
+async function tell(...message) {
+  if (!window.toPython) return;
+  underway += 1;
+  try { await toPython(...message); } finally { underway -= 1; }
+}
 const packed = (b) => { let s = ""; for (const x of new Uint8Array(b)) s += String.fromCharCode(x); return btoa(s); };
 const bytes = (t) => new DataView(Uint8Array.from(atob(t), (c) => c.charCodeAt(0)).buffer);
 const value = (v) => (v && v.__bytes__ !== undefined ? bytes(v.__bytes__) : v);
@@ -30,10 +36,10 @@ function makeModel(name, state) {
       for (const k of dirty) state[k] = traits[k];
       dirty.clear();
       model.saved.push(state);
-      if (window.toPython) toPython(name, "state", JSON.stringify(state), []);
+      tell(name, "state", JSON.stringify(state), []);
     },
     send(content, callbacks, buffers) { model.sent.push(content);
-      if (window.toPython) toPython(name, "message", JSON.stringify(content), (buffers || []).map(packed)); },
+      tell(name, "message", JSON.stringify(content), (buffers || []).map(packed)); },
     on(e, f) { (calls[e] ??= []).push(f); },
     off(e, f) { if (calls[e]) calls[e] = calls[e].filter((g) => g !== f); },
     receive(content, buffers) { fire("msg:custom", content, buffers.map(bytes)); },
@@ -136,13 +142,18 @@ class LivePage:
             self.page.evaluate("([m, c, b]) => { models[m].receive(c, b); }", [name, content, text])
 
     def wait(self, condition: str, timeout: float = 30.0) -> None:
-        """Until a JavaScript expression holds; messages flow meanwhile."""
+        """Until a JavaScript expression holds and no message is underway, to either side."""
         for _ in range(int(timeout / 0.03)):
             self.flush()
-            if self.page.evaluate(f"() => Boolean({condition})"):
+            if self.page.evaluate(f"() => Boolean({condition}) && underway === 0") and not self._is_busy:
                 return
             self.page.wait_for_timeout(30)
         raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
+
+    @property
+    def _is_busy(self) -> bool:
+        """Whether messages of the page are read, or answers are not delivered yet."""
+        return self._is_reading or bool(self._inbox or self.outbox)
 
     def loaded(self) -> None:
         """Until the volume is on the card and all that was sent is applied."""
