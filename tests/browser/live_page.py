@@ -141,11 +141,15 @@ class LivePage:
             text = [base64.b64encode(b).decode() for b in buffers]
             self.page.evaluate("([m, c, b]) => { models[m].receive(c, b); }", [name, content, text])
 
-    def wait(self, condition: str, timeout: float = 30.0) -> None:
-        """Until a JavaScript expression holds and no message is underway, to either side."""
+    def wait(self, condition: str, timeout: float = 30.0, *, passing: bool = False) -> None:
+        """Until a JavaScript expression holds and no message is underway, to either side.
+
+        What may hold for a moment only is ``passing``: messages may then be underway.
+        """
+        rest = "" if passing else " && underway === 0"
         for _ in range(int(timeout / 0.03)):
             self.flush()
-            if self.page.evaluate(f"() => Boolean({condition}) && underway === 0") and not self._is_busy:
+            if self.page.evaluate(f"() => Boolean({condition}){rest}") and (passing or not self._is_busy):
                 return
             self.page.wait_for_timeout(30)
         raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
@@ -154,6 +158,10 @@ class LivePage:
     def _is_busy(self) -> bool:
         """Whether messages of the page are read, or answers are not delivered yet."""
         return self._is_reading or bool(self._inbox or self.outbox)
+
+    def answered(self) -> None:
+        """Until Python has read all that the page has said so far, and the page has heard the answers."""
+        self.wait("true")
 
     def loaded(self) -> None:
         """Until the volume is on the card and all that was sent is applied."""

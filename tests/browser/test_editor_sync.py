@@ -221,5 +221,5 @@ def test_what_waits_is_sent_when_the_editor_is_closed(opened: Any, picture: Pict
         page.page.keyboard.press("ArrowRight")  # no answer comes: two are sent, the newest waits
     assert len(page.js("models.editor.sent")) == 2
     page.js("models.editor.cleanups.pop()()")
-    page.page.wait_for_function("models.editor.sent.length === 3")
+    page.wait("models.editor.sent.length === 3")
     assert page.editor.points.displacement[4, 0] == pytest.approx(-4 * picture.raster.spacing[0])

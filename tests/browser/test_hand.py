@@ -165,6 +165,7 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Pictu
     for _ in range(3):
         page.page.keyboard.press("ArrowDown")
     page.page.keyboard.press("Enter")
+    page.answered()
     assert page.editor.stop_at_folds
     assert menu.is_hidden()
     assert page.page.locator(".dnb-ed-bar").bounding_box()["height"] < 45  # one row, as in the studio
@@ -297,6 +298,7 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
     assert 0.1 < np.linalg.norm(way) / np.hypot(330, 60) < 0.95
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("t")
+    page.answered()
     assert not editor.stop_at_folds
     page.drag(stopped, (330 - way[0], 60 - way[1]), steps=6)
     assert page.js(f"{PAGE}.folds.least") < 0

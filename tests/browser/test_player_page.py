@@ -67,7 +67,7 @@ def test_it_plays_to_the_end_and_python_hears_of_it(page: LivePage) -> None:
     heard: list[float] = []
     player.observe(lambda change: heard.append(change["new"]), "time")
     page.page.get_by_role("button", name="Play (Space)").click()
-    page.wait(f"{PAGE}.clock.isPlaying")
+    page.wait(f"{PAGE}.clock.isPlaying", passing=True)
     page.wait(f"!{PAGE}.clock.isPlaying")
     settled(page)
     assert (player.time, player.is_playing) == (0.6, False)  # exactly where it rests
@@ -88,7 +88,7 @@ def test_keys_and_buttons_go_through_the_moments(page: LivePage) -> None:
         settled(page)
         assert player.time == pytest.approx(wanted), keys
     page.page.keyboard.press(" ")
-    page.wait(f"{PAGE}.clock.isPlaying")
+    page.wait(f"{PAGE}.clock.isPlaying", passing=True)
     page.page.keyboard.press(" ")
     page.wait(f"!{PAGE}.clock.isPlaying")
     settled(page)
@@ -133,7 +133,7 @@ def test_speed_and_loop_are_chosen_and_python_can_do_all_of_it(page: LivePage) -
     assert page.page.get_by_label("Speed").input_value() == "0.7"
     assert read_out(page) == "1.00 / 1.00 s"
     player.is_playing = True
-    page.wait(f"{PAGE}.clock.isPlaying")
+    page.wait(f"{PAGE}.clock.isPlaying", passing=True)
     player.is_playing = False
     page.wait(f"!{PAGE}.clock.isPlaying")
     assert page.errors == []
@@ -206,7 +206,7 @@ def test_a_view_follows_the_player_and_its_pixels_are_the_cores(page: LivePage) 
     # Played in the page: every picture is another one, and no message and no byte goes either way for the view.
     page.page.locator(".dnb-pl-track").focus()
     page.page.keyboard.press(" ")
-    page.wait(f"{PAGE}.clock.time > 0.4")
+    page.wait(f"{PAGE}.clock.time > 0.4", passing=True)
     page.page.keyboard.press(" ")
     settled(page)
     assert view.stats()["messages"] == messages

@@ -177,6 +177,7 @@ def test_the_wheel_and_keys_go_through_slices(opened: Callable[..., Opened]) -> 
 def test_keys_move_points_and_undo(opened: Callable[..., Opened]) -> None:
     here = opened(four())
     before = here.editor.points
+    here.page.page.evaluate("Date.now = () => 0")  # all that follows is done in quick succession
     here.page.page.locator(".dnb-sp-pane1 [data-id='1']").focus()
     here.page.page.keyboard.press("ArrowRight")  # in the coronal picture: to the left of the patient
     here.page.page.keyboard.press("ArrowUp")
