@@ -154,7 +154,7 @@ def test_what_is_drawn_here_looks_as_the_desk_says_and_tells_why_it_is_slow(desk
     ask(desk)
     until(lambda: scene.fields)
     desk.set("projection", "mip")
-    desk.set("transfer", "bone")
+    desk.volumes.set_transfer("bone")
     desk.set("shows", "side_by_side")
     desk.set("show_folds", False)
     until(lambda: scene.looks.get("shows") == "side_by_side" and not scene.folding.show)
@@ -209,5 +209,6 @@ def test_the_page_waits_only_where_another_picture_is_made(desk: Desk) -> None:
     assert shown == ["The picture is being made", ""]
     assert desk.pictures == count  # the same points on it
     desk.set("extrusion", "interpolate")
-    desk.set("key", "2")
+    desk.session.edit_step(0, 2)
+    desk.act("front")
     assert desk.pictures > count

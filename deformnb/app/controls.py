@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from deformnb.errors import DeformError
-from deformnb.expression import LONGEST
 from deformnb.extrusion import EXTRUSIONS
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.staged import MOST_STAGES
-from deformnb.transfer import PRESETS
 from deformnb.trend import TRENDS
 from deformnb.widgets.judgement import OVERLAY_WORDS
+from deformnb.widgets.steps_panel import MODES
 from deformnb.widgets.view import SHOWS, SIDES
 
 
@@ -86,23 +85,12 @@ class Switch(AbstractControl):
         return value
 
 
-@dataclass(frozen=True)
-class Formula(AbstractControl):
-    """A formula in z; what it means is for :func:`deformnb.expression.evaluate` to judge."""
-
-    def checked(self, value: Any) -> str:
-        if not isinstance(value, str) or len(value) > LONGEST:
-            raise DeformError(f"a formula has at most {LONGEST} characters.")
-        return value
-
-
 def _titled(names: Any, titles: dict[str, str] | None = None) -> tuple[tuple[str, str], ...]:
     return tuple((name, (titles or {}).get(name) or name.replace("_", " ").capitalize()) for name in names)
 
 
-_RULES = {"replicate": "The same at every depth", "modulate": "Times a formula f(z)",
-          "interpolate": "Front, middle and back"}
-_DEPTHS = ("Front", "Middle", "Back")
+_RULES = {"replicate": "The same at every depth", "modulate": "Times a curve f(z)",
+          "interpolate": "Between key pictures"}
 
 
 def control_table(reach: float) -> dict[str, AbstractControl]:
@@ -132,11 +120,9 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
         "smoothing": Number("Smoothing", "0 meets every point; more lets them miss", 0.0, 1.0, 0.01),
         "extrusion": Choice("Rule", "What the picture's displacement becomes in space",
                             _titled(EXTRUSIONS, _RULES)),
-        "curve": Formula("f(z)", "z runs from 0 in front to 1 at the back"),
-        "key": Choice("Points of", "Which of the three sets of points is edited",
-                      tuple((str(k), title) for k, title in enumerate(_DEPTHS))),
         "strength": Number("Strength", "0 undeformed, 1 as dragged, −1 the opposite way", -1.0, 3.0, 0.05),
-        "transfer": Choice("Colours", "Colours and opacities of the volume", _titled(PRESETS)),
+        "mode": Choice("Steps are done", "One after the other is what hands would do; added up blends them",
+                       _titled(MODES, {name: text[:1].upper() + text[1:] for name, text in MODES.items()})),
         "projection": Choice("Volume as", "How the volume is drawn",
                              (("shaded", "Shaded"), ("composite", "Translucent"), ("mip", "Maximum"))),
         "show_net": Switch("Net", "A grid that bends with the picture"),
@@ -153,7 +139,7 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
 
 
 ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
-           "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold")
+           "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold", "add_step")
 """What a page may ask for by name."""
 
 NUMBERED = ("go_to", "look_at")

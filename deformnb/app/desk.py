@@ -14,15 +14,15 @@ from typing import Any
 
 from deformnb.app.controls import ACTIONS, NUMBERED, Number, control_table
 from deformnb.app.files import DeskFiles
-from deformnb.app.remote import dragged
+from deformnb.app.parts import DeskParts
 from deformnb.app.trust import DeskTrust
-from deformnb.app.volumes import Volumes
+from deformnb.app.volumes import Volumes, facing, nearly_facing
 from deformnb.deformation import lone_support
 from deformnb.document import to_json
 from deformnb.errors import DeformError
-from deformnb.plane import Plane
 from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
+from deformnb.transfer import TransferFunction
 from deformnb.widgets.edited import is_whole
 from deformnb.widgets.history_rows import go_to, history_rows
 from deformnb.widgets.point_labels import JOINING, edit_label
@@ -30,14 +30,12 @@ from deformnb.widgets.shape_messages import shapes_of
 from deformnb.widgets.studio_editors import make_editor, show_step
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.studio_picture import looks_alike, picture_key
-from deformnb.widgets.view import checked_camera
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
-_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "curve", "strength", "stages")
+_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
 _LONGEST_NAME = 64  # of a page's window
-_GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 _OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
 
 
@@ -72,21 +70,23 @@ class Desk:
         self.changed: Callable[[], None] = lambda: None
         self._listening = True
         self._shown: tuple[Any, ...] = ()
+        self._colours = session.transfer_function
         self.pictures = 0
         self._is_late = self._is_refused = False
         _choose_a_picture(session)
         self.editor = make_editor(session, 1200)
         self._pictured = picture_key(session)
         self._points_of: Any = (session.index, session.key, session.plane)
-        self.volumes = Volumes(session, self._told)
+        self.volumes = Volumes(session, self._told, self.thread.call)
         self.live = self.volumes.live
         self._previews = Worker("deformnb-preview")
         self.link = StudioLink(session, self.volumes, self._previews)
-        self._look(*_beside(session.plane))
+        self._look(*nearly_facing(session.plane))
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
+        self.parts = DeskParts(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
         self.trust = DeskTrust(session, self.editor, self.thread.call, self._trust_changed)
         self.files = DeskFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
         self.recovery = Recovery(session, self._told, self._tell)
@@ -96,7 +96,7 @@ class Desk:
     @property
     def widgets(self) -> dict[str, Any]:
         """The widgets of the page by name."""
-        return {"editor": self.editor, "live": self.live}
+        return {"editor": self.editor, "live": self.live, **self.parts.widgets}
 
     # -- what the page asks for ----------------------------------------------------------------------------------------
 
@@ -117,16 +117,14 @@ class Desk:
         elif name == "view":
             session.set_view(value)
             if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
-                self._look(*_camera(session.plane))
+                self._look(*facing(session.plane))
         elif name == "depth":
             low, high = session.depth_range
             session.depth = low + value * (high - low)
-        elif name == "key":
-            session.edit_step(session.index, int(value))
-        elif name in ("method", "transfer"):
-            setattr(session, name, value)
-            if name == "transfer":
-                self.volumes.set_transfer(value)
+        elif name == "method":
+            session.method = value
+        elif name == "mode":
+            session.set_mode(value)
         else:
             self._apply_to_the_view(name, value)
 
@@ -156,8 +154,9 @@ class Desk:
             "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
             "go_to": lambda: go_to(self.session, *number), "look_at": lambda: self.trust.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
-            "front": lambda: self._look(*_camera(self.session.plane)),
-            "beside": lambda: self._look(*_beside(self.session.plane)),
+            "add_step": self.session.add_step,
+            "front": lambda: self._look(*facing(self.session.plane)),
+            "beside": lambda: self._look(*nearly_facing(self.session.plane)),
             "stop_file": self.files.stop, "take_anyway": self.files.take_anyway, "forget_file": self.files.forget,
             "fit_box": self.session.fit_output, "own_box": partial(setattr, self.session, "output", None),
             **{name: partial(self.recovery.act, name) for name in COMMANDS},
@@ -193,7 +192,7 @@ class Desk:
         content = message.get("content")
         self._is_late = picture not in (None, self.pictures)
         try:
-            if self._is_late and isinstance(content, dict) and content.get("phase") == "move":
+            if self._is_late and widget is self.editor and isinstance(content, dict) and content.get("phase") == "move":
                 _answer(widget, content)
                 return
             widget.comm.handle_msg({"content": {"data": message}, "buffers": []})
@@ -210,20 +209,21 @@ class Desk:
         session, step = self.session, self.session.step
         labels = session.history
         count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
+        steps = len(session.deformation.steps)
+        which = f" · step {session.index + 1} of {steps}" if steps > 1 else ""
         values = {name: getattr(step, name) for name in _OF_THE_STEP}
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree())
         return {
-            **values, "curve": step.curve if isinstance(step.curve, str) else "", "support": step.support or 0.0,
-            "view": session.view or "", "method": session.method, "key": str(session.key),
-            "transfer": session.transfer if isinstance(session.transfer, str) else "",
-            "depth": self._depth(), "projection": self.live.projection,
+            **values, "support": step.support or 0.0, "view": session.view or "", "method": session.method,
+            "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
             "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.trust.keep_free,
             "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
             "lost": self.recovery.offer, "files": self.files.state, "box": _box_text(session), **self.trust.state(),
-            "facts": f"{count} points, {moved} moved" + _step_text(session),
+            "several": steps > 1,
+            "facts": f"{count} points, {moved} moved{which}",
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
         }
 
@@ -264,6 +264,16 @@ class Desk:
         edit = self.session.edit_cuts if change["name"] == "cuts" else self.session.edit_parts
         self._try(lambda: self._edit(lambda: edit(shapes, made.kind if made is not None else "")))
 
+    def _edited(self, edit: Callable[[], Any]) -> bool:
+        """Something was done in one of the smaller widgets; says whether it could be."""
+        self._try(lambda: self._edit(edit))
+        return not self.error
+
+    def _recolour(self, transfer: TransferFunction, is_end: bool) -> None:
+        self.volumes.set_transfer(transfer)
+        if is_end:
+            self._try(lambda: self.session.set_trait("transfer", transfer))
+
     def _edit(self, edit: Callable[[], Any]) -> None:
         """Edit the session, unless it was done to a picture that another one has replaced meanwhile."""
         self._is_refused = True
@@ -285,6 +295,9 @@ class Desk:
     def _show(self) -> None:
         """Bring the widgets to what the session says."""
         session, editor = self.session, self.editor
+        if session.step.plane is None:
+            _choose_a_picture(session)
+            session.notice = "Points in space are edited in a studio; here you go on with those of a picture."
         shown, picture = (session.deformation, session.index, session.key), picture_key(session)
         points_of = (session.index, session.key, session.plane)
         self._listening = False  # what the session says is no edit
@@ -305,6 +318,10 @@ class Desk:
             self._pictured = picture
             if points_of != self._points_of:
                 self._points_of, self.pictures = points_of, self.pictures + 1
+            if session.transfer_function != self._colours:
+                self._colours = session.transfer_function
+                self.volumes.set_transfer(self._colours)
+            self.parts.refresh()
         finally:
             editor.waiting = ""
             self._listening = True
@@ -341,6 +358,7 @@ class Desk:
         self.files.close()
         self.recovery.close(orderly=False)
         self.trust.close()
+        self.parts.close()
         self.link.close()
         self._previews.close()
         self.volumes.close()
@@ -363,23 +381,7 @@ def _answer(editor: Any, content: dict[str, Any]) -> None:
         editor.send({"type": "done", "sender": sender, "seq": number})
 
 
-def _camera(plane: Plane) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    return tuple(plane.normal), tuple(-c for c in plane.v)
-
-
-def _beside(plane: Plane) -> tuple[list[float], list[float]]:
-    """Nearly as the picture is seen, but turned a little, so that the depth shows."""
-    direction, up = _camera(plane)
-    camera = dragged(checked_camera({"direction": direction, "up": up}), "turn", *_GLANCE, 1.0)
-    return camera["direction"], camera["up"]
-
-
 def _box_text(session: Session) -> str:
     if session.output is None:
         return ""
     return f"{' × '.join(str(n) for n in session.output.shape[::-1])} voxels (x, y, z)"
-
-
-def _step_text(session: Session) -> str:
-    count = len(session.deformation.steps)
-    return f" · step {session.index + 1} of {count}" if count > 1 else ""

@@ -112,9 +112,6 @@ class Pane(MouseLooks):
         if self._held is None:
             self._camera = view.camera  # Python may have turned it
         super().on_event(event)
-        kind = event["type"]
-        if kind.endswith("ButtonRelease") or kind == "MouseWheel":
-            view.camera = self._camera
 
     def look(self, side: Any) -> None:
         """Look from a side, by its name."""
@@ -122,6 +119,11 @@ class Pane(MouseLooks):
         if not isinstance(side, str) or side not in self.views or view is None:
             raise DeformError("there is no such side.")
         view.camera = self._camera = checked_camera(self.views[side])
+
+    def _at_rest(self) -> None:
+        view = self._view()
+        if view is not None:
+            view.camera = self._camera
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self._camera = change(self._camera)

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
-from deformnb.app.controls import AbstractControl, Switch
 from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED, suffix_of
-from deformnb.app.page_parts import BOX_HINT, add_control, history_part, trust_part
+from deformnb.app.page_parts import (
+    BOX_HINT,
+    add_widget,
+    history_part,
+    look_part,
+    points_part,
+    settings_part,
+    trust_part,
+)
 from deformnb.app.remote import AREA
 from deformnb.widgets.result_box import LARGER
 
-_GROUPS = (
-    ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
-    ("Deformation", ("kernel", "trend", "support", "smoothing")),
-    ("Through the depth", ("extrusion", "curve", "key", "strength")),
-    ("Volume", ("shows", "transfer", "projection")),
-)
-_TABS = (("settings", "Settings"), ("trust", "Trust"), ("history", "History"))
-_SHOWN_IF = {"depth": "method === 'slice'", "curve": "extrusion === 'modulate'", "key": "extrusion === 'interpolate'"}
+_TABS = (("settings", "Settings", settings_part), ("look", "Look", look_part), ("points", "Points", points_part),
+         ("trust", "Trust", trust_part), ("history", "History", history_part))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
@@ -63,7 +64,7 @@ def build_page(server: Any, desk: Desk) -> None:
         with v.VMain(classes="dnb-app-back"), html.Div(classes="dnb-app-main"):
             _lost(v, html)
             with html.Section(classes="dnb-app-half", aria_label="Picture", __properties=["aria_label"]):
-                _widget("editor", "deformnb/editor.js")
+                add_widget("editor")
             with html.Section(classes="dnb-app-half", aria_label="Volume", __properties=["aria_label"]):
                 _volume(html)
                 _cut_off(v, html)
@@ -99,19 +100,12 @@ def _cut_off(v: Any, html: Any) -> None:
                title=BOX_HINT, __properties=["title"])
 
 
-def _widget(name: str, source: str) -> None:
-    from trame_client.widgets.core import AbstractElement
-
-    part = AbstractElement("deformnb-widget", name=name, source=source, theme=("dnb_theme",))
-    part._attr_names += ["name", "source", "theme"]
-
-
 def _volume(html: Any) -> None:
     from trame_client.widgets.core import AbstractElement
     from trame_rca.widgets import rca
 
     with html.Div(v_if=("dnb_viewer === 'live'",), classes="dnb-app-fill"):
-        _widget("live", "deformnb/live.js")
+        add_widget("live")
     with html.Div(v_else=True, classes="dnb-app-fill dnb-app-remote"):
         html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
         rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
@@ -165,27 +159,13 @@ def _writing(v: Any, html: Any) -> None:
 
 
 def _drawer(v: Any, html: Any, desk: Desk) -> None:
-    parts = {"settings": _settings, "trust": trust_part, "history": history_part}
     with v.VTabs(v_model=("dnb_tab",), density="compact", grow=True, color="primary", classes="dnb-app-tabs"):
-        for name, title in _TABS:
+        for name, title, _ in _TABS:
             v.VTab(title, value=name, id=f"dnb-app-tab-{name}", __properties=["id"])
-    for name, _ in _TABS:
+    for name, _, part in _TABS:
         with html.Div(v_if=(f"dnb_tab === '{name}'",), classes="dnb-app-part", role="tabpanel",
                       aria_labelledby=f"dnb-app-tab-{name}", __properties=["role", "aria_labelledby"]):
-            parts[name](v, html, desk.controls)
-
-
-def _settings(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
-    for title, names in _GROUPS:
-        html.H2(title, classes="dnb-app-group")
-        switches = [name for name in names if isinstance(controls[name], Switch)]
-        for name in names:
-            if name not in switches:
-                add_control(v, html, name, controls[name], _SHOWN_IF.get(name))
-        if switches:
-            with html.Div(classes="dnb-app-switches"):
-                for name in switches:
-                    add_control(v, html, name, controls[name])
+            part(v, html, desk.controls)
 
 
 def _plain(name: str) -> str:

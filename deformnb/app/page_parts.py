@@ -1,11 +1,18 @@
-"""Parts of the page's drawer: single controls, what is to be trusted, and the history."""
+"""Parts of the page's drawer: single controls, settings, looks, points, what is to be trusted, and the history."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from deformnb.app.controls import AbstractControl, Choice, Formula, Number, Switch
+from deformnb.app.controls import AbstractControl, Choice, Number, Switch
 
+_GROUPS = (
+    ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
+    ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
+    ("Through the depth", ("extrusion",)),
+)
+_SHOWN_IF = {"depth": "method === 'slice'"}
+_OF_THE_DEPTH = (("curve", "extrusion === 'modulate'"), ("keys", "extrusion === 'interpolate'"))
 _SAFETY = (
     ("take_back", "Largest safe drag", "Take the last drag, or else the strength, back to where nothing folds"),
     ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
@@ -35,12 +42,6 @@ def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if
         items = [{"value": value, "title": title} for value, title in control.titles]
         v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
                   title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
-    elif isinstance(control, Formula):
-        # Half a formula is a wrong one: it is told when it is done.
-        v.VTextField(model_value=(name,), change=f"{name} = $event.target.value",
-                     label=control.title, variant="outlined", title=control.hint,
-                     placeholder="sin(pi*z)", maxlength=200, classes="dnb-app-select", spellcheck="false",
-                     __properties=["title", "maxlength", "spellcheck"], __events=["change"], **common, **shown)
     elif isinstance(control, Number):
         value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
         if control.unset:
@@ -53,6 +54,53 @@ def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if
             html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
     elif isinstance(control, Switch):
         v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)
+
+
+def add_widget(name: str, shown_if: str | None = None) -> None:
+    """A widget of :data:`~deformnb.app.parts.WIDGETS`, where ``shown_if`` holds in the page."""
+    from trame_client.widgets.core import AbstractElement
+
+    shown = {"v_if": (shown_if,)} if shown_if else {}
+    part = AbstractElement("deformnb-widget", name=name, source=f"deformnb/{name}.js", theme=("dnb_theme",), **shown)
+    part._attr_names += ["name", "source", "theme"]
+
+
+def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+    """What is deformed how."""
+    for title, names in _GROUPS:
+        html.H2(title, classes="dnb-app-group")
+        switches = [name for name in names if isinstance(controls[name], Switch)]
+        for name in names:
+            if name not in switches:
+                add_control(v, html, name, controls[name], _SHOWN_IF.get(name))
+        if switches:
+            with html.Div(classes="dnb-app-switches"):
+                for name in switches:
+                    add_control(v, html, name, controls[name])
+    for name, shown_if in _OF_THE_DEPTH:
+        add_widget(name, shown_if)
+
+
+def look_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+    """How the volume is shown, and what is cut away from it."""
+    for name in ("shows", "projection"):
+        add_control(v, html, name, controls[name])
+    html.H2("Colours and opacities", classes="dnb-app-group")
+    add_widget("colours")
+    html.H2("See inside", classes="dnb-app-group")
+    add_widget("clip")
+
+
+def points_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+    """The steps, and the points of the one being edited, one below the other."""
+    html.H2("Steps", classes="dnb-app-group")
+    add_widget("steps")
+    v.VBtn("Add step", size="small", variant="tonal", color="primary", block=True, click="trigger('add_step')",
+           title="Deform once more from this side, after all other steps", classes="dnb-app-do", __properties=["title"])
+    with html.Div(v_if=("several",)):
+        add_control(v, html, "mode", controls["mode"])
+    html.H2("Points", classes="dnb-app-group")
+    add_widget("points")
 
 
 def trust_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:

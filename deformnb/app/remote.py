@@ -67,6 +67,8 @@ class MouseLooks:
             self._held = None
         elif kind == "MouseMove" and self._held is not None:
             self._drag(event, *self._held)
+        if kind.endswith("ButtonRelease") or kind == "MouseWheel":
+            self._at_rest()
 
     def _drag(self, event: dict[str, Any], way: str, x: float, y: float) -> None:
         now = _number(event, "x"), _number(event, "y")
@@ -78,6 +80,10 @@ class MouseLooks:
             self.box, camera["direction"], camera["up"], aspect, camera["zoom"])))
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        raise NotImplementedError
+
+    def _at_rest(self) -> None:
+        """The mouse has let go, or the wheel has turned."""
         raise NotImplementedError
 
 
@@ -96,13 +102,15 @@ class RemoteView(MouseLooks):
         for the original that is shown in turn) and ``badge`` (words for the corner).
     grid : whose box is seen.
     camera : of the first picture.
+    turned : called when a hand has turned it, in the thread of trame's loop.
     target_ms, settle_ms : time that a quick picture may take, and rest before the full one.
     """
 
     def __init__(self, make_scene: Callable[[tuple[int, int]], Any], fail: Callable[[str], None],
                  push: Callable[[bytes, dict[str, Any]], None], grid: Grid, camera: dict[str, Any] | None = None, *,
-                 target_ms: float = _TARGET_MS, settle_ms: float = _SETTLE_MS) -> None:
-        self._make_scene, self._fail, self._push = make_scene, fail, push
+                 turned: Callable[[], None] = lambda: None, target_ms: float = _TARGET_MS,
+                 settle_ms: float = _SETTLE_MS) -> None:
+        self._make_scene, self._fail, self._push, self._tell_turned = make_scene, fail, push, turned
         self.box = grid
         self._lock = threading.RLock()
         self._frames = FrameSender()
@@ -169,6 +177,9 @@ class RemoteView(MouseLooks):
         """End the thread, and the scene with it."""
         self._blink.close()
         self._loop.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
+
+    def _at_rest(self) -> None:
+        self._tell_turned()
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         with self._lock:  # a hand in the page and a button of the desk are two threads

@@ -22,6 +22,7 @@ from deformnb.app.bridge import Bridge
 from deformnb.app.desk import Desk
 from deformnb.app.guard import LONGEST_MESSAGE, Answer, Doorkeeper, MessageGuard, gate, own_names
 from deformnb.app.page import build_page
+from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
 from deformnb.widgets.assets import joined, style
 
@@ -216,9 +217,6 @@ def _serve(text: str, kind: str) -> Callable[[web.Request], Any]:
 
 def _assets() -> dict[str, tuple[str, str]]:
     """Our part of the page by its path: text and content type."""
-    from deformnb.widgets.editor import Editor
-    from deformnb.widgets.live_view import LiveView
-
     script, sheet = "text/javascript", "text/css"
     page = (files("trame_client.module") / "vue3-www" / "index.html").read_text(encoding="utf-8")
     own, found = page.replace("<head>", '<head><script src="deformnb/door.js"></script>'), page.count("<head>")
@@ -232,8 +230,8 @@ def _assets() -> dict[str, tuple[str, str]]:
         "/deformnb/door.js": (joined("app_door.js"), script),
         "/deformnb/app.js": (f"(() => {{\n{joined(*_SCRIPTS)}\n}})();", script),  # its names are its own
         "/deformnb/app.css": (style("app.css"), sheet),
-        "/deformnb/editor.js": (str(Editor._esm), script), "/deformnb/live.js": (str(LiveView._esm), script),
-        "/deformnb/widgets.css": (f"{Editor._css}\n{LiveView._css}", sheet),
+        **{f"/deformnb/{name}.js": (str(widget._esm), script) for name, widget in WIDGETS.items()},
+        "/deformnb/widgets.css": ("\n".join(dict.fromkeys(str(w._css) for w in WIDGETS.values())), sheet),
     }
 
 

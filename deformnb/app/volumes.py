@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from deformnb.app.remote import RemoteView
+from deformnb.app.remote import RemoteView, dragged
 from deformnb.errors import DeformError
 from deformnb.exports import Seen
 from deformnb.fields import AbstractField
+from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid
@@ -17,6 +19,9 @@ from deformnb.widgets.core_scene import make_scene
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.pages import about
 from deformnb.widgets.refit import Following, Refit
+from deformnb.widgets.view import checked_camera
+
+_GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 
 
 class Volumes:
@@ -29,6 +34,7 @@ class Volumes:
     ----------
     session : whose volume is shown.
     say : called with what people must know of the pictures, from any thread.
+    later : does something in the desk's thread.
 
     Attributes
     ----------
@@ -36,9 +42,11 @@ class Volumes:
     remote : the one drawn here; None before there is a server.
     """
 
-    def __init__(self, session: Session, say: Callable[[str], None]) -> None:
-        self._session, self._say = session, say
+    def __init__(self, session: Session, say: Callable[[str], None],
+                 later: Callable[[Callable[[], None]], object]) -> None:
+        self._session, self._say, self._later = session, say, later
         self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
+        self.live.observe(self._cut_open, "clip")
         self.remote: RemoteView | None = None
         self._transfer: TransferFunction | str = session.transfer
         self._followed: tuple[Any, int] = (None, 0)
@@ -107,7 +115,8 @@ class Volumes:
 
     def serve(self, fail: Callable[[str], None], push: Callable[[bytes, dict[str, Any]], None]) -> RemoteView:
         """Begin to be ready for pages that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
-        self.remote = RemoteView(self._make_scene, fail, push, self._session.volume.grid, self.live.camera)
+        self.remote = RemoteView(self._make_scene, fail, push, self._session.volume.grid, self.live.camera,
+                                 turned=self._turned)
         self.remote.set_shows(self.live.shows)
         return self.remote
 
@@ -121,6 +130,7 @@ class Volumes:
         if not isinstance(side, str) or side not in views or self.remote is None:
             raise DeformError("there is no such side.")
         self.remote.set_camera(**views[side])
+        self._turned()
 
     def close(self) -> None:
         """Follow no editor, and end the thread that draws."""
@@ -134,11 +144,21 @@ class Volumes:
         scene, notice = make_scene(self._session.volume, size, transfer=self._transfer, projection=live.projection,
                                    background=live.background)
         scene.set_field(self._field, self._output)
+        scene.set_clip(live.clip)
         scene.set_shows(live.shows)
         scene.folding.show = live.show_folds
         if notice:
             self._say(notice)
         return scene
+
+    def _cut_open(self, change: Any) -> None:
+        clip = change["new"]
+        self._change("clip", lambda scene: scene.set_clip(clip))
+
+    def _turned(self) -> None:
+        """Somebody has turned the picture: other parts of the page must know from where it is seen."""
+        with contextlib.suppress(DeformError):  # the desk has been closed
+            self._later(lambda: self.live.set_trait("camera", self.camera))
 
     def _show_remote(self) -> None:
         if self.remote is None or not self.remote.is_used:
@@ -165,3 +185,15 @@ class Volumes:
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         if self.remote is not None:
             self.remote.change(key, function)
+
+
+def facing(plane: Plane) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Direction and up of a camera that sees what the picture shows."""
+    return tuple(plane.normal), tuple(-c for c in plane.v)
+
+
+def nearly_facing(plane: Plane) -> tuple[list[float], list[float]]:
+    """The same turned a little, so that the depth shows."""
+    direction, up = facing(plane)
+    camera = dragged(checked_camera({"direction": direction, "up": up}), "turn", *_GLANCE, 1.0)
+    return camera["direction"], camera["up"]

@@ -189,6 +189,7 @@ class PointsPanel(Panel):
 
     def close(self) -> None:
         self._unfollow()
+        self._unfollow = lambda: None
 
 
 def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:

@@ -14,7 +14,9 @@ from deformnb.widgets.controls import Guard, Panel, button, prose, row
 from deformnb.widgets.item_list import ItemList
 from deformnb.widgets.view import SIDES
 
-_MODES = {"compose": "one after the other", "blend": "added up"}
+MODES = {"compose": "one after the other", "blend": "added up"}
+"""How steps make one deformation, in words."""
+
 _HINTS = {
     "compose": "Each step deforms what those above it have made.",
     "blend": "All steps pull at the volume at once; their order does not matter.",
@@ -35,7 +37,7 @@ class StepsPanel(Panel):
                       lambda: guard(session.add_step))
         space = button("Add step in space", "Deform with points in the volume itself instead of on a picture of it",
                        lambda: guard(lambda: session.add_step(in_space=True)))
-        modes = [(text, name) for name, text in _MODES.items()]
+        modes = [(text, name) for name, text in MODES.items()]
         mode = self.add(ipw.Dropdown(options=modes, description="Done", style={"description_width": "40px"},
                                      layout=ipw.Layout(width="210px"),
                                      tooltip="One after the other is what hands would do; added up blends them"),

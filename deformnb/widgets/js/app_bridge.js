@@ -3,7 +3,8 @@
 //
 // trame's client brings Vue and the socket. <deformnb-widget name="editor"> is a Vue component that asks for the state
 // of that widget, gives it to a PlainModel, and draws the widget with it, as a notebook would. What the widget says
-// goes to Python as calls of procedures; what Python says comes under one topic.
+// goes to Python as calls of procedures; what Python says comes under one topic. Picture and volume fill the place they
+// are given; the others are as high as they need to be.
 
 const APP_TOPIC = "deformnb.widget";
 
@@ -61,12 +62,23 @@ class AppWidgets {
 
 const AppWidget = {
   props: { name: String, source: String, theme: String },
+  computed: {
+    fills() { return this.name === "editor" || this.name === "live"; },
+  },
   watch: {
-    theme() { if (this.name === "editor") this.model?.update({ theme: this.theme }); }, // volumes look best on black
+    theme: { handler() { this.paint(); }, flush: "post" },
   },
   inject: ["trame"],
-  template: '<div ref="place" class="dnb-app-widget"></div>',
+  template: `<div ref="place" :class="fills ? 'dnb-app-widget' : 'dnb-app-inline'"></div>`,
+  methods: {
+    // Volumes look best on black. The others take the colours around them, and look again when the body says so.
+    paint() {
+      if (this.name === "editor") this.model?.update({ theme: this.theme });
+      document.body.dataset.jpThemeLight = String(this.theme !== "dark");
+    },
+  },
   async mounted() {
+    this.paint();
     const place = this.$refs.place;
     try {
       const widgets = (this.trame.deformnb ??= new AppWidgets(this.trame));
@@ -77,11 +89,12 @@ const AppWidget = {
         model.isInitialized = true;
         await page.default.initialize?.({ model });
       }
-      if (this.name === "editor") model.update({ theme: this.theme, fill: true });
+      if (this.name === "editor") model.update({ fill: true });
       this.model = model;
+      this.paint();
       const close = await page.default.render({ model, el: place });
-      const unfit = fitted(this.name, model, place);
-      this.close = () => { unfit(); close?.(); };
+      const unfit = this.fills ? fitted(this.name, model, place) : null;
+      this.close = () => { unfit?.(); close?.(); };
       if (this.isGone) this.close();
     } catch (error) {
       console.error(error);
@@ -94,7 +107,7 @@ const AppWidget = {
   },
 };
 
-// The widgets have sizes of their own; here they fill the place they are given. Returns what ends that.
+// Picture and volume have sizes of their own; here they fill the place they are given. Returns what ends that.
 function fitted(name, model, place) {
   const apply = () => {
     const { width, height } = place.getBoundingClientRect();

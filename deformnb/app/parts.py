@@ -1,0 +1,78 @@
+"""The smaller widgets of the page, which are the studio's own: the curve and the keys of the depth, colours and
+opacities, what is cut open, the list of steps and the table of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from deformnb.session import Session
+from deformnb.transfer import TransferFunction
+from deformnb.widgets.clip_controls import ClipControls
+from deformnb.widgets.controls import Guard
+from deformnb.widgets.curve_editor import CurveEditor
+from deformnb.widgets.depth_keys import DepthKeys
+from deformnb.widgets.depth_panel import DepthPanel, Preview
+from deformnb.widgets.editor import Editor
+from deformnb.widgets.item_list import ItemList
+from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.points_panel import PointsPanel
+from deformnb.widgets.points_table import PointsTable
+from deformnb.widgets.steps_panel import StepsPanel
+from deformnb.widgets.transfer_editor import TransferEditor
+from deformnb.widgets.worker import Worker
+
+WIDGETS: dict[str, type[Any]] = {
+    "editor": Editor, "live": LiveView, "curve": CurveEditor, "keys": DepthKeys, "colours": TransferEditor,
+    "clip": ClipControls, "steps": ItemList, "points": PointsTable,
+}
+"""What draws the widgets of the page, by name."""
+
+
+_LOW = 84  # CSS pixels of the curve's plot: beside it a projector has room for the other settings
+
+
+class DeskParts:
+    """The widgets beside picture and volume.
+
+    Parameters
+    ----------
+    session : what they edit.
+    editor, live : picture and volume, which they share selection and camera with.
+    preview : shows a step that is on its way; None gives it up.
+    guard : does an edit and says what went wrong; says whether it was done.
+    recolour : called with colours and opacities, and with whether that was the end of the movement.
+    """
+
+    def __init__(self, session: Session, editor: Editor, live: LiveView, preview: Preview, guard: Guard,
+                 recolour: Callable[[TransferFunction, bool], None]) -> None:
+        self._session = session
+        self._worker = Worker("deformnb-points")
+        self._depth = DepthPanel(session, guard, preview)
+        self._depth.curve.height = _LOW
+        self._steps = StepsPanel(session, guard)
+        self._steps.items.columns = []  # the drawer is narrow
+        self._points = PointsPanel(session, guard, SimpleNamespace(current=editor), self._worker)
+        self._colours = TransferEditor(session.volume, session.transfer)
+        self._colours.on_edit(lambda transfer, phase: recolour(transfer, phase == "end"))
+        self._clip = ClipControls(live)
+
+    @property
+    def widgets(self) -> dict[str, Any]:
+        """The widgets by name, as in :data:`WIDGETS`."""
+        return {"curve": self._depth.curve, "keys": self._depth.keys, "colours": self._colours, "clip": self._clip,
+                "steps": self._steps.items, "points": self._points.table}
+
+    def refresh(self) -> None:
+        """Show what the session holds."""
+        for panel in (self._depth, self._steps, self._points):
+            panel.refresh()
+        if self._colours.transfer != self._session.transfer_function:
+            self._colours.set_transfer(self._session.transfer)
+
+    def close(self) -> None:
+        """Follow nobody any more, and end the thread that looks for points that disagree."""
+        self._points.close()
+        self._worker.close()
