@@ -156,8 +156,9 @@ class LivePage:
 
     @property
     def _is_busy(self) -> bool:
-        """Whether messages of the page are read, or answers are not delivered yet."""
-        return self._is_reading or bool(self._inbox or self.outbox)
+        """Whether messages of the page are read, answers not delivered, or states wait for older ones to be seen."""
+        pacers = (getattr(widget, "_pacer", None) for widget in self.widgets.values())
+        return self._is_reading or bool(self._inbox or self.outbox) or any(p and p.is_waiting for p in pacers)
 
     def answered(self) -> None:
         """Until Python has read all that the page has said so far, and the page has heard the answers."""

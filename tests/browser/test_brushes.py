@@ -195,6 +195,7 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     assert page.editor.brush_radius == pytest.approx(400 / k)
     page.page.get_by_role("button", name="put the brush away").click()
     assert page.js(f"{PAGE}.brush.isOn") is False
+    page.settled()
     assert circle.is_hidden()
 
 

@@ -71,9 +71,7 @@ def drawn(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
 def shown(page: LivePage, view: LiveView, deformation: Deformation | None, **options: Any) -> None:
     """Shows it, and waits until the page has it."""
     view.show_deformation(deformation, **options)
-    while view._pacer.is_waiting:
-        page.page.wait_for_timeout(20)
-    page.flush()
+    page.answered()
 
 
 def silhouette(image: np.ndarray) -> np.ndarray:
