@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import traitlets
@@ -120,6 +121,8 @@ class EditedDocument(traitlets.HasTraits):
     def edit_points(self, points: ControlPoints, label: str = "move points", kind: str | None = None) -> None:
         """Other control points in the place of those being edited.
 
+        A name is that of a landmark: points of other keys that have the same id get it too.
+
         Parameters
         ----------
         label : what was done, for the history.
@@ -131,7 +134,8 @@ class EditedDocument(traitlets.HasTraits):
             If they cannot be fitted; everything stays as it was.
         """
         with self._lock:
-            step = self.step.with_points(points, min(self.key, len(self.step.maps) - 1))
+            key, before = min(self.key, len(self.step.maps) - 1), self.points
+            step = _renamed(self.step.with_points(points, key), key, before)
             self._become(self.deformation.with_step(self.index, step), label, kind)
 
     def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
@@ -327,3 +331,16 @@ class EditedDocument(traitlets.HasTraits):
     def notes(self) -> tuple[str, ...]:
         """Remarks of the fits, each once."""
         return self.deformation.notes(self.volume.grid)
+
+
+def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
+    """The step with names that were changed at one key changed at all keys."""
+    if len(step.maps) == 1:
+        return step
+    known, points = dict(zip(before.ids, before.names, strict=True)), step.maps[key]
+    names = {i: name for i, name in zip(points.ids, points.names, strict=True) if known.get(i, name) != name}
+    maps = list(step.maps)
+    for k, i in product(range(len(maps)), names):
+        if i in maps[k].ids:
+            maps[k] = maps[k].edit(i, name=names[i])
+    return replace(step, maps=tuple(maps))

@@ -229,3 +229,32 @@ def test_points_in_space_are_left_to_a_studio(desk: Desk) -> None:
     desk.open(to_json(other.document()))
     assert desk.session.step.plane is not None
     assert len(desk.session.deformation.steps) == 2
+
+
+def test_what_the_hand_of_a_page_was_doing_goes_with_the_page(desk: Desk) -> None:
+    session, places = desk.session, desk.session.volume.grid.corners() * 0.4
+    session.edit_points(session.points.move(0, session.points.target[0] + 2.0))
+    desk.set("extrusion", "modulate")
+    field, table = desk.live._field.displacement(places), desk.live.table
+    edit(desk, "curve", {"nodes": TENT, "smooth": False}, phase="move")
+    edit(desk, "colours", {"preset": "bone"}, phase="move")
+    until(lambda: np.abs(desk.live._field.displacement(places) - field).max() > 0.1)
+    assert desk.live.table != table
+    desk.give_up()
+    np.testing.assert_allclose(desk.live._field.displacement(places), field, atol=1e-6)
+    assert desk.live.table == table
+
+
+def test_the_volume_turns_with_the_picture_however_that_was_chosen(desk: Desk) -> None:
+    desk.editor.points = desk.editor.points.move(0, desk.editor.points.target[0] + 2.0)
+    desk.set("view", "-x")
+    desk.editor.points = desk.editor.points.move(1, desk.editor.points.target[1] - 1.0)
+    directions = {"+y": (0, 1, 0), "-x": (-1, 0, 0)}
+    for go, side in ((lambda: step_act(desk, "choose", 0), "+y"), (lambda: step_act(desk, "choose", 1), "-x"),
+                     (lambda: (desk.act("undo"), desk.act("undo")), "+y"), (lambda: desk.act("redo"), "-x")):
+        go()
+        assert desk.state()["view"] == side
+        np.testing.assert_allclose(desk.live.camera["direction"], directions[side], atol=1e-12)
+    desk.live.set_camera([0.6, 0.0, 0.8])
+    step_act(desk, "choose", 0)
+    np.testing.assert_allclose(desk.live.camera["direction"], [0.6, 0.0, 0.8], atol=1e-12)  # somebody has turned it

@@ -191,6 +191,18 @@ def test_interpolation_begins_with_the_same_points_thrice_and_leaves_those_being
     assert session.key == 0
 
 
+def test_a_name_is_that_of_a_landmark_at_every_key(session: Session) -> None:
+    session.edit_points(session.points.add((3.0, 4.0)))
+    session.change(extrusion="interpolate")
+    session.edit_step(0, 1)
+    new = session.points.next_id
+    session.edit_points(session.points.edit(4, name="fin").add((6.0, 6.0), name="only here"))
+    assert [m.names[m.index(4)] for m in session.step.maps] == ["fin"] * 3
+    assert [new in m.ids for m in session.step.maps] == [False, True, False]
+    session.undo()
+    assert [m.names[m.index(4)] for m in session.step.maps] == [""] * 3
+
+
 def test_a_new_key_begins_between_its_neighbours_and_changes_nothing(session: Session) -> None:
     session.change(extrusion="interpolate", knots=(0.0, 1.0))
     session.edit_points(dragged(session, 1.0))

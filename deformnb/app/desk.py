@@ -77,6 +77,7 @@ class Desk:
         self.editor = make_editor(session, 1200)
         self._pictured = picture_key(session)
         self._points_of: Any = (session.index, session.key, session.plane)
+        self._faced = session.plane
         self.volumes = Volumes(session, self._told, self.thread.call)
         self.live = self.volumes.live
         self._previews = Worker("deformnb-preview")
@@ -116,8 +117,6 @@ class Desk:
             session.change(kind=name, slides=True, support=value or None)
         elif name == "view":
             session.set_view(value)
-            if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
-                self._look(*facing(session.plane))
         elif name == "depth":
             low, high = session.depth_range
             session.depth = low + value * (high - low)
@@ -211,6 +210,7 @@ class Desk:
         count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
         steps = len(session.deformation.steps)
         which = f" · step {session.index + 1} of {steps}" if steps > 1 else ""
+        which += f" · key {session.key + 1} of {len(step.maps)}" if len(step.maps) > 1 else ""
         values = {name: getattr(step, name) for name in _OF_THE_STEP}
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree())
@@ -322,6 +322,10 @@ class Desk:
                 self._colours = session.transfer_function
                 self.volumes.set_transfer(self._colours)
             self.parts.refresh()
+            if session.plane != self._faced:
+                self._faced = session.plane
+                if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
+                    self._look(*facing(session.plane))
         finally:
             editor.waiting = ""
             self._listening = True
@@ -329,6 +333,11 @@ class Desk:
     def _look(self, direction: Any, up: Any) -> None:
         self.volumes.set_camera(direction, up)
         self._looks = self.volumes.camera
+
+    def give_up(self) -> None:
+        """A page has gone, and with it what its hand was about to do: what the session holds is shown."""
+        self.link.show(self.editor)
+        self.volumes.set_transfer(self._colours)
 
     def fail(self, message: str) -> None:
         """Say in the page what is wrong; may be called from any thread."""

@@ -161,7 +161,7 @@ class DeskFiles:
             self._doubtful = document
             self._say(doubt=self._session.difference(document))
             return
-        self._passing = "Opened; it can be undone."
+        self._passing = "Opened; undo leads back, but for the colours."
         self._say(said=self._passing)
         self._thread.at_rest(_BRIEFLY, self.pass_on)
 

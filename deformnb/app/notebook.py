@@ -73,6 +73,9 @@ class Pane(MouseLooks):
     def wake(self) -> None:
         """A page has come; :meth:`update_size` has asked for its picture."""
 
+    def give_up(self) -> None:
+        """A page has gone; it held nothing but the mouse."""
+
     def act(self, name: str, *number: int) -> None:
         """No action is offered."""
         raise DeformError("there is no such action.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from deformnb.app.controls import AbstractControl, Choice, Number, Switch
+from deformnb.widgets.depth_panel import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
@@ -79,6 +80,7 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> No
                     add_control(v, html, name, controls[name])
     for name, shown_if in _OF_THE_DEPTH:
         add_widget(name, shown_if)
+    html.Div(HINTS["interpolate"], v_if=("extrusion === 'interpolate'",), classes="dnb-app-words")
 
 
 def look_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:

@@ -127,12 +127,15 @@ class AppServer:
 
     async def _watch(self, serving: asyncio.Future[Any]) -> None:
         assert self._end is not None
-        last = time.monotonic()
+        last, before = time.monotonic(), set[str]()
         while not (self._end.is_set() or serving.done()):
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._end.wait(), min(_LOOK_EVERY, self.idle / 4))
             known = {client for handler in self._handlers for client in handler.authentified_client_ids}
             last = time.monotonic() if known else last
+            if before - known:
+                self.desk.thread.call(self.desk.give_up)
+            before = known
             if time.monotonic() - last > self.idle:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):

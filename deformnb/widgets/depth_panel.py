@@ -16,11 +16,13 @@ from deformnb.widgets.curve_editor import CurveEditor
 from deformnb.widgets.depth_keys import DepthKeys
 
 _RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
-_HINTS = {
+HINTS = {
     "replicate": "Every slice behind the picture is deformed like the picture.",
     "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
     "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
 }
+"""What a picture's step does by each rule, in words."""
+
 _OF_ANOTHER = "A rule of extrusion of its own, with nothing to set here."
 _IN_SPACE = "Points in space have their own depth: there is nothing to extrude."
 
@@ -60,7 +62,7 @@ class DepthPanel(Panel):
     def arrange(self) -> None:
         step = self.session.step
         self._rule.layout.display = "none" if step.plane is None else ""
-        self._hint.value = _IN_SPACE if step.plane is None else _HINTS.get(step.extrusion, _OF_ANOTHER)
+        self._hint.value = _IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER)
         self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
         self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
         if step.extrusion == "modulate" and self.curve.curve != step.curve:

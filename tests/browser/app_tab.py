@@ -24,6 +24,7 @@ _DRAWN = """() => {
 }"""
 _VOLUME = """() => {
   const page = document.querySelector('.dnb-view').deformnb;
+  document.querySelector('.dnb-editor').deformnb.drawNow(); // which says where its points are
   page.loop.drawNow(1);
   return page.canvas.toDataURL('image/png').split(',')[1];
 }"""
@@ -141,7 +142,8 @@ class Tab:
         return now
 
     def picture(self) -> NDArray[np.float64]:
-        """What is drawn of the picture, without its net."""
+        """What is drawn of the picture, without its net, once nothing moves any more."""
+        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.isMoving", timeout=PATIENCE)
         return self._image(_PICTURE)
 
     def point(self, k: int) -> tuple[float, float]:

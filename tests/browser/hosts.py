@@ -256,6 +256,15 @@ def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
         server.close()
 
 
+AT_REST = """() => {
+  const editor = document.querySelector('.dnb-editor')?.deformnb;
+  const loop = document.querySelector('.dnb-view')?.deformnb.loop;
+  return Boolean(editor && !editor.isMoving && !editor.frame && loop && !loop.wanted && !loop.rush
+    && loop.drawn[loop.layer] === 'full');
+}"""
+"""Whether picture and volume of a studio in a page are drawn in full."""
+
+
 def resting(element: Any) -> Any:
     """The box of an element that does not move any more: a page that has just come is still laid out."""
     box: Any = None

@@ -79,3 +79,12 @@ def faults(page: Any, may_scroll: str = "") -> list[str]:
     may_scroll : a selector of what may have a bar of its own there.
     """
     return list(page.evaluate(FAULTS, may_scroll))
+
+
+def lasting_faults(page: Any, may_scroll: str = "") -> list[str]:
+    """The same, but for what passes while parts of a tab that was never shown before are still arriving."""
+    for _ in range(10):
+        if not (found := faults(page, may_scroll)):
+            break
+        page.wait_for_timeout(500)
+    return found

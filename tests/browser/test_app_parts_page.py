@@ -26,7 +26,7 @@ def app() -> Iterator[RunningApp]:
 @pytest.fixture
 def tab(browser: Any, app: RunningApp) -> Iterator[Tab]:
     def begin() -> None:
-        app.desk.session.deformation = Deformation()
+        app.desk.session.deformation, app.desk.session.transfer = Deformation(), "bone"
         app.desk.act("front")
 
     app.desk.thread.call(begin).result(30)
@@ -44,7 +44,9 @@ def eventually(condition: Callable[[], Any]) -> None:
 
 def go_to(tab: Tab, name: str) -> None:
     tab.page.get_by_role("tab", name=name).click()
-    tab.page.get_by_role("tabpanel", name=name).locator(".dnb-app-inline > *").first.wait_for()
+    tab.page.wait_for_function("""(name) => { const parts = [...document.querySelectorAll('.dnb-app-inline')];
+      return document.querySelector('.dnb-app-tabs [aria-selected=true]').innerText === name
+        && parts.length > 0 && parts.every((part) => part.children.length); }""", arg=name, timeout=PATIENCE)
 
 
 def middle(tab: Tab, selector: str) -> tuple[float, float]:
@@ -98,6 +100,18 @@ def test_opacities_are_dragged_and_the_volume_shows_it_at_once(tab: Tab) -> None
     assert session.transfer == "bone"
     tab.page.mouse.up()
     eventually(lambda: session.transfer_function.opacities[2][1] == 0)
+
+
+def test_a_drag_whose_page_is_loaded_again_leaves_nothing_behind(tab: Tab) -> None:
+    before = tab.volume()
+    go_to(tab, "Look")
+    hold(tab, ".dnb-transfer-editor [data-node='2'] .dnb-cv-dot", 0, 300)
+    changes(tab, before)
+    eventually(lambda: tab.app.desk.volumes._transfer != tab.app.desk.session.transfer_function)
+    tab.page.reload()
+    tab.drawn()
+    eventually(lambda: tab.app.desk.volumes._transfer == tab.app.desk.session.transfer_function)
+    eventually(lambda: (np.abs(tab.volume() - before) > 25).sum() < 20)
 
 
 def test_a_cut_opens_the_volume_and_comes_back(tab: Tab) -> None:

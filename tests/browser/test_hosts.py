@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Host, Lab, Notebook, Voila, running, told
+from browser.hosts import AT_REST, Host, Lab, Notebook, Voila, running, told
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -57,8 +57,8 @@ studio
 """
 # A second view, which looks as the page does.
 PLAIN = 'LiveView(volume, width=120, height=90).add_class("plain")'
-EDITOR = "document.querySelector('.dnb-editor').deformnb"
-VIEW = "document.querySelector('.dnb-view').deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+VIEW = "document.querySelector('.dnb-view')?.deformnb"
 
 
 # All WebGL contexts of a page, also those whose canvas has gone.
@@ -132,7 +132,8 @@ class Shown:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        self.page.wait_for_timeout(400)
+        self.page.wait_for_timeout(400)  # an edit of the kernel's may be on its way
+        self.page.wait_for_function(AT_REST, timeout=60_000)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[16:-16, 16:-16]  # the box has round corners
 
@@ -303,6 +304,7 @@ def test_twenty_runs_of_the_cell_keep_nothing(shown: Shown) -> None:
             found.append((json.loads(printed.splitlines()[-1]), shown.page.evaluate(SEEN)))
     (kept_first, seen_first), (kept, seen) = found
     assert seen == seen_first
+    assert kept.pop("threads") <= kept_first.pop("threads")  # one may have been made for the first run only
     assert (seen["editors"], seen["contexts"]) == (1, 2)
     assert kept.pop("megabytes") - kept_first.pop("megabytes") < 60
     assert kept.pop("studios") <= kept_first.pop("studios") + 2  # the last may still be held by a message on its way

@@ -52,8 +52,9 @@ def test_an_animation_in_jupyterlab(lab: Lab, tab: Any) -> None:
     page.keyboard.press("End")
     page.keyboard.press("Home")
     page.wait_for_function(f"{VIEW}.times.frames && {VIEW}.times.bus", timeout=60_000)
-    page.wait_for_timeout(500)
-    before = state(lab, page)
+    before = None
+    while before != (before := state(lab, page)):  # messages may still be on their way
+        page.wait_for_timeout(500)
     assert before["times"] == [0.0, 1.0]
     assert before["moments"]
     page.locator(".dnb-pl-track").focus()
@@ -61,8 +62,11 @@ def test_an_animation_in_jupyterlab(lab: Lab, tab: Any) -> None:
         page.keyboard.press(key)
     page.wait_for_function(f"{CLOCK}.time > 0.2")
     page.wait_for_function(f"{CLOCK}.time === 1 && !{CLOCK}.isPlaying", timeout=30_000)
-    page.wait_for_timeout(500)
-    after = state(lab, page)
+    for _ in range(20):
+        page.wait_for_timeout(500)
+        after = state(lab, page)
+        if (after["time"], after["playing"]) == (1.0, False):
+            break
     assert (after["time"], after["playing"]) == (1.0, False)
     assert after["messages"] == before["messages"]  # played without a message of the view
     assert page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length") == cells

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
-from browser.hosts import Lab
+from browser.hosts import Lab, resting
 
 pytestmark = pytest.mark.needs_browser
 
@@ -18,13 +19,13 @@ ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
 studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor').deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
 
 
 def at(page: Any, a: float, b: float) -> tuple[float, float]:
     """Where a place of the picture, in millimetres, is on the screen."""
     page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
-    box = page.locator(".dnb-ed-stage").bounding_box()
+    box = resting(page.locator(".dnb-ed-stage"))
     x, y, k = page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
     return box["x"] + x + k * a, box["y"] + y + k * b
 
@@ -49,7 +50,9 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page.mouse.down()
     page.mouse.move(*at(page, 26, 23), steps=5)
     page.mouse.up()
-    assert lab.run(page, "import time\nwhile studio.editor.points.target[4, 0] < 25: time.sleep(0.05)") == ""
+    end = time.monotonic() + 60
+    while lab.run(page, "print(studio.editor.points.target[4, 0] > 25)").strip() != "True":
+        assert time.monotonic() < end, "the drag has not reached the kernel"
     assert lab.run(page, "studio._bar.recovery.autosave.flush()") == ""
     edited = points(page)
     assert edited[4][1][0] > edited[4][0][0] + 4
@@ -59,8 +62,8 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     assert "The kernel was restarted: run the cell again. What was written by itself at" in bar.inner_text()
     assert page.locator(".dnb-restore-button").filter(visible=True).count() == 0
 
-    if page.locator(".jp-Dialog").count():  # JupyterLab tells of the kernel's end too
-        page.keyboard.press("Escape")
+    # JupyterLab tells of the kernel's end too, sooner or later.
+    page.add_locator_handler(page.locator(".jp-Dialog"), lambda: page.keyboard.press("Escape"))
     page.wait_for_function("jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === 'idle'",
                            timeout=60_000)
     lab.run_all(page)

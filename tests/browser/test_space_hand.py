@@ -77,6 +77,7 @@ def turned(places: Any, degrees: float, plane: tuple[int, int] = (0, 1)) -> NDAr
 def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(opened: Any,
                                                                              pairs: ControlPoints) -> None:
     space = opened(pairs)
+    space.page.page.evaluate("window.clock = Date.now; Date.now = () => 0")  # two presses are quick ones
     select(space, 0, 1, 2)
     press(space, ".", ".")  # 2 degrees each, clockwise where x runs right and y down
     target = turned(pairs.target[:3], 4)
@@ -85,6 +86,7 @@ def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(
     assert np.array_equal(space.editor.points.source, pairs.source)
     press(space, "Control+z")
     assert space.editor.points == pairs  # quick presses are one step
+    space.page.page.evaluate("Date.now = window.clock")
     press(space, "Shift+,")
     assert space.editor.points.target[:3] == pytest.approx(turned(pairs.target[:3], -15), abs=1e-6)
     press(space, "Control+z", "Alt+Shift+.")

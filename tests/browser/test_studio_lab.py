@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Lab, resting, told
+from browser.hosts import AT_REST, Lab, resting, told
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -43,8 +43,9 @@ studio.observe(tell, "deformation")
 tell()
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor').deformnb"
-VIEW = "document.querySelector('.dnb-view').deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+VIEW = "document.querySelector('.dnb-view')?.deformnb"
+IDLE = "!document.querySelector('.dnb-il-table[aria-busy=true]')"  # a list hears no click before it was answered
 
 
 class StudioInLab:
@@ -101,7 +102,8 @@ class StudioInLab:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        self.page.wait_for_timeout(1000)
+        self.page.wait_for_timeout(1000)  # an edit of the kernel's may be on its way
+        self.page.wait_for_function(AT_REST, timeout=60_000)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
@@ -123,6 +125,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page = shown.page
     shown.tab("Cuts & parts")
     page.get_by_role("button", name="Draw cut").click()
+    page.wait_for_function(f"{EDITOR}.pen.isOn")
     page.mouse.click(*shown.at(29.5, 52))
     page.mouse.click(*shown.at(29.5, 6))
     page.keyboard.press("Enter")
@@ -180,9 +183,11 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     state = shown.told(lambda state: not state["steps"][0]["on"])
     (a, b), = runs(state["row"])
     assert (a + b) / 2 < 26  # the second alone
+    page.wait_for_function(IDLE)
     page.locator("[data-part=down]:visible").first.click()
     state = shown.told(lambda state: state["steps"][0]["view"] == "-z")
     assert [(step["view"], step["on"]) for step in state["steps"]] == [("-z", True), ("+y", False)]
+    page.wait_for_function(IDLE)
     page.locator("[data-part=rename]:visible").first.click()
     page.keyboard.type("pull back")
     page.keyboard.press("Enter")
@@ -205,7 +210,7 @@ def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: Studio
     pane = page.locator(".dnb-sp-stage").nth(1)  # coronal: x to the right
     pane.scroll_into_view_if_needed()
     before = runs(shown.told()["row"])
-    box = page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first.bounding_box()
+    box = resting(page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, told
+from browser.hosts import Lab, resting, told
 
 pytestmark = pytest.mark.needs_browser
 
@@ -47,7 +47,7 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].netNodes.nodes.length === 49", timeout=60_000)
     node = tab.locator(".dnb-th-after [data-node='16']")
     node.scroll_into_view_if_needed()
-    box = node.bounding_box()
+    box = resting(node)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()

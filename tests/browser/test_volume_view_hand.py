@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from browser.hosts import Lab
+from browser.hosts import Lab, resting
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl]
 
@@ -62,14 +62,14 @@ def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> 
     places = [tab.evaluate(BODY)]
     assert places[0][1] > 0.05
     handle = tab.locator(".noUi-handle").first
-    box = handle.bounding_box()
+    box = resting(handle)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()
     for k in range(1, 6):
-        count = tab.evaluate(f"{VIEW}.drawn")
         tab.mouse.move(x + 16 * k, y)
-        tab.wait_for_function(f"{VIEW}.drawn > {count} && {VIEW}.isFull", timeout=90_000)
+        tab.wait_for_function(f"(before) => {VIEW}.isFull && ({BODY})()[0] > before + 0.005", arg=places[-1][0],
+                              polling=200, timeout=90_000)
         places.append(tab.evaluate(BODY))
         assert places[-1][0] > places[-2][0] + 0.005
         assert places[-1][1] > 0.7 * places[0][1]
@@ -81,16 +81,13 @@ def test_the_picture_follows_a_point_and_ends_where_the_hand_does(lab: Lab, tab:
     opened(lab, tab, EDITOR, "editor.ipynb")
     before = tab.evaluate(BODY)
     tab.wait_for_selector(".dnb-ed-disc")
-    box = tab.locator(".dnb-editor [data-id='0'] .dnb-ed-disc").bounding_box()
+    box = resting(tab.locator(".dnb-editor [data-id='0'] .dnb-ed-disc"))
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()
-    count = tab.evaluate(f"{VIEW}.drawn")
     for k in range(1, 31):
         tab.mouse.move(x + 1.5 * k, y)
-    tab.wait_for_function(f"{VIEW}.drawn > {count} && {VIEW}.isFull", timeout=90_000)  # while the button is down
-    there = tab.evaluate(BODY)
-    assert there[0] > before[0] + 0.03
+    tab.wait_for_function(f"(before) => ({BODY})()[0] > before + 0.03", arg=before[0], polling=200, timeout=90_000)
     for k in range(30):
         tab.mouse.move(x + 45 - 2.5 * k, y)  # quickly to the other side
     tab.mouse.up()

@@ -125,9 +125,9 @@ def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
     assert page.page.text_content(".dnb-frame:nth-of-type(2) .dnb-caption, .dnb-frame .dnb-caption") == "original"
     changed(page, lambda: setattr(view, "shows", "flicker"))
     page.wait(f"{PAGE}.layers.length === 2", 60)
-    page.wait(f"{PAGE}.flicker.layer === 1", 60)
+    page.wait(f"{PAGE}.flicker.layer === 1", 60, passing=True)
     one = middle(pixels(page))
-    page.wait(f"{PAGE}.flicker.layer === 0", 60)
+    page.wait(f"{PAGE}.flicker.layer === 0", 60, passing=True)
     assert np.abs(middle(pixels(page)) - one).max() > 2
     assert page.errors == []
 

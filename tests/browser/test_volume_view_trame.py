@@ -121,9 +121,7 @@ def test_pictures_and_the_mouse_go_by_trame(page: LivePage) -> None:
     away = ControlPoints.from_arrays([[10.0, 10.0]], [[14.0, 13.0]])
     view.show_deformation(Deformation.on_picture(GRID, Plane.along(GRID, "+y"), away, trend="translation"))
     number = full(page, number)
-    right, down = middle(page) - before
-    assert right > 8  # four lengths of more than three pixels each
-    assert down > 6
+    until(page, lambda: bool((middle(page) - before > (8, 6)).all()))  # lengths of more than three pixels each
     assert page.page.locator(".dnb-frame:visible, .dnb-compass:visible").count() == 0  # those of the frame are seen
     sent = [content["type"] for content in page.page.evaluate("models.view.sent")]
     assert sent == ["hello"]  # no picture came by the notebook's channel, and none was confirmed there

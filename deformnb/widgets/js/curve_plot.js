@@ -38,8 +38,9 @@ class CurvePlot extends EditedPage {
   }
 
   addButtons() {
+    const pair = pageElement("span", "dnb-cv-pair", this.bar);
     const make = (text, tip, action) => {
-      const button = pageElement("button", "dnb-cv-button", this.bar, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+      const button = pageElement("button", "dnb-cv-button", pair, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
       button.textContent = text;
       this.listen(button, "click", action);
       return button;
@@ -278,7 +279,7 @@ class CurvePlot extends EditedPage {
 
   placeTicks(low, high) { return ticksOf(low, high, this.box.width / 70); }
 
-  ticks(low, high) { return ticksOf(low, high, this.box.height / 30); }
+  ticks(low, high) { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
 
   write(x, y, text, anchor) {
     const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
