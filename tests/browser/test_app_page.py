@@ -113,6 +113,24 @@ def test_keys_of_the_editor_undo_what_the_session_did(tab: Tab) -> None:
     tab.says("1 moved")
 
 
+def test_undo_is_heard_wherever_the_focus_is_but_where_text_is_written(tab: Tab) -> None:
+    tab.add_in_the_middle()
+    tab.drag(4, 40, 0)
+    tab.says("1 moved")
+    tab.page.get_by_role("tab", name="Points").click()
+    tab.page.keyboard.press("Control+z")
+    tab.says("0 moved")
+    tab.page.keyboard.press("Control+Shift+z")
+    tab.says("1 moved")
+    tab.page.locator(".dnb-pt-place").fill("3, 4")
+    tab.page.keyboard.press("Control+z")  # of what was written
+    tab.page.get_by_role("tab", name="Trust").click()
+    tab.page.keyboard.press("Control+z")
+    tab.says("0 moved")
+    tab.page.keyboard.press("Control+y")
+    tab.says("1 moved")
+
+
 def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 60, 0)

@@ -76,9 +76,18 @@ const AppWidget = {
       if (this.name === "editor") this.model?.update({ theme: this.theme });
       document.body.dataset.jpThemeLight = String(this.theme !== "dark");
     },
+    // Undo and redo wherever the focus is, but where text is written or somebody else has heard the key.
+    keyed(event) {
+      const { target, key } = event, isUndo = key.toLowerCase() === "z", isRedo = key.toLowerCase() === "y";
+      if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
+      if (target.closest?.("input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]")) return;
+      event.preventDefault();
+      this.trame.trigger(isRedo || event.shiftKey ? "redo" : "undo");
+    },
   },
   async mounted() {
     this.paint();
+    if (this.name === "editor") document.addEventListener("keydown", this.keyed); // one of the page's widgets for all
     const place = this.$refs.place;
     try {
       const widgets = (this.trame.deformnb ??= new AppWidgets(this.trame));
@@ -103,6 +112,7 @@ const AppWidget = {
   },
   beforeUnmount() {
     this.isGone = true;
+    document.removeEventListener("keydown", this.keyed);
     this.close?.();
   },
 };
