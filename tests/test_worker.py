@@ -58,6 +58,23 @@ def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
     thread.close()
 
 
+def test_a_job_that_is_done_while_the_worker_is_closed_may_ask_for_a_rest(caplog: pytest.LogCaptureFixture) -> None:
+    thread, begun, gate, done = Worker(), threading.Event(), threading.Event(), threading.Event()
+
+    def job() -> None:
+        begun.set()
+        gate.wait(20)
+        thread.at_rest(0.0, lambda: None)  # the worker was closed meanwhile
+        done.set()
+
+    thread.latest("a", job)
+    assert begun.wait(20)
+    thread.close(wait=0.0)
+    gate.set()
+    assert done.wait(20)
+    assert caplog.records == []
+
+
 def test_an_exception_goes_to_who_waits_and_the_thread_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     thread = Worker()
     with pytest.raises(ZeroDivisionError):

@@ -7,6 +7,7 @@ order in which they came, then the newest job of each name, then what waits for 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import logging
 import threading
 import time
@@ -72,9 +73,10 @@ class Worker:
         self._queue.put_job(key, function)
 
     def at_rest(self, delay: float, function: Callable[[], None]) -> None:
-        """Do this once nothing else has come for ``delay`` seconds; anything that comes first drops it."""
-        self._start()
-        self._queue.put_rest(delay, function)
+        """Do this once nothing else has come for ``delay`` seconds; what comes first drops it, and so does the end."""
+        with contextlib.suppress(DeformError):  # closed while the job was done that asks for this
+            self._start()
+            self._queue.put_rest(delay, function)
 
     @property
     def is_wanted(self) -> bool:
