@@ -56,6 +56,9 @@ async function draw(name, source) {
   document.getElementById("root").append(el);
   const cleanup = await module.default.render({ model: models[name], el });
   models[name].cleanups = [...(models[name].cleanups || []), () => { cleanup && cleanup(); el.remove(); }];
+  const frame = () => new Promise(requestAnimationFrame);
+  await frame(); // its size is observed
+  await frame(); // and it is drawn with that
 }
 function pixels() { // what is on the canvas, drawn at once and in full
   const page = document.querySelector(".dnb-view").deformnb;
@@ -109,8 +112,8 @@ class LivePage:
                                [name, key, _plain(self.widgets[name].get_state(key)[key])])
 
     def draw(self, name: str = "view") -> None:
-        self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])
         self.page.add_style_tag(content=self.widgets[name]._css)
+        self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])
         self.flush()
 
     def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
