@@ -82,7 +82,7 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
     tab.says("0 moved")
     change = np.abs(tab.picture() - flat)
     assert change.mean() < 0.3  # Chromium enlarges a canvas that has been read a shade differently
-    assert change.max() < 10
+    assert change.max() < 24  # an edge that has moved by a pixel changes by more than 100
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
     tab.page.get_by_role("button", name="Redo: ").click()
     tab.says("1 moved")
@@ -144,7 +144,7 @@ def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     assert tab.page.locator(".dnb-ed-target").count() == 5
     change = np.abs(tab.picture() - flat)
     assert change.mean() < 0.3  # Chromium enlarges a canvas that has been read a shade differently
-    assert change.max() < 10
+    assert change.max() < 24  # an edge that has moved by a pixel changes by more than 100
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
 
 
