@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -65,6 +66,14 @@ def silhouette(image: NDArray[np.float64]) -> NDArray[np.bool_]:
 def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
     """How much two silhouettes of the same size share: 1 if they are the same."""
     return float(2 * (a & b).sum() / (a.sum() + b.sum()))
+
+
+def eventually(condition: Callable[[], Any]) -> None:
+    """Wait until it holds."""
+    end = time.monotonic() + PATIENCE / 1000
+    while not condition():
+        assert time.monotonic() < end, "it did not come true"
+        time.sleep(0.05)
 
 
 class Tab:

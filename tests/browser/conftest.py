@@ -6,14 +6,24 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from browser.app_tab import cube
 from browser.editor_page import EditorOnPage, five_points, smooth_picture
 from browser.hosts import Lab, running
 from browser.live_page import ARGUMENTS, LivePage
+from running_app import RunningApp
 from scripts import chromium
 
 from deformnb.control_points import ControlPoints
 from deformnb.picture import Picture
+from deformnb.session import Session
 from deformnb.widgets.editor import Editor
+
+
+@pytest.fixture(scope="module")
+def app() -> Iterator[RunningApp]:
+    """An application that shows a cube."""
+    with RunningApp(Session(cube(), view="+y", transfer="bone")) as serving:
+        yield serving
 
 
 @pytest.fixture(scope="module")

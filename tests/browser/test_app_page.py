@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from browser.app_tab import PATIENCE, Tab, cube
+from browser.app_tab import PATIENCE, Tab, eventually
 from browser.hosts import resting
 from numpy.typing import NDArray
 from running_app import RunningApp
@@ -21,12 +21,6 @@ from deformnb.document import from_json
 from deformnb.session import Session
 
 pytestmark = pytest.mark.needs_browser
-
-
-@pytest.fixture(scope="module")
-def app() -> Iterator[RunningApp]:
-    with RunningApp(Session(cube(), view="+y", transfer="bone")) as running:
-        yield running
 
 
 @pytest.fixture
@@ -46,12 +40,6 @@ def fresh(app: RunningApp) -> RunningApp:
     return app
 
 
-def _eventually(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE / 1000
-    while not condition():
-        assert time.monotonic() < end, "it did not come true"
-
-
 @pytest.fixture
 def tab(browser: Any, fresh: RunningApp) -> Iterator[Tab]:
     opened = Tab(browser, fresh)
@@ -67,6 +55,13 @@ def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([columns.mean(), rows.mean()]) / image.shape[0]
 
 
+def _alike(image: NDArray[np.float64], wanted: NDArray[np.float64]) -> None:
+    """The same but for shades: Chromium enlarges a canvas that has been read a little differently."""
+    change = np.abs(image - wanted)
+    assert change.mean() < 0.3
+    assert change.max() < np.abs(wanted - np.roll(wanted, 1, axis=1)).max() / 3  # what a pixel to the side would do
+
+
 def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: Tab) -> None:
     tab.add_in_the_middle()
     flat, solid = tab.picture(), tab.volume()
@@ -80,9 +75,7 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
     np.testing.assert_allclose(tab.app.desk.session.points.displacement[4] < 0, [True, False])  # backward: b is down
     tab.page.get_by_role("button", name="Undo: ").click()
     tab.says("0 moved")
-    change = np.abs(tab.picture() - flat)
-    assert change.mean() < 0.3  # Chromium enlarges a canvas that has been read a shade differently
-    assert change.max() < 24  # an edge that has moved by a pixel changes by more than 100
+    _alike(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
     tab.page.get_by_role("button", name="Redo: ").click()
     tab.says("1 moved")
@@ -96,7 +89,7 @@ def test_the_volume_follows_while_the_mouse_is_down(tab: Tab) -> None:
     tab.page.mouse.move(x, y)
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
-    _eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
+    eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
     assert not tab.app.desk.session.points.displacement.any()  # Python has not heard of it
     tab.page.mouse.up()
     tab.says("1 moved")
@@ -142,9 +135,7 @@ def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     tab.drawn()
     tab.says("1 moved")
     assert tab.page.locator(".dnb-ed-target").count() == 5
-    change = np.abs(tab.picture() - flat)
-    assert change.mean() < 0.3  # Chromium enlarges a canvas that has been read a shade differently
-    assert change.max() < 24  # an edge that has moved by a pixel changes by more than 100
+    _alike(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
 
 
@@ -181,7 +172,7 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     tab.says("−1.00" if tab.page.locator("text=−1.00").count() else "-1.00", ".dnb-app-panel")
     tab.app.settled()
     tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('strength') === -1")
-    _eventually(lambda: once - _middle(tab.volume())[0] > 0.03)
+    eventually(lambda: once - _middle(tab.volume())[0] > 0.03)
     assert tab.app.desk.session.step.strength == -1.0
 
 
@@ -197,7 +188,7 @@ def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
         before = session.step.strength
         for share in (0.5, 1.0):
             mouse.move(x + share * toward, y)
-            _eventually(lambda: session.step.strength != before)  # noqa: B023
+            eventually(lambda: session.step.strength != before)  # noqa: B023
             before = session.step.strength
             time.sleep(1.0)  # longer than what joins edits by itself
         mouse.up()
@@ -205,7 +196,7 @@ def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
     for _ in range(2):
         undone.append(session.history["undo"])
         tab.page.get_by_role("button", name="Undo: change strength").click()
-        _eventually(lambda: session.step.strength != before)  # noqa: B023
+        eventually(lambda: session.step.strength != before)  # noqa: B023
         before = session.step.strength
     assert (before, session.history["undo"]) == (1.0, "")
 
@@ -246,7 +237,7 @@ def test_a_formula_that_is_wrong_is_said_and_stays_to_be_corrected(tab: Tab) -> 
     assert tab.app.desk.session.step.curve == "z"
     formula.fill("sin(pi*z)")
     formula.press("Enter")
-    _eventually(lambda: tab.app.desk.session.step.curve == "sin(pi*z)")
+    eventually(lambda: tab.app.desk.session.step.curve == "sin(pi*z)")
     assert "the curve" not in tab.page.locator(".dnb-curve-editor").inner_text()
 
 

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from browser.app_tab import PATIENCE, Tab, cube
+from browser.app_tab import PATIENCE, Tab, eventually
 from running_app import RunningApp
 
 from deformnb.deformation import Deformation
-from deformnb.session import Session
 
 pytestmark = pytest.mark.needs_browser
-
-
-@pytest.fixture(scope="module")
-def app() -> Iterator[RunningApp]:
-    with RunningApp(Session(cube(), view="+y", transfer="bone")) as running:
-        yield running
 
 
 @pytest.fixture
@@ -33,13 +26,6 @@ def tab(browser: Any, app: RunningApp) -> Iterator[Tab]:
     opened = Tab(browser, app, size=(1000, 760))
     yield opened
     opened.close()
-
-
-def eventually(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + PATIENCE / 1000
-    while not condition():
-        assert time.monotonic() < end, "it did not come true"
-        time.sleep(0.05)
 
 
 def go_to(tab: Tab, name: str) -> None:
