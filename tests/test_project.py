@@ -58,8 +58,6 @@ HEAVY = {
     "vtkmodules",
 }
 CONDA_NAME = {"lazy-loader": "lazy_loader", "matplotlib": "matplotlib-base"}
-# Files longer than 400 lines: path -> the reason.
-LONG_FILES: dict[str, str] = {}
 
 
 def _requirements(*extras: str) -> dict[str, str]:
@@ -249,12 +247,6 @@ def test_unknown_task_is_refused() -> None:
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
-
-
-def test_files_stay_short() -> None:
-    lengths = {p.relative_to(ROOT).as_posix(): len(p.read_text().splitlines()) for p in PACKAGE.rglob("*.py")}
-    assert {path: lines for path, lines in lengths.items() if lines > 400 and path not in LONG_FILES} == {}
-    assert {path for path in LONG_FILES if lengths.get(path, 0) <= 400} == set(), "no longer long: take it off the list"
 
 
 def test_no_file_names_a_place_on_somebodys_machine() -> None:
