@@ -18,7 +18,9 @@ import aiohttp
 import pytest
 from running_app import PATIENCE, RunningApp, connected, framed, status_of
 
+from deformnb.app.desk import Desk
 from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, checked_host, own_names
+from deformnb.app.server import AppServer
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session import Session
@@ -144,6 +146,72 @@ def test_only_a_classroom_of_pages_is_let_in(app: RunningApp) -> None:
                 await page.__aexit__(None, None, None)
 
     assert asyncio.run(attempt()) == (MOST_PAGES, 503)
+
+
+_HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "Upgrade",
+              "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+
+
+def _request(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
+    lines = [f"{method} {path} HTTP/1.1", f"Host: {name}"]
+    return "\r\n".join([*lines, *(f"{key}: {value.format(name=name)}" for key, value in headers.items()), "", ""]).encode()
+
+
+def _without(*names: str, **others: str) -> dict[str, str]:
+    return {name: value for name, value in {**_HANDSHAKE, **others}.items() if name not in names}
+
+
+def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
+    """A connection on which these bytes were sent."""
+    made = socket.socket()
+    if receive_buffer is not None:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    made.settimeout(PATIENCE)
+    made.connect((name.split(":")[0], int(name.split(":")[1])))
+    made.sendall(request)
+    return made
+
+
+@pytest.mark.parametrize(("method", "headers", "status"), [
+    ("GET", {}, 403),  # an <img> of any page
+    ("GET", {"Origin": "http://evil.example"}, 403),
+    ("GET", {"Origin": "http://evil.example", **_without("Origin")}, 403),
+    ("GET", {"Origin": "http://{name}"}, 400),
+    ("GET", _without("Upgrade"), 400),
+    ("GET", _without(Upgrade="h2c"), 400),
+    ("GET", _without("Connection"), 400),
+    ("GET", _without(Connection="close"), 400),
+    ("GET", _without("Sec-WebSocket-Version"), 400),
+    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
+    ("GET", _without("Sec-WebSocket-Key"), 400),
+    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
+    ("HEAD", _HANDSHAKE, 405),
+    ("POST", _HANDSHAKE, 405),
+])
+def test_what_is_no_websocket_takes_no_place(app: RunningApp, method: str, headers: dict[str, str], status: int) -> None:
+    for _ in range(MOST_PAGES + 1):
+        with _sent(app.name, _request(app.name, method=method, **headers)) as visitor:
+            assert visitor.recv(65536).split()[1] == str(status).encode()
+    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(app)
+
+
+def test_a_handshake_that_fails_takes_no_place(app: RunningApp, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def gone(*_: Any) -> None:
+        raise ConnectionResetError("the page has gone meanwhile")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
+        assert _refused(app) == 500
+    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(app)
+
+
+def test_many_refused_requests_become_few_lines(app: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(32):
+        with status_of(app, "/ws") as (status, _, _):
+            assert status == 403
+    assert len([record for record in caplog.records if "a request was refused" in record.message]) <= 6
 
 
 def test_hosts_are_this_machine_or_named_in_full() -> None:
@@ -409,6 +477,53 @@ def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
     rest, _ = process.communicate(timeout=PATIENCE)
     assert (process.returncode, rest) == (0, "")  # the address is printed once
     assert not _is_open(port)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
+    process, url = _started([sys.executable, "-m", "deformnb.cli", "app", _volume(tmp_path), "--no-browser"], tmp_path)
+    name = url.split("/")[2]
+    visitors = [_sent(name, _request(name)) for _ in range(MOST_PAGES + 1)]  # no WebSockets
+    visitors += [_sent(name, _request(name, **_HANDSHAKE)) for _ in range(MOST_PAGES)]  # who answer no farewell
+    # Who takes no more of a long answer than fits into the buffers between.
+    visitors += [_sent(name, _request(name, "/vue.global.js") * 30, receive_buffer=4096)]
+    try:
+        for visitor in visitors:
+            assert visitor.recv(16)  # the server has begun to answer
+        visitors += [_sent(name, _request(name)[:-2])]  # half a request
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=8.0)  # wslink waits 10 s for each page, aiohttp 60 s for each answer
+        assert process.returncode == 0
+        assert not _is_open(int(name.split(":")[1]))
+    finally:
+        process.kill()
+        process.wait(PATIENCE)
+        for visitor in visitors:
+            visitor.close()
+
+
+def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
+    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = AppServer(desk)
+    server.stop("asked early")
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    desk.close()
+    assert (server.reason, server.url) == ("asked early", "")
+
+
+def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    configured = AppServer._configure
+
+    def stop_first(server: AppServer, root: Any) -> None:
+        server.stop("asked early")  # before its bridge has a loop
+        configured(server, root)
+
+    monkeypatch.setattr(AppServer, "_configure", stop_first)
+    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = AppServer(desk)
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    desk.close()
+    assert server.reason == "asked early"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")

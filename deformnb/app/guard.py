@@ -8,13 +8,14 @@ table remain, each with a check of its arguments. What is wrong is logged, witho
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 import ipaddress
 import logging
 import re
 import secrets
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import msgpack
@@ -37,6 +38,9 @@ MOST_PAGES = 16
 
 LOGIN_SECONDS = 10.0
 """After which a connection without the password is closed."""
+
+FAREWELL_SECONDS = 0.5
+"""That a page has to answer the end of its connection, and other requests to be finished."""
 
 _ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
@@ -114,29 +118,40 @@ def checked_origin(origin: Any) -> str:
     return origin
 
 
-def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int], framed_by: str = "'none'") -> Any:
-    """A middleware that answers 403 to foreign names and origins.
+def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by: str = "'none'") -> Any:
+    """A middleware that answers 403 to foreign names and origins, and 400 where a socket is no WebSocket.
 
     Parameters
     ----------
     names : the server's own, see :func:`own_names`; asked at each request, for the port is chosen late.
-    connections : how many pages are connected.
+    handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it says goodbye, so
+        that a plain request, as of an ``<img>`` in any page, would stay for ever.
     framed_by : the one origin whose pages may show ours in a frame.
     """
+    count = 0
+
+    def refused(status: int, reason: str) -> web.Response:
+        nonlocal count
+        count += 1
+        if _is_logged(count):
+            _LOG.warning("a request was refused (%d, the %d. so far): %s", status, count, reason)
+        return web.Response(status=status, text=f"refused: {reason}\n")
 
     @web.middleware
     async def check(request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]) -> Any:
         name, origins = request.headers.get("Host", ""), request.headers.getall("Origin", [])
-        is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
+        is_socket = any(request.match_info.handler == one.handleWsRequest for one in handlers)
         if name not in names() or len(request.headers.getall("Host")) != 1:
-            return _refused(403, "another name")
+            return refused(403, "another name")
         # A browser says of every socket where its page came from; one that does not say is no page of ours.
         if (origins or is_socket) and origins != [f"http://{name}"]:
-            return _refused(403, "another origin")
-        if request.method not in ("GET", "HEAD"):
-            return _refused(405, "another method")
-        if is_socket and connections() >= MOST_PAGES:
-            return _refused(503, "too many pages")
+            return refused(403, "another origin")
+        if request.method not in (("GET",) if is_socket else ("GET", "HEAD")):
+            return refused(405, "another method")
+        if is_socket and not web.WebSocketResponse().can_prepare(request):
+            return refused(400, "no WebSocket")
+        if is_socket and sum(len(one.connections) for one in handlers) >= MOST_PAGES:
+            return refused(503, "too many pages")
         response = await handler(request)
         if not response.prepared:
             response.headers.update(headers_for(name, framed_by))
@@ -145,9 +160,19 @@ def gate(names: Callable[[], frozenset[str]], connections: Callable[[], int], fr
     return check
 
 
-def _refused(status: int, reason: str) -> web.Response:
-    _LOG.warning("a request was refused (%d): %s", status, reason)
-    return web.Response(status=status, text=f"refused: {reason}\n")
+def _is_logged(count: int) -> bool:
+    """Whether the warning of this number is told: 1st, 2nd, 4th, 8th ..., for a flood must not become one of lines."""
+    return count & (count - 1) == 0
+
+
+async def part_from(sockets: Iterable[Any]) -> None:
+    """Close WebSockets, all at a time; one whose page does not answer within :data:`FAREWELL_SECONDS` is cut off."""
+    closing = {asyncio.ensure_future(socket.close()) for socket in sockets if socket.prepared}
+    if closing:
+        _, slow = await asyncio.wait(closing, timeout=FAREWELL_SECONDS)
+        for task in slow:
+            task.cancel()
+        await asyncio.gather(*closing, return_exceptions=True)
 
 
 class Doorkeeper(LinkProtocol):  # type: ignore[misc]  # wslink has no types
@@ -194,6 +219,8 @@ class MessageGuard:
         handler.functionMap.clear()
         handler.functionMap.update({name: (self, _without_self(self._guarded(name))) for name in answers})
         handler.onMessage = self.receive  # asked for at each message
+        self._close = handler.onClose
+        handler.onClose, handler.disconnectClients = self.leave, self.leave_all
 
     def _guarded(self, name: str) -> Answer:
         answer = self._answers[name]
@@ -212,8 +239,7 @@ class MessageGuard:
 
     def _drop(self, why: str, *details: Any) -> None:
         self.dropped += 1
-        # A flood of bad messages must not become a flood of lines: the 1st, 2nd, 4th, 8th ... is told.
-        if self.dropped & (self.dropped - 1) == 0:
+        if _is_logged(self.dropped):
             _LOG.warning(f"a message was dropped (the %d. so far): {why}", self.dropped, *details)
 
     async def receive(self, is_binary: bool, message: Any, client_id: str) -> None:
@@ -234,6 +260,19 @@ class MessageGuard:
                 await self._handler.onCompleteMessage(call, client_id)
         except (ConnectionError, RuntimeError, KeyError) as error:  # the page has gone meanwhile
             self._drop("no way to answer: %s", type(error).__name__)
+
+    async def leave(self, client_id: str) -> None:
+        """Called by wslink when a connection ends, also one that never came to be: it forgets it only if this returns."""
+        if client_id in self._handler.unchunkers:
+            try:
+                await self._close(client_id)
+            except Exception:
+                _LOG.exception("the end of a page's connection could not be told")
+
+    async def leave_all(self) -> None:
+        """Called by wslink when the server ends."""
+        await part_from(list(self._handler.connections.values()))
+        self._handler.publishManager.unregisterProtocol(self._handler)
 
     def _may_speak(self, client_id: str) -> bool:
         now = time.monotonic()

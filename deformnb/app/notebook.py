@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-import time
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -225,6 +224,7 @@ class _Served:
         self.pane, self._origin = pane, origin
         self._ready = threading.Event()
         self._server: AppServer | None = None
+        self._is_closed = False
         self._thread = threading.Thread(target=self._run, name="deformnb-trame", daemon=True)
         self._thread.start()
 
@@ -235,6 +235,8 @@ class _Served:
     def _run(self) -> None:
         async def serve() -> None:
             self._server = AppServer(self.pane, idle=_IDLE, page=build_pane, framed_by=self._origin)  # type: ignore[arg-type]
+            if self._is_closed:
+                return
             await self._server.run(lambda _: self._ready.set())
 
         try:
@@ -256,11 +258,10 @@ class _Served:
 
     def close(self) -> None:
         """End the server; takes a moment at most."""
-        end = time.monotonic() + _LONGEST_END
-        self._ready.wait(_LONGEST_END)
+        self._is_closed = True  # if the server is not made yet
         if self._server is not None:
             self._server.stop()
-        self._thread.join(max(0.0, end - time.monotonic()))
+        self._thread.join(_LONGEST_END)
 
 
 def build_pane(server: Any, pane: Any) -> None:

@@ -20,7 +20,16 @@ from aiohttp import web
 from deformnb.app import IDLE_MINUTES
 from deformnb.app.bridge import Bridge
 from deformnb.app.desk import Desk
-from deformnb.app.guard import LONGEST_MESSAGE, Answer, Doorkeeper, MessageGuard, gate, own_names
+from deformnb.app.guard import (
+    FAREWELL_SECONDS,
+    LONGEST_MESSAGE,
+    Answer,
+    Doorkeeper,
+    MessageGuard,
+    gate,
+    own_names,
+    part_from,
+)
 from deformnb.app.page import build_page
 from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
@@ -66,7 +75,9 @@ class AppServer:
         self._guards: list[MessageGuard] = []
         self._handlers: list[Any] = []
         self._doorkeeper = Doorkeeper(self.token)
-        self._end: asyncio.Event | None = None
+        self._end = asyncio.Event()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._web: Any = None  # wslink's server
         self._trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3",
                                  ws_max_msg_size=LONGEST_MESSAGE)
         self.bridge = Bridge(desk, self._trame)
@@ -93,7 +104,9 @@ class AppServer:
         ----------
         ready : called with the address once pages can come.
         """
-        self._end = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        if self.reason:  # it was stopped before it began
+            return
         with _quiet(), self._signals():
             serving = asyncio.ensure_future(self._start())
             started = asyncio.ensure_future(self._trame.ready)
@@ -110,14 +123,25 @@ class AppServer:
                 await self._watch(serving)
             finally:
                 self.bridge.close()
-                await self._trame.stop()
+                await self._shut()
                 await serving
 
     def stop(self, reason: str = "asked to") -> None:
         """End the server; may be called from any thread."""
         self.reason = self.reason or reason
-        if self._end is not None:
-            self.bridge.in_loop(self._end.set)
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended, and its loop with it
+                self._loop.call_soon_threadsafe(self._end.set)
+
+    async def _shut(self) -> None:
+        """Stop listening and leave everyone: who does not answer, or does not read, cannot hold up the end."""
+        server = self._web.runner.server
+        ending = asyncio.ensure_future(self._trame.stop())
+        await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
+        for connection in list(server.connections):
+            if connection.transport is not None:
+                connection.transport.abort()
+        await ending
 
     def _start(self) -> Any:
         with _no_arguments():  # trame reads the command line, where it would find options of ours
@@ -126,7 +150,6 @@ class AppServer:
                                      exec_mode="coroutine", timeout=0)
 
     async def _watch(self, serving: asyncio.Future[Any]) -> None:
-        assert self._end is not None
         last, before = time.monotonic(), set[str]()
         while not (self._end.is_set() or serving.done()):
             with contextlib.suppress(TimeoutError):
@@ -140,10 +163,9 @@ class AppServer:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
-            for handler in self._handlers:
-                for client in self._doorkeeper.strangers(known) if handler.connections else ():
-                    if client in handler.connections:
-                        await handler.connections[client].close()
+            strangers = self._doorkeeper.strangers(known)
+            await part_from([handler.connections[client] for handler in self._handlers for client in strangers
+                             if client in handler.connections])
 
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
@@ -170,6 +192,7 @@ class AppServer:
 
     def _bind(self, served: Any) -> None:
         """Called by trame when its web server is made and has not begun to listen."""
+        self._web = served
         self._trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
         self._handlers = list(served._ws_handlers)
@@ -177,9 +200,7 @@ class AppServer:
                         for handler in self._handlers]
         self.bridge.others = lambda: [client for handler in self._handlers for client in handler.authentified_client_ids
                                       if client != served.last_active_client_id]
-        served.app.middlewares.append(gate(lambda: own_names(self.host, self.port),
-                                           lambda: sum(len(h.connections) for h in self._handlers),
-                                           self._framed_by))
+        served.app.middlewares.append(gate(lambda: own_names(self.host, self.port), self._handlers, self._framed_by))
         pages = _assets()
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
         served.app.router.add_get("/deformnb/file/{key}", self._file)
