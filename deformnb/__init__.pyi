@@ -19,6 +19,7 @@ from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
 from .errors import FileChangedError as FileChangedError
 from .errors import OtherVolumeError as OtherVolumeError
+from .errors import show_tracebacks as show_tracebacks
 from .extrusion import EXTRUSIONS as EXTRUSIONS
 from .extrusion import Extrusion as Extrusion
 from .extrusion import extrude as extrude

@@ -1,13 +1,83 @@
 """The one family of exceptions that a user's mistake can raise.
 
 Every message says what is wrong, which item, why, and what to do next. A notebook or the command line
-shows the message alone; nothing is ever half changed when one of these is raised.
+shows the message alone; nothing is ever half changed when one of these is raised. :func:`show_tracebacks` lets a
+notebook show all.
 """
 
 from __future__ import annotations
 
+import sys
+import traceback
+from pathlib import Path
+from types import TracebackType
 
-class DeformError(ValueError):
+_PACKAGE = str(Path(__file__).parent)
+_SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that asks for one line
+
+
+class _ShortInNotebooks:
+    """An exception that IPython shows as its message and the line of the cell that led to it.
+
+    Python and pytest know nothing of this and show the whole traceback; ``__traceback__``, ``__cause__`` and
+    ``__context__`` are those of every exception.
+    """
+
+    _is_full = False
+    __traceback__: TracebackType | None
+
+    def _render_traceback_(self) -> list[str]:
+        """The lines that IPython prints instead of the traceback: it looks for a method of this name."""
+        assert isinstance(self, BaseException)
+        shell = _shell()
+        formatter = getattr(shell, "InteractiveTB", None)
+        if _ShortInNotebooks._is_full or getattr(formatter, "mode", "Context") not in _SHORT_MODES:
+            if formatter is None:
+                return traceback.format_exception(self)
+            # The first frame is IPython's own, which runs the cell.
+            lines: list[str] = formatter.structured_traceback(type(self), self, self.__traceback__, tb_offset=1)
+            return lines
+        return [f"{type(self).__name__}: {self}", *_calling_line(self),
+                "(%tb Plain shows the whole traceback, deformnb.show_tracebacks() from now on for every error.)"]
+
+
+def show_tracebacks(shown: bool = True) -> None:
+    """Show errors of this package in notebooks with their whole traceback, or again as a message.
+
+    Parameters
+    ----------
+    shown : True for whole tracebacks with all causes, also of the last error by ``%tb``; False for messages.
+
+    Examples
+    --------
+    >>> show_tracebacks()
+    >>> show_tracebacks(False)
+
+    The whole traceback of the last error alone, in the next cell::
+
+        %tb Plain
+    """
+    _ShortInNotebooks._is_full = bool(shown)
+
+
+def _shell() -> object:
+    """IPython's shell, if this runs in one."""
+    ipython = sys.modules.get("IPython")
+    return ipython.get_ipython() if ipython is not None else None
+
+
+def _calling_line(error: BaseException) -> list[str]:
+    """The last line outside of this package that led to an error."""
+    found: list[str] = []
+    for frame in traceback.extract_tb(error.__traceback__):
+        if frame.filename.startswith(_PACKAGE):
+            break
+        if frame.line:  # what dataclasses make has none
+            found = [f"  line {frame.lineno}: {frame.line}"]
+    return found
+
+
+class DeformError(_ShortInNotebooks, ValueError):
     """Bad input: the message is one or two sentences a user can act on."""
 
 
@@ -31,5 +101,5 @@ class MissingPackageError(DeformError, ImportError):
     """An optional package is not installed; the message names it and the extra that brings it."""
 
 
-class Cancelled(Exception):
+class Cancelled(_ShortInNotebooks, Exception):
     """Work was stopped on request (not an error: nothing is wrong with the input)."""

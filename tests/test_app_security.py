@@ -153,8 +153,8 @@ _HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "
 
 
 def _request(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
-    lines = [f"{method} {path} HTTP/1.1", f"Host: {name}"]
-    return "\r\n".join([*lines, *(f"{key}: {value.format(name=name)}" for key, value in headers.items()), "", ""]).encode()
+    said = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
+    return "\r\n".join([f"{method} {path} HTTP/1.1", *said, "", ""]).encode()
 
 
 def _without(*names: str, **others: str) -> dict[str, str]:
@@ -167,7 +167,8 @@ def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socke
     if receive_buffer is not None:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
     made.settimeout(PATIENCE)
-    made.connect((name.split(":")[0], int(name.split(":")[1])))
+    host, port = name.split(":")
+    made.connect((host, int(port)))
     made.sendall(request)
     return made
 
@@ -188,7 +189,8 @@ def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socke
     ("HEAD", _HANDSHAKE, 405),
     ("POST", _HANDSHAKE, 405),
 ])
-def test_what_is_no_websocket_takes_no_place(app: RunningApp, method: str, headers: dict[str, str], status: int) -> None:
+def test_what_is_no_websocket_takes_no_place(app: RunningApp, method: str, headers: dict[str, str], status: int
+                                             ) -> None:
     for _ in range(MOST_PAGES + 1):
         with _sent(app.name, _request(app.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()

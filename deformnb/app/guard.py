@@ -262,7 +262,7 @@ class MessageGuard:
             self._drop("no way to answer: %s", type(error).__name__)
 
     async def leave(self, client_id: str) -> None:
-        """Called by wslink when a connection ends, also one that never came to be: it forgets it only if this returns."""
+        """Called by wslink when a connection ends, or never came to be: it forgets it only if this returns."""
         if client_id in self._handler.unchunkers:
             try:
                 await self._close(client_id)
