@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import importlib.util
 import io
 import json
 import logging
+import socket
 import threading
 import time
 import weakref
@@ -65,6 +67,10 @@ class Recorded(VolumeView):
     @property
     def frames(self) -> list[tuple[dict[str, Any], list[bytes]]]:
         return [(c, b) for c, b in self.__dict__.get("out", []) if c["type"] == "frame"]
+
+    @property
+    def urls(self) -> list[str]:
+        return [content["url"] for content, _ in self.__dict__.get("out", []) if content["type"] == "trame"]
 
     def see_all(self) -> None:
         """A page that shows every frame, until the full one of the newest state is there."""
@@ -347,6 +353,65 @@ def test_twenty_pages_and_views_one_after_the_other_leave_no_thread() -> None:
     held = weakref.ref(view)
     del view
     until(lambda: gc.collect() >= 0 and held() is None)
+
+
+def test_a_closed_view_begins_nothing_anew() -> None:
+    view, before = Recorded(ball(), method="core"), threading.active_count()
+    view.say(type="hello", **PAGE)
+    view.close()
+    until(lambda: threading.active_count() <= before)
+    view.say(type="camera", camera={"direction": [1, 0, 0]}, number=7)  # a hand that has not let go yet
+    view.projection = "mip"
+    with pytest.raises(DeformError, match="the view is closed"):
+        view.still()
+    assert threading.active_count() <= before
+
+
+def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.05)
+    closed: list[CoreScene] = []
+    close = CoreScene.close
+    monkeypatch.setattr(CoreScene, "close", lambda scene: (closed.append(scene), close(scene))[1])
+    before = threading.active_count()
+    view = Recorded(ball(), method="core", settle_ms=1.0)
+    first = view.still((48, 36))
+    until(lambda: threading.active_count() <= before)
+    assert len(closed) == 1
+    view.set_camera((1, 0, 0))
+    assert np.abs(view.still((48, 36)).astype(int) - first).mean() > 1  # as it is now
+    view.set_camera((0, 1, 0))
+    until(lambda: threading.active_count() <= before)
+    view.say(type="hello", **PAGE)
+    view.see_all()
+    assert threading.active_count() > before  # and stays for its page, at rest as well
+    view.close()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("trame_rca") is None, reason="trame-rca is not installed")
+def test_the_servers_of_a_view_end_with_it_whoever_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = ["cell", "1"]
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
+    before, ports = threading.active_count(), []
+    for number in range(3):
+        run[1] = str(number)
+        view = Recorded(ball(), method="core", transport="trame")
+        view.say(type="hello", origin="http://localhost:8888", **PAGE)
+        until(lambda view=view: bool(view.urls))
+        (url,) = view.urls
+        ports.append(int(url.split("/")[2].split(":")[1]))
+        for _ in range(20):  # as an <img> in any page does
+            with socket.create_connection(("127.0.0.1", ports[-1])) as visitor:
+                visitor.sendall(f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{ports[-1]}\r\n\r\n".encode())
+                assert visitor.recv(64).startswith(b"HTTP/1.1 403")
+        assert [_is_open(port) for port in ports] == [False] * number + [True]
+    view.close()
+    assert not _is_open(ports[-1])
+    until(lambda: threading.active_count() <= before)
+
+
+def _is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:

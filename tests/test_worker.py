@@ -126,3 +126,61 @@ def test_a_thread_that_never_worked_was_never_started() -> None:
     thread = Worker(at_end=lambda: pytest.fail("nothing was begun"))
     assert threading.active_count() == before
     thread.close()
+
+
+def test_a_thread_without_work_ends_and_another_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
+    ended: list[threading.Thread] = []
+    worker = Worker(at_end=lambda: ended.append(threading.current_thread()))
+    threads = []
+    for _ in range(3):
+        threads.append(worker.call(threading.current_thread).result(20))
+        until(lambda: not threads[-1].is_alive())
+    assert len(set(threads)) == 3
+    assert ended == threads  # each puts away what it alone may touch
+    worker.at_rest(0.05, lambda: threads.append(threading.current_thread()))  # longer than it takes to be idle
+    until(lambda: len(threads) == 4)
+    worker.close()
+    with pytest.raises(DeformError, match="is closed"):
+        worker.call(lambda: None)
+
+
+def test_a_thread_that_is_kept_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.001)
+    asked: list[bool] = []
+
+    def is_kept() -> bool:
+        asked.append(len(asked) < 5)
+        return asked[-1]
+
+    worker = Worker(is_kept=is_kept)
+    thread = worker.call(threading.current_thread).result(20)
+    until(lambda: not thread.is_alive())
+    assert asked == [True] * 5 + [False]
+    worker.close()
+
+
+def test_nothing_is_lost_while_threads_end_and_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.0)
+    working, done, clashes = threading.Lock(), [], []
+
+    def work(number: int) -> int:
+        clashes.append(not working.acquire(blocking=False))
+        done.append(number)
+        working.release()
+        return number
+
+    def put_away() -> None:
+        clashes.append(not working.acquire(blocking=False))
+        working.release()
+
+    worker = Worker(at_end=put_away)
+    askers = [threading.Thread(target=lambda first=first: [
+        worker.call(lambda k=k: work(k)).result(20) for k in range(first, first + 200)]) for first in (0, 1000, 2000)]
+    for asker in askers:
+        asker.start()
+    for asker in askers:
+        asker.join(60)
+    worker.close(20)
+    assert sorted(done) == [first + k for first in (0, 1000, 2000) for k in range(200)]
+    assert not any(clashes)

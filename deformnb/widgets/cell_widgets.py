@@ -1,7 +1,7 @@
 """Widgets of a notebook's cell: a cell that runs again closes what it showed before.
 
-ipywidgets keeps every widget until it is closed. A studio that is made again with each run of its cell would leave
-its volume, its thread and its view behind each time.
+ipywidgets keeps every widget until it is closed. A studio or a view that is made again with each run of its cell would
+leave its volume, its threads, its windows and its servers behind each time.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import weakref
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import ipywidgets as ipw
@@ -21,19 +22,39 @@ _LOG = logging.getLogger(__name__)
 
 _MAKING = threading.RLock()  # ipywidgets tells one listener of what is made
 
-# By the cell's id: the run they were made in, and the studios of that run.
-_SHOWN: dict[str, tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
+# By the cell's id and the name of the class, for anywidget makes a class of each widget: the run they were made in, and
+# the widgets of that run.
+_SHOWN: dict[tuple[str, str], tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
+
+_IS_PART = ContextVar("_IS_PART", default=False)
+
+
+@contextmanager
+def parts_of_another() -> Iterator[None]:
+    """What is made meanwhile belongs to a widget that closes it, and not to the cell that runs."""
+    before = _IS_PART.set(True)
+    try:
+        yield
+    finally:
+        _IS_PART.reset(before)
+
+
+def leave_to_another(widget: Any) -> None:
+    """A widget that a cell has made belongs to another one from now on, which closes it."""
+    for cell, (run, shown) in _SHOWN.items():
+        _SHOWN[cell] = (run, [reference for reference in shown if reference() is not widget])
 
 
 def close_earlier_of_this_cell(widget: Any) -> None:
-    """Close the widgets that earlier runs of the running cell have given to this function, and remember this one.
+    """Close the widgets of this class that earlier runs of the running cell have made, and remember this one.
 
     Call it when nothing can fail any more: who cannot have a new widget keeps the one of before.
     """
-    place = _cell_and_run()
+    place = None if _IS_PART.get() else _cell_and_run()
     if place is None:
         return
-    cell, run = place
+    kind = type(widget)
+    cell, run = (place[0], f"{kind.__module__}.{kind.__qualname__}"), place[1]
     last_run, shown = _SHOWN[cell]
     if run != last_run:
         for reference in shown:

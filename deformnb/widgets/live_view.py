@@ -27,6 +27,7 @@ from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.card_maps import count_maps, differ_only_in
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.fine_window import fine_window, is_fine_enough
 from deformnb.widgets.live_pages import OF_PAGE, AnswersPages
 from deformnb.widgets.refit import check_map, state_followed
@@ -116,6 +117,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
         self.on_msg(self._receive)
         if volume is not None:
             self.show(volume)
+        close_earlier_of_this_cell(self)
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 

@@ -80,15 +80,17 @@ class SceneLoop:
     target_ms : time that a quick picture may take.
     settle_ms : rest after which the full picture is drawn.
     longest_ms : time that a full picture may take; on slow machines it has fewer pixels.
+    is_kept : whether the scene must stay when nothing has been asked of it for a while; else it is closed, its thread
+        ends, and both are made again by the next wish.
     """
 
     def __init__(self, make: Callable[[], Any], deliver: Callable[[Frame], None], failed: Callable[[str], None], *,
                  ready: Callable[[], bool] = lambda: True, target_ms: float = 250.0, settle_ms: float = 250.0,
-                 longest_ms: float = 4000.0) -> None:
+                 longest_ms: float = 4000.0, is_kept: Callable[[], bool] = lambda: True) -> None:
         self.target_ms, self.settle_ms, self.longest_ms = target_ms, settle_ms, longest_ms
         self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
         self._holder = _Holder()
-        self._thread = Worker(at_end=self._holder.close)
+        self._thread = Worker(at_end=self._holder.close, is_kept=is_kept)
         self._lock = threading.Lock()
         self._changes: dict[str, Callable[[Any], None]] = {}
         self._shows = "deformed"

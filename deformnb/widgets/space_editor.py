@@ -29,6 +29,7 @@ from deformnb.picture import Picture
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.hand_traits import SPACE_TRAITS, SpaceHandTraits
 from deformnb.widgets.pacing import Pacer
@@ -119,6 +120,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
                          points=ControlPoints.empty(3) if points is None else points)
         shown = ["points", *_SETTINGS, "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
+        close_earlier_of_this_cell(self)
 
     # ---- what is shown ----------------------------------------------------------------------------------------------
 

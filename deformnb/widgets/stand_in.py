@@ -17,6 +17,7 @@ import traitlets
 from deformnb.fields import AbstractField
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.volume_view import VolumeView
 
 _PLAYED_MS = 60.0  # how often Python hears of the time that a player has come to: its pictures are no faster
@@ -37,7 +38,8 @@ class StandIn:
     """
 
     def __init__(self, view: traitlets.HasTraits, say: Say, **options: Any) -> None:
-        self._view = _Unseen(weakref.WeakMethod(say), **options)
+        with parts_of_another():
+            self._view = _Unseen(weakref.WeakMethod(say), **options)
         shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
         self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
         self._volume: Volume | None = None

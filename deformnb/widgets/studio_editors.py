@@ -15,6 +15,7 @@ from deformnb.deformation import lone_support
 from deformnb.fields import AbstractField
 from deformnb.picture import Picture
 from deformnb.session import Session
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.shape_messages import checked_shapes
 from deformnb.widgets.space_editor import SpaceEditor
@@ -107,8 +108,9 @@ class StudioEditors:
 
     def _make_space(self) -> SpaceEditor:
         session = self._session
-        made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
-                           transfer=session.transfer_function, before=session.before())
+        with parts_of_another():
+            made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
+                               transfer=session.transfer_function, before=session.before())
         made.layout.width = "100%"
         self._listen(made)
         return made

@@ -15,6 +15,7 @@ from deformnb.errors import DeformError
 from deformnb.opening import as_volume
 from deformnb.session import Session
 from deformnb.volume import Volume
+from deformnb.widgets.cell_widgets import leave_to_another, parts_of_another
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.judgement import Judgement
@@ -38,15 +39,17 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
         if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
             raise DeformError(f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
                               "a trait named camera, deformnb.widgets.view.CameraTrait().")
+        leave_to_another(kind)
         kind.show(volume)
         kind.set_transfer(transfer)
         return kind
-    if kind == "live":
-        return LiveView(volume, transfer=transfer, width=720, height=height)
-    if kind == "vtk":
-        from deformnb.widgets.volume_view import VolumeView
+    with parts_of_another():
+        if kind == "live":
+            return LiveView(volume, transfer=transfer, width=720, height=height)
+        if kind == "vtk":
+            from deformnb.widgets.volume_view import VolumeView
 
-        return VolumeView(volume, transfer=transfer, width=720, height=height)
+            return VolumeView(volume, transfer=transfer, width=720, height=height)
     raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
 
 
@@ -82,7 +85,8 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme = editor.density, editor.theme
-    live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
+    with parts_of_another():
+        live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
     for name in ("projection", "background", "show_folds"):
         if view.has_trait(name):

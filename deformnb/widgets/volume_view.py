@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ from deformnb.fields import AbstractField
 from deformnb.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.core_scene import METHODS, make_scene
 from deformnb.widgets.fold_badge import TellsFolds
 from deformnb.widgets.frames import drawn, preview_png
@@ -67,7 +69,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
 
     Notes
     -----
-    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone.
+    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone, or
+    some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
     :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
 
     Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
@@ -113,6 +116,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         self._content: tuple[Volume, Callable[[], AbstractField | None], Grid | None] | None = None
         self._transfer: TransferFunction | str = transfer
         self._loop: SceneLoop | None = None
+        self._is_closed = False
         self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
         self._following: Following | None = None
@@ -126,6 +130,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
                                   "settle_ms"])
         if volume is not None:
             self.show(volume)
+        close_earlier_of_this_cell(self)
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -235,11 +240,20 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
     def _awake(self) -> SceneLoop:
         self._ready()
         with self._lock:
+            if self._is_closed:
+                raise DeformError("the view is closed; make a new one.")
             if self._loop is None:
+                held = weakref.ref(self)  # the thread keeps no view alive
                 self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
-                                       target_ms=self.target_ms, settle_ms=self.settle_ms)
+                                       target_ms=self.target_ms, settle_ms=self.settle_ms,
+                                       is_kept=lambda: (view := held()) is not None and view._is_watched)
                 self._loop.set_shows(self.shows)
             return self._loop
+
+    @property
+    def _is_watched(self) -> bool:
+        """Whether the scene must stay: a page shows it, or it holds what only it knows."""
+        return bool(self._pages) or self._has_guests
 
     def _make(self) -> Any:
         volume, _, _ = self._ready()
@@ -266,6 +280,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
         self._tell_folds(scene)
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
+        if self._is_closed:  # a page's mouse may go on for a moment
+            return
         loop = self._awake() if self._pages and self._content is not None else self._loop
         if loop is not None:
             loop.change(key, function, draw=bool(self._pages))
@@ -303,6 +319,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.A
 
     def close(self) -> None:
         """End the thread that renders, give back its window, and leave the pages."""
+        with self._lock:
+            self._is_closed = True
         self._stop_following()
         self._put_carrier_away()
         self._rest()

@@ -23,6 +23,8 @@ _LOG = logging.getLogger(__name__)
 
 _Result = TypeVar("_Result")
 
+_IDLE = 30.0  # seconds without work after which a thread ends, until something is to be done again
+
 # At the end of the process a picture that is being drawn may be finished: VTK torn out of its work ends in a crash.
 _PATIENCE_AT_EXIT = 5.0
 
@@ -30,12 +32,15 @@ _PATIENCE_AT_EXIT = 5.0
 class Worker:
     """A thread that does one thing after the other, started by the first of them.
 
-    It holds nothing of whoever made it: when the last reference to this object goes, the thread ends.
+    It holds nothing of whoever made it: when the last reference to this object goes, the thread ends. It also ends when
+    nothing was to be done for a while, and another takes its place when something is: who forgets a widget that the
+    front end may still show is left with no thread.
 
     Parameters
     ----------
     name : shown by debuggers.
-    at_end : called in the thread as its last work, if the thread was ever started.
+    at_end : called in each thread as its last work.
+    is_kept : whether the thread must stay though nothing is to be done.
     failed : called in the thread with what a job has raised, which is logged in any case. What a call raises belongs to
         its future.
 
@@ -48,10 +53,10 @@ class Worker:
     """
 
     def __init__(self, name: str = "deformnb-worker", at_end: Callable[[], None] | None = None,
-                 failed: Callable[[Exception], None] | None = None) -> None:
-        self._queue = _Queue(at_end, failed)
+                 failed: Callable[[Exception], None] | None = None,
+                 is_kept: Callable[[], bool] = lambda: False) -> None:
+        self._queue = _Queue(at_end, failed, is_kept)
         self._name = name
-        self._starting = threading.Lock()
         self._thread: threading.Thread | None = None
         weakref.finalize(self, self._queue.close).atexit = False
 
@@ -63,18 +68,21 @@ class Worker:
         A future with the result. Wait for it anywhere but in the thread itself.
         """
         future: Future[_Result] = Future()
-        self._start()
-        self._queue.put_call(lambda: _settle(future, function), future)
+        with self._queue.changed:  # the thread cannot end between the two
+            self._start()
+            self._queue.put_call(lambda: _settle(future, function), future)
         return future
 
     def latest(self, key: str, function: Callable[[], None]) -> None:
         """Do this in the thread soon; it takes the place of a job of the same name that still waits."""
-        self._start()
-        self._queue.put_job(key, function)
+        with self._queue.changed:
+            self._start()
+            self._queue.put_job(key, function)
 
     def at_rest(self, delay: float, function: Callable[[], None]) -> None:
         """Do this once nothing else has come for ``delay`` seconds; what comes first drops it, and so does the end."""
-        with contextlib.suppress(DeformError):  # closed while the job was done that asks for this
+        # It may be closed while the job is done that asks for this.
+        with contextlib.suppress(DeformError), self._queue.changed:
             self._start()
             self._queue.put_rest(delay, function)
 
@@ -106,26 +114,29 @@ class Worker:
             thread.join(wait)
 
     def _start(self) -> None:
-        with self._starting:
-            if self._queue.closed:
-                raise DeformError("the view is closed; make a new one.")
-            if self._thread is None:
-                self._thread = threading.Thread(target=_work, args=(self._queue,), name=self._name, daemon=True)
-                _RUNNING[self._thread] = self._queue
-                self._thread.start()
+        if self._queue.closed:
+            raise DeformError("the view is closed; make a new one.")
+        if not self._queue.has_thread:
+            before, self._queue.has_thread = self._thread, True
+            self._thread = threading.Thread(target=_work, args=(self._queue, before), name=self._name, daemon=True)
+            _RUNNING[self._thread] = self._queue
+            self._thread.start()
 
 
 class _Queue:
     """What waits, shared by the thread and its owner; it knows neither."""
 
-    def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None = None) -> None:
+    def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None,
+                 is_kept: Callable[[], bool]) -> None:
         self.changed = threading.Condition()
         self.calls: deque[tuple[Callable[[], None], Future[Any]]] = deque()
         self.jobs: dict[str, Callable[[], None]] = {}
         self.rest: tuple[float, Callable[[], None]] | None = None
         self.closed = False
+        self.has_thread = False
         self.at_end = at_end
         self.failed = failed
+        self.is_kept = is_kept
 
     @property
     def is_wanted(self) -> bool:
@@ -133,9 +144,6 @@ class _Queue:
 
     def put_call(self, work: Callable[[], None], future: Future[Any]) -> None:
         with self.changed:
-            if self.closed:
-                future.cancel()
-                return
             self.calls.append((work, future))
             self.rest = None
             self.changed.notify()
@@ -172,7 +180,7 @@ class _Queue:
             _LOG.exception("the failure of a job could not be told")
 
     def take(self) -> Callable[[], None] | None:
-        """The next thing to do, waiting for it; None at the end."""
+        """The next thing to do, waiting for it; None at the end, and when nothing has come for a while."""
         with self.changed:
             while True:
                 if self.closed:
@@ -185,10 +193,16 @@ class _Queue:
                 if self.rest is not None and left is not None and left <= 0:
                     work, self.rest = self.rest[1], None
                     return work
-                self.changed.wait(left)
+                is_idle = not self.changed.wait(_IDLE if left is None else left)
+                if is_idle and not self.is_wanted and self.rest is None and not self.is_kept():
+                    self.has_thread = False
+                    return None
 
 
-def _work(queue: _Queue) -> None:
+def _work(queue: _Queue, before: threading.Thread | None) -> None:
+    if before is not None:
+        before.join()  # it may still put away what is made again here
+        before = None
     while (work := queue.take()) is not None:
         try:
             work()
@@ -202,7 +216,6 @@ def _work(queue: _Queue) -> None:
             queue.at_end()
         except Exception:
             _LOG.exception("a worker could not put its things away")
-        queue.at_end = None
     _RUNNING.pop(threading.current_thread(), None)
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import http.client
 import importlib.util
 import io
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 
 import numpy as np
 import pytest
+from browser.foreign_page import ask_for_sockets, blank_pages
 from browser.live_page import LivePage
 from PIL import Image
 
@@ -27,26 +26,11 @@ pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl,
 GRID = Grid((20, 24, 16), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0))
 
 
-class _Blank(BaseHTTPRequestHandler):
-    def do_GET(self) -> None:
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html")
-        self.end_headers()
-
-    def log_message(self, *_: Any) -> None:
-        """Nothing."""
-
-
 @pytest.fixture(scope="module")
 def origin() -> Iterator[str]:
     """A page of this machine, as a notebook's is: browsers let no other look at it in a frame."""
-    server = HTTPServer(("127.0.0.1", 0), _Blank)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.shutdown()
-    server.server_close()
-    thread.join(10)
+    with blank_pages() as address:
+        yield address
 
 
 class _At:
@@ -161,8 +145,12 @@ def test_only_the_notebooks_origin_may_show_it(page: LivePage, origin: str) -> N
     ws = url.partition("/index.html")[0] + "/ws"
     assert asked(ws, **socket)[0] == 403  # no origin: no page of ours
     assert asked(ws, Origin=origin, **socket)[0] == 403  # the notebook's own page speaks to the frame only
-    served = list(view._carrier._served.values())
+    name = url.split("/")[2]
+    with blank_pages() as elsewhere:
+        assert ask_for_sockets(page.page.context.browser, elsewhere, name) == ["opaque", *["refused"] * 3]
+    number = full(page)
+    view.set_camera((1, 0, 0))
+    full(page, number)  # its own page is still served
     view.close()
-    until(page, lambda: not any(one.is_alive for one in served))
     with pytest.raises(ConnectionError):
         asked(url)
