@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Iterator
 
 import pytest
+from traitlets.config import Config
 
 from deformnb import errors
 from deformnb.errors import Cancelled, DeformError, MissingPackageError, show_tracebacks
@@ -31,11 +32,8 @@ Run = Callable[[str], tuple[str, BaseException | None]]
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Iterator[Run]:
     """Run a cell in IPython's own shell: what is printed, and what it raised."""
-    pytest.importorskip("IPython")
-    from IPython.core.interactiveshell import InteractiveShell
-    from traitlets.config import Config
-
-    shell = InteractiveShell.instance(config=Config({"HistoryManager": {"enabled": False}}), colors="nocolor")
+    kind = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell
+    shell = kind.instance(config=Config({"HistoryManager": {"enabled": False}}), colors="nocolor")
 
     def cell(code: str) -> tuple[str, BaseException | None]:
         raised = shell.run_cell(code).error_in_exec
@@ -45,7 +43,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Iterator[Run]:
     yield cell
     show_tracebacks(False)
     shell.restore_sys_module_state()
-    InteractiveShell.clear_instance()
+    kind.clear_instance()
 
 
 def test_a_notebook_shows_the_message_and_the_line_of_the_cell(run: Run) -> None:
