@@ -74,8 +74,14 @@ function worldOf(seed, { delay, service, isPythons }) {
     win.sender.attach(win.model);
     win.views = [0, 1].map(() => { const view = { points: win.sender.points };
       win.sender.listen(() => { view.points = win.sender.points; }); return view; });
-    win.sender.listen((what) => (what === "points" ? win.shown.push(win.sender.points.map((p) => p.target[0]))
-      : win.status.push(win.sender.status)));
+    win.sender.listen((what) => {
+      if (what === "points") win.shown.push(win.sender.points.map((p) => p.target[0]));
+      if (what === "status") win.status.push(win.sender.status);
+    });
+    const buttons = () => { win.lit = ["undo", "redo"].map((way) => win.sender.canStep(way)); }; // as a page draws them
+    buttons();
+    win.sender.listen(buttons);
+    win.model.on("change:history", buttons);
     w.windows.push(win);
     return win;
   };
@@ -119,13 +125,15 @@ def test_windows_views_and_python_end_with_the_same(delay: int, service: int, is
       while (w.step());
       const all = w.windows.flatMap((win) => [win.sender.points, ...win.views.map((v) => v.points)]);
       const ids = w.taken.filter((m) => m.type === "edit" && m.phase === "end").map((m) => m.points.map((p) => p.id));
+      const { past, future } = w.kernel;
       return { isSame: all.every((points) => samePoints(points, w.kernel.points)),
+        isLit: !options.isPythons || w.windows.every(({ lit }) => sameShapes(lit, [past.length > 0, future.length > 0])),
         isCutTheSame: w.windows.every((win) => sameShapes(win.sender.shapes.cuts, w.kernel.cuts)),
         isAllTaken: w.windows.every((win) => !win.sender.isBehind() && !win.sender.pending.move),
         isUnique: ids.every((list) => new Set(list).size === list.length) };
     }"""
     outcomes = played(list(range(40)), main, delay=delay, service=service, isPythons=is_pythons)
-    assert outcomes == [{"isSame": True, "isCutTheSame": True, "isAllTaken": True, "isUnique": True}] * 40
+    assert outcomes == [{"isSame": True, "isLit": True, "isCutTheSame": True, "isAllTaken": True, "isUnique": True}] * 40
 
 
 def test_no_echo_of_an_old_state_is_shown_between_quick_edits() -> None:
@@ -237,6 +245,23 @@ def test_python_undoes_what_has_not_arrived_yet() -> None:
     }"""
     # Two were in flight, the third and fourth went as one before the undo.
     assert played([1], main, isPythons=True) == [[True, [1, 2, 4, "undo", "undo"], 1, 1]]
+
+
+def test_what_can_be_done_again_is_known_before_python_has_answered() -> None:
+    main = """(w) => {
+      const win = w.open(), { sender } = win, lit = [];
+      const look = (act) => { act(); lit.push(["undo", "redo"].map((way) => sender.canStep(way))); };
+      const move = () => sender.edit(sender.points.map((p) => ({ ...p, target: [w.now, 9] })), "move");
+      look(() => {}); look(move); look(() => sender.step("undo")); look(() => sender.step("redo"));
+      look(() => sender.step("undo")); look(move); // right after the undo: nothing is left to do again
+      while (w.step());
+      look(() => {});
+      return [lit, win.lit];
+    }"""
+    ((lit, shown),) = played([1], main, isPythons=True)
+    assert lit == [[False, False], [True, False], [True, True], [True, True], [True, True], [True, False],
+                   [True, False]]
+    assert shown == [True, False]
 
 
 def test_shapes_go_behind_the_points_before_them_and_are_undone_in_order() -> None:

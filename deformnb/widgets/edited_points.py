@@ -18,7 +18,8 @@ from __future__ import annotations
 import logging
 import threading
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import anywidget
@@ -183,6 +184,30 @@ class EditedPoints(anywidget.AnyWidget):
             return
         others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
+
+    @contextmanager
+    def hold_sync(self) -> Iterator[None]:
+        """Tell the page of all traits at once, at the end; what another thread sets meanwhile is told with them.
+
+        ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
+        between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
+        """
+        if self._holding_sync:
+            yield
+            return
+        self._holding_sync = True
+        try:
+            yield
+        finally:
+            with self._sending:
+                self._holding_sync = False
+                held, self._states_to_send = self._states_to_send, set()
+                if held:
+                    self.send_state(held)
+
+    def _should_send_property(self, key: str, value: Any) -> bool:
+        with self._sending:  # a name is held or sent; none falls between the two
+            return bool(super()._should_send_property(key, value))
 
     def send_state(self, key: Any = None) -> None:
         """Tell the page of traits; what is told last is what holds, whichever thread told it."""

@@ -25,6 +25,8 @@ class EditorOnPage(LivePage):
     def __init__(self, browser: Any, editor: Editor, size: tuple[int, int] = (900, 700), *, draws: int = 1) -> None:
         super().__init__(browser, size)
         self.editor = self.widgets["editor"] = editor
+        self.held: list[tuple[str, Any]] | None = None
+        """Values of traits on their way to the page, oldest first, while they are held back; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
         editor.observe(self._told)
         state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in
@@ -36,8 +38,20 @@ class EditorOnPage(LivePage):
 
     def _told(self, change: Any) -> None:
         if self.editor.trait_metadata(change["name"], "sync") and self._echo != "editor":
-            value = packed(self.editor.get_state(change["name"])[change["name"]])
-            self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [change["name"], value])
+            told = change["name"], packed(self.editor.get_state(change["name"])[change["name"]])
+            if self.held is None:
+                self._deliver(*told)
+            else:
+                self.held.append(told)
+
+    def _deliver(self, name: str, value: Any) -> None:
+        self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [name, value])
+
+    def delivered(self) -> None:
+        """The oldest held value reaches the page, which draws what it then knows."""
+        assert self.held
+        self._deliver(*self.held.pop(0))
+        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def settled(self) -> None:
         self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "

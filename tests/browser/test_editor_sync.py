@@ -11,7 +11,6 @@ from browser.editor_page import PAGE, EditorOnPage
 from deformnb.control_points import ControlPoints
 from deformnb.picture import Picture
 from deformnb.widgets.editor import Editor
-from deformnb.widgets.point_messages import EditMessage
 
 pytestmark = pytest.mark.needs_browser
 
@@ -30,37 +29,46 @@ def pressed(page: EditorOnPage, place: Any, *ways: tuple[float, float]) -> None:
 # ---- the history in Python ------------------------------------------------------------------------------------------
 
 
+class History:
+    """Undo of an editor's points in Python, as whoever owns a document keeps it."""
+
+    def __init__(self, editor: Editor) -> None:
+        self.editor = editor
+        self.past: list[tuple[str, ControlPoints]] = []
+        self.future: list[tuple[str, ControlPoints]] = []
+        self._shown = editor.points
+        editor.observe(self._edited, "points")
+        editor.on_history(self._step)
+        self._told()
+
+    def _told(self) -> None:
+        self.editor.history = {"undo": f"{len(self.past)} back" if self.past else "",
+                               "redo": f"{len(self.future)} on" if self.future else ""}
+
+    def _edited(self, change: Any) -> None:
+        if self.editor.edit_under_way is not None:
+            self.past.append((self.editor.edit_under_way.kind, self._shown))
+            self.future, self._shown = [], change["new"]
+            self._told()
+
+    def _step(self, way: str) -> None:
+        source, target = (self.past, self.future) if way == "undo" else (self.future, self.past)
+        if source:
+            kind, points = source.pop()
+            target.append((kind, self._shown))
+            self._shown = self.editor.points = points
+            self._told()
+
+
 def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
-    page, past, future = opened(editor), [], []
-
-    def told() -> None:
-        editor.history = {"undo": f"{len(past)} back" if past else "", "redo": f"{len(future)} on" if future else ""}
-
-    def edited(edit: EditMessage) -> None:
-        if edit.phase == "end":
-            past.append((edit.kind, before[-1]))
-            before.append(edit.points)
-            told()
-
-    def step(way: str) -> None:
-        source, target = (past, future) if way == "undo" else (future, past)
-        kind, other = source.pop()
-        target.append((kind, editor.points))
-        before.append(other)
-        editor.points = other
-        told()
-
-    before = [points]
-    editor.on_edit(edited, details=True)
-    editor.on_history(step)
-    told()
+    page, held = opened(editor), History(editor)
     button = page.page.locator("[data-command=undo]")
     page.wait("document.querySelector('[data-command=undo]').ariaDisabled === 'true'")
     page.drag(points.target[4], (40, 20))
     page.page.keyboard.press("Delete")
     page.answered()
-    assert [kind for kind, _ in past] == ["move", "remove"]
+    assert [kind for kind, _ in held.past] == ["move", "remove"]
     assert (button.get_attribute("title"), button.get_attribute("aria-label")) == ("Undo 2 back (Ctrl+Z)",) * 2
     page.page.locator(".dnb-ed-notes").click()  # nothing there takes the focus by itself
     page.page.keyboard.press("Control+z")
@@ -80,6 +88,45 @@ def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, po
     assert editor.points == page.points != points
     editor.history = {}
     page.wait("document.querySelector('[data-command=undo]').title === 'Undo (Ctrl+Z)'")
+
+
+def lit(page: EditorOnPage) -> tuple[bool, bool]:
+    """Whether undo and redo can be pressed, as the page shows it."""
+    undo, redo = (page.page.locator(f"[data-command={way}]").get_attribute("aria-disabled") for way in ("undo", "redo"))
+    return undo == "false", redo == "false"
+
+
+def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(opened: Any, picture: Picture,
+                                                                            points: ControlPoints) -> None:
+    editor = Editor(picture, points)
+    page, held = opened(editor), History(editor)
+    page.held = []
+    sent = "models.editor.sent.length === {}"
+    pressed(page, points.target[4], (40, 20))
+    page.page.mouse.up()
+    page.wait(sent.format(1))
+    page.settled()
+    assert (lit(page), len(held.past)) == ((True, False), 1)  # Python has it, the page has not heard of that
+    while page.held:
+        assert lit(page) == (True, False)
+        page.delivered()
+    for _ in range(3):  # faster than any answer, and once more than there is to undo
+        page.page.keyboard.press("Control+z")
+    page.wait(sent.format(4))
+    page.settled()
+    while page.held:
+        assert lit(page)[1]
+        page.delivered()
+    assert lit(page) == (False, True)
+    pressed(page, points.target[4], (-30, 10))  # an edit right after the undo: there is nothing to do again
+    page.page.mouse.up()
+    page.wait(sent.format(5))
+    page.settled()
+    while page.held:
+        assert lit(page) == (True, False)
+        page.delivered()
+    assert lit(page) == (True, False)
+    page.held = None
 
 
 def test_a_name_being_typed_keeps_its_own_undo(opened: Any, picture: Picture, points: ControlPoints) -> None:

@@ -88,7 +88,8 @@ class EditorPage extends EditorHand {
       this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
       this.changed(true);
     });
-    this.unlisten = this.sender.listen((what) => this.guard(() => (what === "points" ? this.receive() : this.showStatus())));
+    const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
+    this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.bus.addEventListener("deformnb:points", this.moved);
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.observer.observe(this.root);

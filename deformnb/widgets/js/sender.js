@@ -20,7 +20,7 @@ class Sender {
     Object.assign(this, { clock, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, lastAt: -Infinity,
       points: null, nextId: 0, models: [], listeners: new Set(), history: new History(), timer: null, sentAt: 0,
       waiting: { move: new Set(), end: new Set() }, pending: { move: null, end: null }, status: "", isHeard: false,
-      isCut: false, shapes: { cuts: [], parts: [] }, drawn: null });
+      isCut: false, shapes: { cuts: [], parts: [] }, drawn: null, steps: [] });
   }
 
   // ---- models and listeners: whoever shows the points ---------------------------------------------------------------
@@ -29,7 +29,7 @@ class Sender {
     if (this.models.some((held) => held.model === model)) return;
     const news = () => this.receive(true, model);
     const handlers = { "change:points": news, "change:cuts": news, "change:parts": news,
-      "change:seen": () => this.receive(false, model),
+      "change:seen": () => { this.receive(false, model); this.#notify("history"); },
       "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
       comm_live_update: () => { this.isCut = true; } };
     for (const [name, handler] of Object.entries(handlers)) model.on(name, handler);
@@ -46,7 +46,8 @@ class Sender {
     if (this.models.length === 0) this.clock.cancel(this.timer);
   }
 
-  // listener("points") after other points are there, listener("status") after `status` has changed.
+  // listener("points") after other points are there, listener("status") after `status` has changed, listener("history")
+  // when other things may be undone although all of that is the same: a step was asked for, or Python has seen it.
   listen(listener) {
     this.listeners.add(listener);
     return () => this.listeners.delete(listener);
@@ -113,7 +114,25 @@ class Sender {
 
   canStep(way) {
     if (!this.isPythons) return (way === "undo" ? this.history.past : this.history.future).length > 0;
-    return this.model.get("history")[way] !== "" || this.isBehind(); // what Python has not seen yet can be undone too
+    const history = this.model.get("history"), can = { undo: history.undo !== "", redo: history.redo !== "" };
+    for (const step of this.#unseen()) { // an edit can be undone, and leaves nothing to redo
+      if (step === "edit") Object.assign(can, { undo: true, redo: false });
+      else if (can[step]) can[step === "undo" ? "redo" : "undo"] = true;
+    }
+    return can[way];
+  }
+
+  // What this window did that Python's history does not have yet: "edit", "undo" or "redo", oldest first.
+  #unseen() {
+    const seen = this.model?.get("seen")?.[this.id] ?? 0;
+    this.steps = this.steps.filter(({ seq }) => seq > seen);
+    return [...this.steps.map(({ what }) => what), ...(this.pending.end ? ["edit"] : [])];
+  }
+
+  // The number of the next message, which changes what can be undone: until Python has seen it, we are ahead of it.
+  #counted(what) {
+    this.last = this.seq + 1;
+    this.steps.push({ seq: this.last, what });
   }
 
   // One step of the history, this page's or Python's. False where there is none.
@@ -128,9 +147,10 @@ class Sender {
     } else {
       this.pending.move = null;
       this.flush();
-      this.last = this.seq + 1;
+      this.#counted(way);
       this.lastAt = this.clock.now();
       this.#send("end", { type: "history", way });
+      this.#notify("history");
     }
     return true;
   }
@@ -140,7 +160,7 @@ class Sender {
     const { pending: { end }, drawn } = this;
     this.pending.end = null;
     if (!end) return;
-    this.last = this.seq + 1;
+    this.#counted("edit");
     this.drawn = null; // what a view has measured in the drag goes along once
     this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
@@ -160,7 +180,7 @@ class Sender {
     this.pending.move = null;
     this.flush();
     this.lastAt = this.clock.now();
-    this.last = this.seq + 1;
+    this.#counted("edit");
     this.#take(this.points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
     this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what] });
   }
@@ -169,7 +189,7 @@ class Sender {
     this.points = points;
     this.shapes = shapes;
     this.nextId = nextId(points, this.nextId);
-    for (const listener of this.listeners) listener("points");
+    this.#notify("points");
   }
 
   #next() {
@@ -216,8 +236,10 @@ class Sender {
   #tell(status) {
     if (status === this.status && status !== "lost") return; // what is lost is said of each edit
     this.status = status;
-    for (const listener of this.listeners) listener("status");
+    this.#notify("status");
   }
+
+  #notify(what) { for (const listener of this.listeners) listener(what); }
 }
 
 // The sender of an editor's bus, made when first asked for; anywidget's `initialize` asks before any view does.

@@ -74,7 +74,8 @@ class SpaceEditorPage extends SpaceHand {
       if (phase === "move") { this.points = points; this.invalidate(); } else this.receive();
     });
     this.bus.addEventListener("deformnb:points", this.moved);
-    this.unlisten = this.sender.listen((what) => this.guard(() => (what === "points" ? this.receive() : this.showStatus())));
+    const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
+    this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     const { signal } = this.closed, listen = (target, name, handler) => target.addEventListener(
       name, (event) => this.guard(() => handler(event)), { signal });
