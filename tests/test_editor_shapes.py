@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scripts import run_script
 
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut, Decoupled
@@ -23,7 +26,7 @@ from deformnb.rigid_parts import RigidInterpolant, RigidPart
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
-from deformnb.widgets.shape_messages import MOST_PARTS, ShapesMessage
+from deformnb.widgets.shape_messages import MOST_PARTS, ShapesMessage, followed
 
 LINE = {"kind": "line", "vertices": [[20.0, 0.0], [22.0, 30.0]]}
 SQUARE = {"kind": "polygon", "vertices": [[3.0, 3.0], [6.0, 3.0], [6.0, 9.0], [3.0, 9.0]]}
@@ -178,3 +181,41 @@ def test_a_callback_that_fails_is_said(points: ControlPoints, caplog: Any) -> No
     error, _ = said(editor)
     assert error["message"] == "RuntimeError in a callback: broken"
     assert len(editor.cuts) == 1
+
+
+@given(st.lists(st.integers(0, 3), min_size=1, max_size=6), st.lists(st.integers(0, 3), max_size=6), st.integers(0, 5))
+def test_a_shape_is_followed_to_where_it_is(before: list[int], after: list[int], index: int) -> None:
+    place = followed(before, after, index)
+    if index >= len(before):
+        assert place is None
+    elif before[index] in after:
+        assert place is not None
+        assert after[place] == before[index]
+        assert all(abs(k - index) >= abs(place - index) for k, shape in enumerate(after) if shape == before[index])
+    else:
+        others = len(after) == len(before) and all(a == b for k, (a, b) in enumerate(zip(before, after, strict=True))
+                                                   if k != index)
+        assert place == (index if others else None)
+
+
+def test_the_page_follows_a_shape_as_python_does() -> None:
+    rng = np.random.default_rng(3)
+    cases = [(*(rng.integers(0, 4, rng.integers(0, 6)).tolist() for _ in range(2)), int(rng.integers(0, 6)))
+             for _ in range(500)]
+    found = run_script(("edits.js", "shapes.js"), "(cases) => cases.map((given) => followedShape(...given))", cases)
+    assert found == [followed(*case) for case in cases]
+    assert {type(place) for place in found} == {int, type(None)}
+
+
+@pytest.mark.parametrize("wrong", [{"what": "points"}, {"index": "0"}, {"shape": None}])
+def test_a_choice_that_is_none_is_refused(points: ControlPoints, wrong: dict[str, Any]) -> None:
+    editor = Editor(None, points, parts=[RigidPart(HalfSpace((0, 0), (0, -1)), name="ground")])
+    editor.choose("parts", 0)
+    content = {"type": "choose", "sender": "page", "seq": 1, "what": "parts", "index": 0, "shape": {"name": "ground"}}
+    sent: list[Any] = []
+    editor.send = lambda message, buffers=None: sent.append(message)  # type: ignore[method-assign]
+    editor._handle_custom_msg({**content, **wrong}, [])
+    assert [message["type"] for message in sent] == ["error", "done"]
+    assert editor.chosen_shape == {"what": "parts", "index": 0}
+    with pytest.raises(DeformError, match="chosen shape"):
+        editor.choose("cuts", 0)

@@ -17,7 +17,7 @@ from deformnb.cuts import Cut
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.io.formats import read_volume
-from deformnb.regions import HalfSpace
+from deformnb.regions import HalfSpace, Polygon
 from deformnb.rigid_parts import RigidPart
 from deformnb.widgets import Studio
 from deformnb.widgets.point_messages import points_to_json
@@ -134,6 +134,46 @@ def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
     act(shapes.items, "remove", 0)
     assert studio.session.step.parts == ()
     assert studio.session.history["undo"] == "remove knee"
+
+
+def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> None:
+    shapes, boxes = panel(studio, "Cuts & parts"), [[[a, 4], [a + 4, 4], [a + 4, 8], [a, 8]] for a in (2.0, 8.0, 14.0)]
+    studio.session.edit_parts([RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)])
+    assert shapes.items.chosen == -1
+    assert shapes.part.part is None
+
+    def names() -> tuple[str, str]:
+        """What the list shows as chosen and moves, and what the picture does."""
+        chosen, row = studio.editor.chosen_shape, shapes.items.chosen
+        assert (shapes.part.part.name if shapes.part.part else "") == (shapes.items.rows[row]["name"] if row >= 0 else "")
+        return (shapes.part.part.name if shapes.part.part else "",
+                studio.editor.parts[chosen["index"]]["name"] if chosen else "")
+
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    assert names() == ("b", "b")
+    act(shapes.items, "choose", 2)
+    assert names() == ("c", "c")
+    next(c.widget for c in shapes.part.controls if c.widget.description == "Part").value = "moved"
+    assert [part.motion is not None for part in studio.session.step.parts] == [False, False, True]
+    assert names() == ("c", "c")
+    studio.session.edit_parts(studio.session.step.parts[::-1], "reorder")
+    assert names() == ("c", "c")
+    studio.session.edit_parts(studio.session.step.parts[:-1], "remove a")
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    studio.undo()
+    assert names() == ("b", "b")
+    studio.undo()
+    assert names() == ("b", "b")
+    # The page says its choice before it hears that the list is another one: the shape counts, not its place.
+    page_says(studio, {"type": "choose", "what": "parts", "index": 2, "shape": studio.editor.parts[0]})
+    assert names() == ("a", "a")
+    act(shapes.items, "remove", 0)
+    assert names() == ("", "")  # and not the next one, which was not meant
+    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": {"name": "a"}})
+    assert names() == ("", "")
+    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": studio.editor.parts[0]})
+    page_says(studio, {"type": "choose", "what": None})
+    assert names() == ("b", "")  # a point is selected in the picture: the controls stay
 
 
 def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:

@@ -29,7 +29,16 @@ from deformnb.widgets.edited_points import EditedPoints, PointsTrait
 from deformnb.widgets.editor_pictures import picture_png, preview_png, raster_json, sheet
 from deformnb.widgets.hand_traits import PAGE_TRAITS
 from deformnb.widgets.point_messages import OVERLAYS, Message, RefusedMessage, header
-from deformnb.widgets.shape_messages import ShapesMessage, ShapesTrait, shapes_from_page, shapes_of
+from deformnb.widgets.shape_messages import (
+    ChooseMessage,
+    ShapesMessage,
+    ShapesTrait,
+    choice_from_page,
+    followed,
+    place_of,
+    shapes_from_page,
+    shapes_of,
+)
 from deformnb.widgets.static_picture import with_png
 
 _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js",
@@ -78,7 +87,8 @@ class Editor(EditedPoints):
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
     others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
-    The same holds for ``cuts`` and ``parts``, which are drawn in the page too.
+    The same holds for ``cuts`` and ``parts``, which are drawn in the page too. ``chosen_shape`` is the one of them that
+    is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the list changes.
     ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what a hand does on one side of the
     line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap`` is the step of a
     grid to which a hand's targets keep, 0 for none; ``stop_at_folds`` holds them back before the map folds;
@@ -113,6 +123,7 @@ class Editor(EditedPoints):
     points = PointsTrait(2)
     cuts = ShapesTrait("cuts")
     parts = ShapesTrait("parts")
+    chosen_shape = traitlets.Dict(help="the cut or part that is chosen, {} for none").tag(sync=True)
     cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_net = traitlets.Bool(True).tag(sync=True)
@@ -212,7 +223,7 @@ class Editor(EditedPoints):
 
     def choose(self, what: str | None, index: int = 0) -> None:
         """Mark a shape in the page: one of the "cuts" or "parts" by its place in the list; None marks none."""
-        self.send({"type": "choose", "what": what, "index": index})
+        self.chosen_shape = {} if what is None else {"what": what, "index": index}
 
     def look_at(self, point: int) -> None:
         """Bring the point with this id to the middle of the view in the page, nearer if all of the picture is seen."""
@@ -231,7 +242,9 @@ class Editor(EditedPoints):
             self._shapes_callbacks.append(callback)
 
     def _read(self, content: Any) -> Message | None:
-        if not isinstance(content, dict) or content.get("type") != "shapes":
+        readers = {"shapes": shapes_from_page, "choose": choice_from_page}
+        read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
+        if read is None:
             return super()._read(content)
         try:
             sender, seq = header(content)
@@ -239,13 +252,16 @@ class Editor(EditedPoints):
             _LOG.warning("a message to an editor was dropped: %s", error)
             return None
         try:
-            return shapes_from_page(content)
+            return read(content)
         except DeformError as error:
             _LOG.warning("an edit of shapes was refused: %s", error)
             return RefusedMessage(sender, seq, str(error), "shapes")
 
     def _take(self, message: Message) -> None:
-        if not isinstance(message, ShapesMessage):
+        if isinstance(message, ChooseMessage):
+            place = place_of(message, getattr(self, message.what)) if message.what else None
+            self.choose(None if place is None else message.what, place or 0)
+        elif not isinstance(message, ShapesMessage):
             super()._take(message)
         elif message.seq > self.seen.get(message.sender, -1):
             before = getattr(self, message.what)
@@ -261,6 +277,22 @@ class Editor(EditedPoints):
             self._note(message)
             for callback in tuple(self._shapes_callbacks):
                 callback(message)
+
+    @traitlets.validate("chosen_shape")
+    def _a_shape_that_is_there(self, proposal: Any) -> dict[str, Any]:
+        value = dict(proposal["value"])
+        count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
+        if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
+            raise DeformError(f'the chosen shape must be {{}} or {{"what": "cuts" or "parts", "index": its place}} of one '
+                              f"that is there, got {value}.")
+        return value
+
+    @traitlets.observe("cuts", "parts")
+    def _follow_the_chosen_shape(self, change: Any) -> None:
+        chosen = self.chosen_shape
+        if chosen and chosen["what"] == change["name"]:
+            place = followed(change["old"], change["new"], chosen["index"])
+            self.choose(None if place is None else chosen["what"], place or 0)
 
     @traitlets.validate("haze_facts")
     def _facts_of_a_haze(self, proposal: Any) -> dict[str, Any]:

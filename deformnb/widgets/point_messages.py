@@ -166,7 +166,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
 def header(content: Any) -> tuple[str, int]:
     """Who sent a message, and its number; DeformError if it does not say."""
-    if not isinstance(content, dict) or content.get("type") not in ("edit", "history", "shapes"):
+    if not isinstance(content, dict) or content.get("type") not in ("edit", "history", "shapes", "choose"):
         raise DeformError("it is no edit.")
     sender, seq = content.get("sender"), content.get("seq")
     if not isinstance(sender, str) or not 1 <= len(sender) <= _LONGEST_SENDER or seq is None or not _is_id(seq):

@@ -1,13 +1,15 @@
 """Cuts and rigid parts of a picture as plain data: what an editor's traits hold and what its page says of them.
 
 A message of the page: ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut",
-"shapes": [...]}`` with all the shapes of that sort, as :mod:`deformnb.document_regions` writes them.
+"shapes": [...]}`` with all the shapes of that sort, as :mod:`deformnb.document_regions` writes them. And
+``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there, with
+the shape but for the pixels of a mask: its place in the list may be another one by now. ``what`` is null for none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from math import prod
 from typing import Any
 
@@ -48,6 +50,66 @@ class ShapesMessage(Message):
     what: str
     kind: str
     shapes: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class ChooseMessage(Message):
+    """What the page says of the shape that is chosen there.
+
+    Attributes
+    ----------
+    what : "cuts" or "parts"; empty for none.
+    index : its place in the page's list.
+    shape : as much of it as tells it from others.
+    """
+
+    what: str
+    index: int = 0
+    shape: dict[str, Any] = field(default_factory=dict)
+
+
+def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
+    """What a message says of the chosen shape; DeformError for anything wrong in it."""
+    sender, seq = header(content)
+    check_size(content, LONGEST_EDIT)
+    what, index, shape = content.get("what"), content.get("index", 0), content.get("shape")
+    if what is None:
+        return ChooseMessage(sender, seq, "")
+    if what not in _SORTS or not isinstance(index, int) or not isinstance(shape, dict):
+        raise DeformError("a choice needs the sort of the shape, its place and the shape.")
+    return ChooseMessage(sender, seq, what, index, shape)
+
+
+def place_of(choice: ChooseMessage, shapes: Sequence[dict[str, Any]]) -> int | None:
+    """Where the shape that the page has chosen lies in the list of now; None if it is there no more."""
+    places = [k for k, shape in enumerate(shapes) if _fits(shape, choice.shape)]
+    return min(places, key=lambda k: abs(k - choice.index), default=None)
+
+
+def _fits(shape: Any, told: Any) -> bool:
+    """Whether a shape has all that was told of it."""
+    if isinstance(told, dict) and isinstance(shape, dict):
+        return bool(told) and all(name in shape and _fits(shape[name], value) for name, value in told.items())
+    return bool(shape == told)
+
+
+def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
+    """Where the shape at a place of a list is after an edit of the list; None if it is gone.
+
+    A shape is the same if it is equal, or the only one that was changed. shapes.js follows by the same rule.
+
+    Examples
+    --------
+    >>> followed("abc", "ac", 2), followed("abc", "cab", 2), followed("abc", "aXc", 1), followed("abc", "ac", 1)
+    (1, 0, 1, None)
+    """
+    if not 0 <= index < len(before):
+        return None
+    places = [k for k, shape in enumerate(after) if shape == before[index]]
+    if places:
+        return min(places, key=lambda k: abs(k - index))
+    changed = [k for k, (old, new) in enumerate(zip(before, after, strict=False)) if old != new]
+    return index if len(before) == len(after) and changed == [index] else None
 
 
 def checked_shapes(what: str, given: Any) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ from deformnb.volume import Volume
 from deformnb.widgets.controls import Guard, Panel, button, menu, row
 from deformnb.widgets.item_list import ItemList
 from deformnb.widgets.part_controls import PartControls, middle_of, turn_and_shift
+from deformnb.widgets.shape_messages import followed
 
 # As the editor draws them: a white line, and hatching.
 _CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
@@ -51,6 +52,7 @@ class ShapesPanel(Panel):
         self._editor = editor
         self._labels = labels
         self._chosen: tuple[str, int] | None = None
+        self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # what the chosen row is a row of
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
         self._rule = self.of_step(menu("Show matter", [(text, name) for name, text in _RULES.items()],
@@ -62,6 +64,7 @@ class ShapesPanel(Panel):
                         lambda: guard(lambda: self._add("part", self._ground(), "ground")))
         more = row(*self._drawing, ground, *self._label_widgets(names or {}))
         self.box = ipw.VBox([self.items, more, row(self._rule), self.part.box])
+        editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:
@@ -84,8 +87,9 @@ class ShapesPanel(Panel):
         return lambda: self.guard(lambda: self._add(what, self._region_of_label(), self._label.label))
 
     def close(self) -> None:
-        """Let go of the label volume."""
+        """Let go of the label volume and of the picture."""
         self._labels = None
+        self._editor.unobserve(self._chosen_in_the_picture, "chosen_shape")
 
     # -- what is there -------------------------------------------------------------------------------------------------
 
@@ -97,9 +101,8 @@ class ShapesPanel(Panel):
         return self._chosen[1] if self._chosen is not None and self._chosen[0] == "part" else None
 
     def arrange(self) -> None:
+        self._follow()
         rows, step = self._rows(), self.session.step
-        if self._chosen not in rows:
-            self._chosen = rows[-1] if rows else None
         self.items.show([_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
                         rows.index(self._chosen) if self._chosen in rows else -1)
         self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
@@ -109,10 +112,30 @@ class ShapesPanel(Panel):
         for widget in self._drawing:
             widget.layout.display = "none" if step.plane is None else ""
 
+    def _follow(self) -> None:
+        """The chosen row stays with its shape; the first shape of all is chosen, and none in the place of one that goes."""
+        before, self._listed = self._listed, {what: self._shapes(what) for what in ("cut", "part")}
+        if self._chosen is not None:
+            what, k = self._chosen
+            place = followed(before[what], self._listed[what], k)
+            self._chosen = None if place is None else (what, place)
+        elif len(rows := self._rows()) == 1 and not any(before.values()):
+            self._chosen = rows[0]
+
+    def _chosen_in_the_picture(self, change: Any) -> None:
+        chosen = change["new"]
+        if chosen and self.session.step.plane is not None:  # where it has none, the row stays
+            self._choose(chosen["what"].removesuffix("s"), chosen["index"])
+            self.refresh()
+
+    def _choose(self, what: str, index: int) -> None:
+        """Choose a row of the list as it is now."""
+        self._follow()
+        self._chosen = (what, index) if index < len(self._listed[what]) else None
+
     def _act(self, what: str, index: int, value: Any) -> None:
-        self._chosen = self._rows()[index]
-        if what == "choose" and self.session.step.plane is not None:
-            self._editor.choose(f"{self._chosen[0]}s", self._chosen[1])
+        self._choose(*self._rows()[index])
+        self._show_in_the_picture()
         if what == "remove":
             self.guard(self._remove)
         elif what in ("switch", "rename"):
@@ -152,8 +175,15 @@ class ShapesPanel(Panel):
         shapes = self._shapes(what)
         made = Cut(region, name) if what == "cut" else RigidPart(region, name=name)
         self._edit(what, [*shapes, made], f"add the {'cut' if what == 'cut' else 'rigid part'} {name}")
-        self._chosen = what, len(shapes)
+        self._choose(what, len(shapes))
+        self._show_in_the_picture()
         self.refresh()
+
+    def _show_in_the_picture(self) -> None:
+        if self._chosen is not None and self.session.step.plane is not None:
+            what, index = self._chosen
+            if index < len(getattr(self._editor, f"{what}s")):  # else another picture is still being made
+                self._editor.choose(f"{what}s", index)
 
     def _ground(self) -> HalfSpace:
         """All below a level near the lower edge of the picture, or of the volume."""

@@ -292,6 +292,37 @@ def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture)
     assert editor.edit_under_way is None
 
 
+def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(opened: Any, picture: Picture) -> None:
+    boxes = [[(a, 5.0), (a + 15, 5.0), (a + 15, 25.0), (a, 25.0)] for a in (20.0, 60.0, 100.0)]
+    bones = [RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)]
+    editor = Editor(picture, ControlPoints.empty(), parts=bones)
+    page = opened(editor)
+
+    def names() -> tuple[str, str]:
+        """The chosen shape in the page, and in Python."""
+        chosen = editor.chosen_shape
+        return page.js(f"{PAGE}.chosenShape?.name ?? ''"), editor.parts[chosen["index"]]["name"] if chosen else ""
+
+    page.page.mouse.click(*page.on_screen((60.0, 15.0)))
+    page.answered()
+    assert names() == ("b", "b")
+    editor.parts = editor.parts[1:]  # the list is another one before the page has said what is clicked on
+    page.held = []
+    editor.parts = editor.parts[::-1]
+    page.page.mouse.click(*page.on_screen((115.0, 15.0)))
+    page.wait("models.editor.sent.at(-1).shape?.name === 'c'")
+    assert names() == ("c", "c")
+    while page.held:
+        page.delivered()
+        assert names() == ("c", "c")
+    page.held = None
+    editor.choose("parts", 1)
+    assert names() == ("b", "b")
+    page.page.keyboard.press("Delete")
+    page.answered()
+    assert ([part["name"] for part in editor.parts], names()) == (["c"], ("", ""))
+
+
 def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> None:
     editor = Editor(picture, two_sides())
 

@@ -31,6 +31,7 @@ class EditorPage extends EditorHand {
     this.gestures = new Gestures(this);
     this.netNodes = new NetNodes(this);
     this.#listen();
+    this.guard(() => this.receiveChosen());
     this.guard(() => this.showWaiting());
     this.guard(() => this.layout());
     this.loadPicture();
@@ -69,6 +70,7 @@ class EditorPage extends EditorHand {
       handlers.push([name, guarded]);
     };
     on("change:selected", () => this.select(this.model.get("selected"), false));
+    on("change:chosen_shape", () => this.receiveChosen());
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
     on("change:beyond", () => this.layout());
@@ -88,7 +90,7 @@ class EditorPage extends EditorHand {
       this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
       this.changed(true);
     });
-    const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
+    const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => { this.receiveChosen(); this.invalidate(); } };
     this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.bus.addEventListener("deformnb:points", this.moved);
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
@@ -145,8 +147,9 @@ class EditorPage extends EditorHand {
     if (this.drag0 || this.shapes0) return;
     if (samePoints(this.sender.points, this.points) && this.sender.shapes === this.shapes) return;
     this.points = this.sender.points;
-    this.shapes = this.sender.shapes;
+    this.followShapes(this.sender.shapes);
     this.select([...this.selected]);
+    this.receiveChosen();
     this.changed();
   }
 
@@ -154,7 +157,6 @@ class EditorPage extends EditorHand {
     if (message?.type === "error") this.say(String(message.message), true);
     if (message?.type === "draw" && message.tool in PEN_WORDS && this.pen.draft?.tool !== message.tool) this.setTool(message.tool);
     if (message?.type === "look") this.lookAt(message.id);
-    if (message?.type === "choose") this.chooseShape(message.what ? { what: message.what, index: message.index } : null);
   }
 
   set(name, value) {
@@ -218,7 +220,7 @@ class EditorPage extends EditorHand {
     const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
-    if (next.size) this.chosen = null;
+    if (next.size) this.chooseShape(null);
     this.invalidate();
     if (isSame || !isShared) return;
     clearTimeout(this.selectTimer); // a band selects many times before it is done

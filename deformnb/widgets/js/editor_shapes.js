@@ -224,8 +224,29 @@ class EditorShapes extends EditorDrawing {
   // ---- choice and tools ---------------------------------------------------------------------------------------------
 
   chooseShape(chosen) {
-    this.chosen = chosen && this.shapes[chosen.what]?.[chosen.index] ? chosen : null;
+    const was = JSON.stringify(this.chosen);
+    this.chosen = chosen && this.shapes[chosen.what]?.[chosen.index] ? { what: chosen.what, index: chosen.index } : null;
     if (this.chosen) this.select([]);
+    if (JSON.stringify(this.chosen) !== was) {
+      this.sender.choose(this.chosen && { ...this.chosen, shape: toldShape(this.chosenShape) });
+    }
+    this.invalidate();
+  }
+
+  // What is chosen stays so when the lists change, wherever it is then.
+  followShapes(shapes) {
+    const { chosen } = this, index = chosen && followedShape(this.shapes[chosen.what], shapes[chosen.what], chosen.index);
+    this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
+    this.shapes = shapes;
+  }
+
+  // Python's choice, once it knows ours: a list beside the picture has chosen, or another window.
+  receiveChosen() {
+    if (this.sender.isBehind() || this.drag0 || this.shapes0) return;
+    const { what, index } = this.model.get("chosen_shape") ?? {}, chosen = this.shapes[what]?.[index] ? { what, index } : null;
+    if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
+    this.chosen = chosen;
+    if (chosen) this.select([]);
     this.invalidate();
   }
 

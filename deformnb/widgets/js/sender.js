@@ -105,6 +105,13 @@ class Sender {
     this.#leaveShapes(what, shapes, kind);
   }
 
+  // The shape that is chosen, {what, index, shape} or null: Python's lists may have changed meanwhile.
+  choose(chosen) {
+    this.flush();
+    this.last = this.seq + 1;
+    this.#send("end", { type: "choose", what: null, ...chosen });
+  }
+
   move(points) {
     this.pending.move = points;
     this.#next();

@@ -8,6 +8,23 @@ function withShape(shapes, index, change) {
   return shapes.map((shape, k) => (k === index ? { ...shape, ...change } : shape));
 }
 
+// Where the shape at a place of a list is after an edit of the list, or null: the same one is equal, or the only one
+// that was changed. Python follows by the same rule (shape_messages.py).
+function followedShape(before, after, index) {
+  if (before[index] === undefined) return null;
+  const texts = after.map((shape) => JSON.stringify(shape)), was = before.map((shape) => JSON.stringify(shape));
+  const places = texts.flatMap((text, k) => (text === was[index] ? [k] : []));
+  if (places.length) return places.reduce((p, q) => (Math.abs(q - index) < Math.abs(p - index) ? q : p));
+  const isChanged = before.length === after.length && texts.every((text, k) => (text === was[k]) === (k !== index));
+  return isChanged ? index : null;
+}
+
+// As much of a shape as tells it from others in a message: a mask without its pixels.
+function toldShape(shape) {
+  const { bits, ...region } = shape.region;
+  return { ...shape, region };
+}
+
 // ---- the corners that a hand moves ----------------------------------------------------------------------------------
 
 // Of a half plane they are two places on its line, `reach` apart from the one that is told. A mask has none.
