@@ -9,8 +9,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from deformnb.control_points import ControlPoints
 from deformnb.edited_document import EditedDocument
 from deformnb.errors import DeformError
+from deformnb.rigid_parts import RigidPart, without_conflicts
 from deformnb.step_changes import points_between
 
 
@@ -98,13 +100,47 @@ class EditedSteps(EditedDocument):
         self.change(label, kind, cuts=tuple(cuts))
 
     def edit_parts(self, parts: Iterable[Any], label: str = "", kind: str | None = None, *,
-                   slides: bool = False) -> None:
+                   slides: bool = False, points: ControlPoints | None = None) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rigid_parts.RigidPart`; see :meth:`edit_cuts`.
 
         A point inside a part that asks for something else than the part does is refused; ``slides`` is as of
-        :meth:`change`.
+        :meth:`change`. ``points`` are other control points that belong to the same edit.
         """
-        self.change(label, kind, slides=slides, parts=tuple(parts))
+        with self._lock:
+            key = min(self.key, len(self.step.maps) - 1)
+            fields = {} if points is None else {"maps": self.step.with_points(points, key).maps}
+            self.change(label or "change rigid parts", kind, slides=slides, parts=tuple(parts), **fields)
+
+    def add_part(self, part: RigidPart, label: str = "", *, held: str = "refuse") -> None:
+        """One more rigid part on the step being edited, as one edit together with what becomes of the points in it.
+
+        Parameters
+        ----------
+        part : the new part.
+        label : what was done, for the history.
+        held : what becomes of points within a part that ask for something else than it does, one of
+            :data:`~deformnb.rigid_parts.HELD`: "carry" lets them go with the part, "switch off" switches them off,
+            "refuse" raises.
+
+        Raises
+        ------
+        DeformError
+            If the points and parts cannot be fitted; everything stays as it was.
+
+        Examples
+        --------
+        >>> from deformnb import Session
+        >>> from deformnb.datasets import PHANTOMS
+        >>> from deformnb.regions import Polygon
+        >>> session = Session(PHANTOMS["bar"].make((24, 24, 48)), view="+y")
+        >>> session.edit_points(session.points.add([20.0, 10.0], [20.0, 13.0]))
+        >>> session.add_part(RigidPart(Polygon([(16, 9), (24, 9), (24, 15), (16, 15)])), held="carry")
+        >>> session.points.target[-1].tolist(), session.undo(), session.points.target[-1].tolist()
+        ([20.0, 10.0], 'add a rigid part', [20.0, 13.0])
+        """
+        with self._lock:
+            parts = (*self.step.parts, part)
+            self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
     def set_cut_rule(self, rule: str) -> None:
         """What is seen beside a cut: a name of :data:`~deformnb.cuts.CUT_RULES`."""

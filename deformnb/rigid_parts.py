@@ -259,6 +259,48 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
                             (*notes, *base.notes))
 
 
+HELD = ("refuse", "carry", "switch off")
+"""What becomes of control points within a rigid part that ask for something else than the part does."""
+
+
+def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
+    """The control points beside rigid parts, without any that asks for something else than the part it lies in.
+
+    Parameters
+    ----------
+    held : "carry" lets such points go where their part takes them, which is back to their sources in a fixed part;
+        "switch off" keeps their places and switches them off; "refuse" leaves them for :func:`fit_rigid` to refuse.
+
+    Raises
+    ------
+    DeformError
+        If ``held`` is none of :data:`HELD`.
+
+    Examples
+    --------
+    >>> from deformnb.regions import Polygon
+    >>> bone = RigidPart(Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]))
+    >>> points = ControlPoints.from_arrays([[2, 2], [20, 2]], [[5, 5], [22, 2]])
+    >>> without_conflicts(points, [bone]).target.tolist()
+    [[2.0, 2.0], [22.0, 2.0]]
+    >>> without_conflicts(points, [bone], "switch off").active.tolist()
+    [False, True]
+    """
+    if held not in HELD:
+        raise DeformError(f"there is no way {held!r} for points within a rigid part; choose one of {', '.join(HELD)}.")
+    for part in parts if held != "refuse" else ():
+        if not part.enabled:
+            continue
+        back = points.target if part.motion is None else part.motion.inverse(points.target)
+        size = _size_of(points)
+        asks = points.active & (part.region.signed_distance(back) <= 0)
+        asks &= np.linalg.norm(points.source - back, axis=1) > _SAME_MOTION * size
+        carried = points.source if part.motion is None else part.motion(points.source)
+        for k in np.flatnonzero(asks).tolist():
+            points = points.edit(points.ids[k], **({"target": carried[k]} if held == "carry" else {"active": False}))
+    return points
+
+
 def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
     """Whether one of the weights is the distance itself, beside which there is no trend."""
     for part in parts:
@@ -271,11 +313,17 @@ def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
     return raw
 
 
+def _size_of(points: ControlPoints) -> float:
+    """The diagonal of the box of all sources and targets; 0 without points."""
+    places = np.concatenate([points.source, points.target])
+    return float(np.linalg.norm(np.ptp(places, axis=0))) if len(points) else 0.0
+
+
 def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
                  distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
     """Which active points lie beside all parts; refuses one that a part holds and that asks for something else."""
     free, notes = points.active.copy(), []
-    size = float(np.linalg.norm(np.ptp(np.concatenate([points.source, points.target]), axis=0))) if len(points) else 0.0
+    size = _size_of(points)
     within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits
     for k in np.flatnonzero(points.active).tolist():
         holders = np.flatnonzero(distances[:, k] <= 0).tolist()

@@ -36,6 +36,28 @@ def a_volume() -> Volume:
     return Volume(values, GRID, "waves")
 
 
+def test_a_part_around_a_dragged_point_is_one_edit_with_the_point() -> None:
+    session = Session(a_volume(), view="+y")
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, np.add(middle, [1.0, 0.5])))
+    points, (a, b) = session.points, middle
+    part = RigidPart(Polygon([(a - 3, b - 3), (a + 3, b - 3), (a + 3, b + 3), (a - 3, b + 3)]), name="bone")
+    with pytest.raises(DeformError, match='lies in the rigid part "bone"'):
+        session.add_part(part)
+    with pytest.raises(DeformError, match="no way 'drop'"):
+        session.add_part(part, held="drop")
+    assert (session.step.parts, session.points) == ((), points)
+    for held in ("carry", "switch off"):
+        session.add_part(part, held=held)
+        assert_allclose(session.points.target[-1], middle if held == "carry" else points.target[-1])
+        assert bool(session.points.active[-1]) is (held == "carry")
+        assert session.undo() == 'add the rigid part "bone"'
+        assert (session.step.parts, session.points) == ((), points)
+    moved = replace(part, motion=RigidMotion.turn(20, middle, (0.5, 0.0)))
+    session.add_part(moved, held="carry")
+    assert_allclose(session.points.target[-1], moved.motion([middle])[0])  # type: ignore[misc]
+
+
 def a_drag(session: Session, by: float = 1.0) -> None:
     middle = session.points.source.mean(axis=0)
     way = np.array([by, by / 2, -by / 3])[: session.points.dim]

@@ -145,9 +145,9 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
     def names() -> tuple[str, str]:
         """What the list shows as chosen and moves, and what the picture does."""
         chosen, row = studio.editor.chosen_shape, shapes.items.chosen
-        assert (shapes.part.part.name if shapes.part.part else "") == (shapes.items.rows[row]["name"] if row >= 0 else "")
-        return (shapes.part.part.name if shapes.part.part else "",
-                studio.editor.parts[chosen["index"]]["name"] if chosen else "")
+        moved = shapes.part.part.name if shapes.part.part else ""
+        assert moved == (shapes.items.rows[row]["name"] if row >= 0 else "")
+        return moved, studio.editor.parts[chosen["index"]]["name"] if chosen else ""
 
     page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
     assert names() == ("b", "b")

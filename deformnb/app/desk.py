@@ -261,8 +261,11 @@ class Desk:
         if not self._listening:
             return
         shapes, made = shapes_of(change["name"], change["new"]), self.editor.edit_under_way
-        edit = self.session.edit_cuts if change["name"] == "cuts" else self.session.edit_parts
-        self._try(lambda: self._edit(lambda: edit(shapes, made.kind if made is not None else "")))
+        label, points = (made.kind, made.points) if made is not None else ("", None)
+        if change["name"] == "cuts":
+            self._try(lambda: self._edit(lambda: self.session.edit_cuts(shapes, label)))
+        else:
+            self._try(lambda: self._edit(lambda: self.session.edit_parts(shapes, label, points=points)))
 
     def _edited(self, edit: Callable[[], Any]) -> bool:
         """Something was done in one of the smaller widgets; says whether it could be."""

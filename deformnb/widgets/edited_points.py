@@ -81,6 +81,8 @@ class EditedPoints(anywidget.AnyWidget):
 
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
+    _holding_sync: bool
+    _states_to_send: set[str]
 
     next_id = traitlets.Int(0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
@@ -192,7 +194,7 @@ class EditedPoints(anywidget.AnyWidget):
         ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
         between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
         """
-        if self._holding_sync:
+        if self._holding_sync:  # ipywidgets' own mark, as are the names to send
             yield
             return
         self._holding_sync = True
@@ -201,7 +203,8 @@ class EditedPoints(anywidget.AnyWidget):
         finally:
             with self._sending:
                 self._holding_sync = False
-                held, self._states_to_send = self._states_to_send, set()
+                held = self._states_to_send
+                self._states_to_send = set()
                 if held:
                     self.send_state(held)
 

@@ -242,7 +242,8 @@ class Editor(EditedPoints):
             self._shapes_callbacks.append(callback)
 
     def _read(self, content: Any) -> Message | None:
-        readers = {"shapes": shapes_from_page, "choose": choice_from_page}
+        readers: dict[str, Callable[[Any], Message]] = {
+            "shapes": lambda content: shapes_from_page(content, self.next_id), "choose": choice_from_page}
         read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
         if read is None:
             return super()._read(content)
@@ -268,6 +269,7 @@ class Editor(EditedPoints):
             self.edit_under_way = message
             try:
                 setattr(self, message.what, message.shapes)
+                self.points = message.points or self.points
             except DeformError as error:  # of an observer: nobody wants these shapes
                 setattr(self, message.what, before)
                 self.send({"type": "error", "message": f"Python did not take these {message.what}: {error}"})
@@ -283,7 +285,7 @@ class Editor(EditedPoints):
         value = dict(proposal["value"])
         count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
         if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
-            raise DeformError(f'the chosen shape must be {{}} or {{"what": "cuts" or "parts", "index": its place}} of one '
+            raise DeformError('the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
                               f"that is there, got {value}.")
         return value
 

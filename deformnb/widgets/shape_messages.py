@@ -1,9 +1,12 @@
 """Cuts and rigid parts of a picture as plain data: what an editor's traits hold and what its page says of them.
 
-A message of the page: ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut",
-"shapes": [...]}`` with all the shapes of that sort, as :mod:`deformnb.document_regions` writes them. And
-``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there, with
-the shape but for the pixels of a mask: its place in the list may be another one by now. ``what`` is null for none.
+Messages by the page:
+
+- ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
+  the shapes of that sort, as :mod:`deformnb.document_regions` writes them, and ``points`` where the same edit has
+  changed those too.
+- ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
+  with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
 """
 
 from __future__ import annotations
@@ -15,11 +18,12 @@ from typing import Any
 
 import traitlets
 
+from deformnb.control_points import ControlPoints
 from deformnb.cuts import MOST_CUTS, Cut
 from deformnb.document_regions import cut_from_data, cut_to_data, part_from_data, part_to_data
 from deformnb.errors import DeformError
 from deformnb.rigid_parts import RigidPart
-from deformnb.widgets.point_messages import LONGEST_EDIT, Message, check_size, header
+from deformnb.widgets.point_messages import LONGEST_EDIT, Message, check_size, header, points_from_json
 
 MOST_PARTS = 32
 """Rigid parts of an editor at most."""
@@ -45,11 +49,13 @@ class ShapesMessage(Message):
     what : "cuts" or "parts".
     kind : what was done, in words: "add cut", "move part", "undo".
     shapes : all the shapes of that sort after the edit, as plain data.
+    points : all control points after the edit, where it has changed them too; else None.
     """
 
     what: str
     kind: str
     shapes: list[dict[str, Any]]
+    points: ControlPoints | None = None
 
 
 @dataclass(frozen=True)
@@ -168,11 +174,12 @@ class ShapesTrait(traitlets.List[dict[str, Any]]):
         return checked_shapes(self._what, value)
 
 
-def shapes_from_page(content: dict[str, Any]) -> ShapesMessage:
-    """What a message says of shapes; DeformError for anything wrong in it."""
+def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage:
+    """What a message says of shapes, and of points if it has some; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
     what, kind = content.get("what"), content.get("kind")
     if what not in _SORTS or not isinstance(kind, str) or not 1 <= len(kind) <= _LONGEST_KIND:
         raise DeformError("an edit of shapes needs its sort and its kind.")
-    return ShapesMessage(sender, seq, what, kind, checked_shapes(what, content.get("shapes")))
+    points = points_from_json(content["points"], next_id) if "points" in content else None
+    return ShapesMessage(sender, seq, what, kind, checked_shapes(what, content.get("shapes")), points)

@@ -113,7 +113,7 @@ class ShapesPanel(Panel):
             widget.layout.display = "none" if step.plane is None else ""
 
     def _follow(self) -> None:
-        """The chosen row stays with its shape; the first shape of all is chosen, and none in the place of one that goes."""
+        """Let the chosen row stay with its shape. The first one is chosen, and none in the place of one that goes."""
         before, self._listed = self._listed, {what: self._shapes(what) for what in ("cut", "part")}
         if self._chosen is not None:
             what, k = self._chosen

@@ -66,8 +66,11 @@ class StudioEdits:
             return
         made, shapes = editor.edit_under_way, shapes_of(what, changed)
         label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
-        edit = session.edit_cuts if what == "cuts" else session.edit_parts
-        self._take(editor, lambda: edit(shapes, label))
+        if what == "cuts":
+            self._take(editor, lambda: session.edit_cuts(shapes, label))
+        else:
+            points = made.points if made is not None else None
+            self._take(editor, lambda: session.edit_parts(shapes, label, points=points))
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and say what that was."""

@@ -26,7 +26,7 @@ class EditorOnPage(LivePage):
         super().__init__(browser, size)
         self.editor = self.widgets["editor"] = editor
         self.held: list[tuple[str, Any]] | None = None
-        """Values of traits on their way to the page, oldest first, while they are held back; None sends them at once."""
+        """Values of traits on their way to the page, oldest first, while they are held; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
         editor.observe(self._told)
         state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in

@@ -14,7 +14,7 @@ from deformnb.errors import DeformError
 from deformnb.masks import Mask
 from deformnb.picture import Picture
 from deformnb.regions import HalfSpace, Line, Polygon
-from deformnb.rigid_parts import RigidPart
+from deformnb.rigid_parts import RigidPart, without_conflicts
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.shape_messages import ShapesMessage
@@ -188,11 +188,33 @@ def test_a_point_cannot_be_dragged_into_a_part(opened: Any, picture: Picture) ->
     page.editor.fit()
 
 
-def test_a_part_over_a_dragged_point_is_refused_and_said(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides().move(1, [55, 25])))
-    draw(page, "p", [(45, 15), (70, 15), (70, 35), (45, 35)])
-    assert page.editor.parts == []
-    assert "control point 1 lies in a rigid part, which is fixed" in page.page.locator(".dnb-ed-alert").inner_text()
+@pytest.mark.parametrize("how", ["carry", "switch off"])
+def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: Any, picture: Picture, how: str) -> None:
+    points = two_sides().move(1, [55, 25])
+    editor, corners = Editor(picture, points), [(45.0, 15.0), (70.0, 15.0), (70.0, 35.0), (45.0, 35.0)]
+    page = opened(editor)
+    draw(page, "p", corners)
+    assert editor.parts == []
+    said = page.page.locator(".dnb-ed-alert").inner_text()
+    assert "Control point 1 in this rigid part asks for another movement" in said
+    page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'visible'")  # the outline is kept
+    page.page.keyboard.press("Escape")
+    page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'hidden'")
+    assert page.page.locator(".dnb-ed-offer").filter(visible=True).count() == 0
+    draw(page, "p", corners)
+    page.page.locator("[data-offer=carry]" if how == "carry" else "[data-offer=off]").click()
+    page.answered()
+    np.testing.assert_allclose(editor.parts[0]["region"]["vertices"], corners, atol=0.1)
+    part = RigidPart(Polygon(editor.parts[0]["region"]["vertices"]))
+    assert editor.points == without_conflicts(points, [part], how) != points
+    assert page.js(f"{PAGE}.chosenShape.region.vertices.length") == 4
+    editor.fit()
+    page.page.locator("[data-command=undo]").click()  # one edit
+    page.answered()
+    assert (editor.parts, editor.points) == ([], points)
+    page.page.locator("[data-command=redo]").click()
+    page.answered()
+    assert (len(editor.parts), editor.points) == (1, without_conflicts(points, [part], how))
 
 
 def test_the_ground_lies_on_the_far_side_of_its_line(opened: Any, picture: Picture) -> None:

@@ -13,6 +13,7 @@ const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on
 const SILENCE = {
   busy: "The kernel is busy; the volume in Python follows later",
   silent: "No answer from Python yet; these points stay in the page until it answers",
+  deaf: "This view was loaded too slowly and does not hear Python: run the cell again",
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
@@ -203,6 +204,8 @@ class EditorDrawing {
   // A sentence over the picture; a passing one goes after a while.
   say(message, isPassing = false) {
     clearTimeout(this.alertTimer);
+    if (this.offered) this.invalidate();
+    this.offered = null; // a part that waits for an answer
     this.alert.hidden = !message;
     this.alert.textContent = message;
     if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);

@@ -21,7 +21,7 @@ class EditorShapes extends EditorDrawing {
     if (this.chosen && !this.chosenShape) this.chosen = null;
     const isLost = this.shapeHandles.update(this.shapes, this.chosen, this.view, { reach: this.shapeReach,
       isLocked: this.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
-    this.shapeHandles.showDraft(this.pen.draft, this.view);
+    this.shapeHandles.showDraft(this.pen.draft ?? this.offeredDraft, this.view);
     return isLost;
   }
 
@@ -34,7 +34,7 @@ class EditorShapes extends EditorDrawing {
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   // All cuts or parts after an edit, unless it is no shape or no fit is possible with it: then it is said why.
-  editShapes(what, shapes, kind, wasFine = !this.error) {
+  editShapes(what, shapes, kind, wasFine = !this.error, points = this.points) {
     if (this.isLocked || sameShapes(shapes, this.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
       this.say(`A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`, true);
@@ -42,20 +42,75 @@ class EditorShapes extends EditorDrawing {
     }
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
     if (fault) { this.say(fault, true); return false; }
-    if (wasFine && !this.accepts(this.points, { ...this.shapes, [what]: shapes })) return false;
+    if (wasFine && !this.accepts(points, { ...this.shapes, [what]: shapes })) return false;
     if (JSON.stringify(shapes).length > LONGEST_EDIT) { this.say("These shapes are too large to send.", true); return false; }
-    this.sender.editShapes(what, shapes, kind); // which tells all views, this one too
+    this.sender.editShapes(what, shapes, kind, points); // which tells all views, this one too
     return true;
   }
 
   addShape(what, region, name = "") {
-    const shape = cleanShapes([{ region, name }], what)[0], index = this.shapes[what].length;
-    if (!this.editShapes(what, [...this.shapes[what], shape], ADD_WORDS[what])) { this.focusStage(); return; }
+    const shape = cleanShapes([{ region, name }], what)[0];
+    if (this.editShapes(what, [...this.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
+    else {
+      this.focusStage();
+      if (what === "parts") this.#offer(shape);
+    }
+  }
+
+  #added(what) {
+    const index = this.shapes[what].length - 1, shape = this.shapes[what][index];
     this.chooseShape({ what, index });
     this.drawNow();
     this.shapeHandles.focus(this.chosen);
     this.speak(`${shapeLabel(shape, what, index)}, added`);
     if (what === "cuts") this.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
+  }
+
+  // ---- a part around points that ask for something else -------------------------------------------------------------
+
+  // Keeps the outline, says what is the matter, and asks what shall become of the points.
+  #offer(shape) {
+    const held = this.#heldBy(shape);
+    if (!held.length) return;
+    const who = held.length === 1 ? rbfLabel(held[0]) : `${held.length} control points`, it = held.length === 1 ? "it" : "them";
+    const whose = held.length === 1 ? "its" : "their";
+    this.say(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part asks for another movement than the part's. Carry ${it} ` +
+      `with the part (${whose} drag goes), or switch ${it} off?`);
+    this.offered = shape;
+    for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`]]) {
+      const button = pageElement("button", "dnb-ed-offer", this.alert, { type: "button", "data-offer": how, ...OWN_KEYS });
+      button.textContent = text;
+      button.addEventListener("click", () => this.guard(() => this.#takeOffer(how)));
+    }
+    this.invalidate();
+  }
+
+  #heldBy(shape) {
+    return heldPoints(this.points, [...this.shapes.parts, shape], this.strength).filter(({ part }) => part === shape)
+      .map(({ point }) => point);
+  }
+
+  // A part that is drawn is fixed: what it carries goes back to where it was taken.
+  #takeOffer(how) {
+    const shape = this.offered, ids = this.#heldBy(shape).map(({ id }) => id);
+    const points = how === "carry" ? resetPoints(this.points, ids) : changed(this.points, ids, () => ({ active: false }));
+    const kind = `${ADD_WORDS.parts}, ${how === "carry" ? "carry" : "switch off"} its points`;
+    this.dropOffer();
+    if (this.editShapes("parts", [...this.shapes.parts, shape], kind, true, ids.length ? points : this.points)) this.#added("parts");
+  }
+
+  // Whether there was one.
+  dropOffer() {
+    if (!this.offered) return false;
+    this.say("");
+    return true;
+  }
+
+  // The outline as it is drawn, until it is known what becomes of the points in it.
+  get offeredDraft() {
+    if (!this.offered) return null;
+    const corners = cornersOf(this.offered.region, this.shapeReach);
+    return { tool: "part", places: [...corners, corners[0]], next: null };
   }
 
   #change(change, kind) {
@@ -258,6 +313,7 @@ class EditorShapes extends EditorDrawing {
     this.setAdding(false);
     this.setSelecting(false);
     this.chooseShape(null);
+    this.dropOffer();
     this.pen.start(tool);
     this.focusStage();
   }

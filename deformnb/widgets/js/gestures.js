@@ -300,7 +300,9 @@ class Gestures {
   // Gives up what is under way, one thing after the other; false where nothing is.
   escape() {
     const { page } = this;
-    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp() || page.stopModes()) return true;
+    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp() || page.stopModes() || page.dropOffer()) {
+      return true;
+    }
     if (page.selected.size === 0 && !page.chosen) return false;
     page.chooseShape(null);
     page.select([]);

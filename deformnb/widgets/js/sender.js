@@ -99,10 +99,10 @@ class Sender {
     this.#leave(points, kind, joins);
   }
 
-  // All cuts or all parts after an edit of one; `kind` says what was done, in words.
-  editShapes(what, shapes, kind) {
+  // All cuts or all parts after an edit of one, and the points if it changes them too; `kind` says what was done.
+  editShapes(what, shapes, kind, points = this.points) {
     this.history.record(this.state);
-    this.#leaveShapes(what, shapes, kind);
+    this.#leaveShapes(what, shapes, kind, points);
   }
 
   // The shape that is chosen, {what, index, shape} or null: Python's lists may have changed meanwhile.
@@ -148,7 +148,7 @@ class Sender {
     if (!this.isPythons) {
       const { points, shapes } = this.history[way](this.state);
       for (const what of ["cuts", "parts"]) {
-        if (!sameShapes(shapes[what], this.shapes[what])) this.#leaveShapes(what, shapes[what], way);
+        if (!sameShapes(shapes[what], this.shapes[what])) this.#leaveShapes(what, shapes[what], way, points);
       }
       if (!samePoints(points, this.points)) this.#leave(points, way, false);
     } else {
@@ -183,13 +183,14 @@ class Sender {
   }
 
   // Shapes are drawn now and then, and go at once, behind what waits.
-  #leaveShapes(what, shapes, kind) {
+  #leaveShapes(what, shapes, kind, points = this.points) {
     this.pending.move = null;
     this.flush();
     this.lastAt = this.clock.now();
     this.#counted("edit");
-    this.#take(this.points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
-    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what] });
+    const others = points === this.points ? {} : { points };
+    this.#take(points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
+    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others });
   }
 
   #take(points, shapes = this.shapes) {
@@ -237,7 +238,14 @@ class Sender {
     move.clear();
     end.clear();
     this.#tell(this.isCut ? "lost" : this.isHeard ? "busy" : "silent");
+    if (this.status === "silent") this.timer = this.clock.later(() => this.#deaf(), LOST_AFTER);
     this.#next();
+  }
+
+  // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
+  // is too short, and then it drops all that comes for the model, for good, although the model is shown and can speak.
+  #deaf() {
+    if (!this.isHeard && this.model?.widget_manager?.kernel?.status === "idle") this.#tell("deaf");
   }
 
   #tell(status) {
