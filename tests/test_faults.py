@@ -56,7 +56,8 @@ HELD_BY: dict[int, str] = {
     52: "test_faults: a_full_disk_keeps_the_old_file_and_stops_no_edit, no_more_room_for_a_file_is_said; "
         "test_io_atomic: a_disk_that_fills_up_leaves_the_old_file; test_movie: a_full_disk_is_said",
     53: "test_faults: a_process_killed_while_it_saves_leaves_a_whole_document, "
-        "processes_killed_while_they_save_themselves_leave_what_they_had_told; "
+        "processes_killed_while_they_save_themselves_leave_what_they_had_told, "
+        "a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together; "
         "test_io_atomic: a_killed_program_leaves_the_old_file",
     54: "test_exports: what_cannot_be_written_is_said_before_the_work; test_io_atomic: what_stands_in_the_way_is_said; "
         "test_faults: a_folder_that_goes_away_stops_nothing",
@@ -149,6 +150,16 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_document(tmp_path: Path)
     assert found["found"] > 1
     assert found["most"] <= 2  # the file, and what one killed writer has left
     assert found["left"] == ["fish.json"]
+
+
+@posix
+def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together(
+        tmp_path: Path) -> None:
+    found = told("pairs", tmp_path)  # it reads them after each of many kills
+    assert found["wrong"] == []
+    assert found["found"] > 1
+    assert found["most"] <= 6  # of each kind a header, its voxels, and what one killed writer has left
+    assert [name.split(".")[1] for name in found["left"]] == ["mhd", "mhd", "nhdr", "nhdr"]
 
 
 @posix

@@ -25,12 +25,13 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
 from deformnb.errors import DeformError, FileChangedError
 from deformnb.io.documents import read_deformation, read_document, write_deformation
+from deformnb.io.formats import read_volume, write_volume
 from deformnb.io.known_files import KnownFiles
 from deformnb.session import Session
 from deformnb.session_store import restore, saved_sessions
 from deformnb.volume import Grid, Volume
 
-ROUNDS = {"save": 40, "writers": 20}
+ROUNDS = {"save": 40, "writers": 20, "pairs": 23}
 
 
 def a_volume() -> Volume:
@@ -138,6 +139,66 @@ def writers(folder: Path, chance: random.Random) -> Any:
     return {"outcomes": outcomes, "left": listing(folder)}
 
 
+def pairs(folder: Path, chance: random.Random) -> Any:
+    """Killed while one volume after the other is written over a header with detached voxels.
+
+    First before every single operation on a name in the folder, then at random moments. The spacing of each volume says
+    what its voxels are: a header beside the voxels of another is seen.
+    """
+    wrong, most, found = [], 0, set()
+    for suffix in (".mhd", ".nhdr"):
+        path = folder / f"fish{suffix}"
+        write_volume(_marked(1), path)
+
+        def check(when: str, path: Path = path) -> None:
+            nonlocal most
+            volume = read_volume(path)
+            number = int(volume.grid.spacing[0])
+            found.add(number)
+            if not np.array_equal(volume.values, _marked(number).values):
+                wrong.append(f"{path.name} {when}")
+            most = max(most, len(listing(folder)))
+
+        for count in range(1, 60):
+            pid = copied(lambda count=count, path=path: (_die_before(count, folder), write_volume(_marked(2), path)))
+            is_done = os.WIFEXITED(os.waitpid(pid, 0)[1])
+            check(f"before operation {count}")
+            write_volume(_marked(1), path)
+            if is_done:
+                break
+        assert count > 4, count  # both files were opened and renamed at least
+
+        def work(path: Path = path) -> None:
+            while True:
+                for number in range(1, 5):
+                    write_volume(_marked(number), path)
+
+        for k in range(ROUNDS["pairs"]):
+            killed(copied(work), chance.uniform(0.005, 0.06))
+            check(f"killed {k}")
+        write_volume(_marked(3), path)
+    return {"wrong": wrong, "found": len(found), "most": most, "left": listing(folder)}
+
+
+def _marked(number: int) -> Volume:
+    values = np.random.default_rng(number).integers(0, 255, (20, 30, 40)).astype(np.uint8)
+    return Volume(values, Grid((20, 30, 40), (float(number), 1.0, 1.0)), "marked")
+
+
+def _die_before(count: int, folder: Path) -> None:
+    """Have this process killed before the operation of this number on a name in a folder."""
+    left = count
+
+    def hook(event: str, given: tuple[Any, ...]) -> None:
+        nonlocal left
+        if event in ("open", "os.rename", "os.remove") and str(folder) in str(given[0]):
+            left -= 1
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(hook)
+
+
 def full(folder: Path, chance: random.Random) -> Any:
     """On a disk of 64 kB: a document that does not fit, then one that does; the same with a session's own file."""
     path, told, said = folder / "fish.json", [], []
@@ -196,6 +257,6 @@ def lost(folder: Path, chance: random.Random) -> Any:
 
 
 if __name__ == "__main__":
-    found = {f.__name__: f for f in (save, autosave, writers, full, lost)}[sys.argv[1]](
+    found = {f.__name__: f for f in (save, autosave, writers, pairs, full, lost)}[sys.argv[1]](
         Path(sys.argv[2]), random.Random(int(sys.argv[3])))
     sys.stdout.write(json.dumps(found) + "\n")

@@ -152,7 +152,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         if temporary != target.parent:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
-    _flush_folder(target.parent)
+    flush_folder(target.parent)
 
 
 def temporary_name() -> str:
@@ -181,7 +181,8 @@ def sweep_folder(folder: Path) -> None:
                 sweep(Path(entry.path))
 
 
-def _flush_folder(folder: Path) -> None:
+def flush_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk, where the system can."""
     # The rename itself lives in the folder. Windows cannot open folders, network drives may refuse: the file is whole.
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)

@@ -222,16 +222,40 @@ def detached_file(header: Path, name: str) -> Path:
     return regular_file(target)
 
 
-def detached_name(header: Path) -> str:
+def detached_name(header: Path, crc: int) -> str:
     """Name of the file of voxels that goes with a header we write; it cannot clash with another format's file.
+
+    Parameters
+    ----------
+    crc : CRC-32 of the voxels' bytes: other voxels get another name.
 
     Raises
     ------
     VolumeFileError
         For a name that a text header cannot hold: it would be read back as another name, or as more fields.
     """
-    name = header.name + ".raw"
+    name = f"{header.name}.{crc:08x}.raw"
     if not name.isprintable() or "%" in name or name != name.strip():
         raise fail(header, "a header with a detached data file cannot have this name; leave out '%', line ends and "
                            "spaces at the ends, or write everything into one file (.nrrd, .mha).")
     return name
+
+
+def is_detached_name(header: Path, name: str) -> bool:
+    """Whether :func:`detached_name` gives such a name to a data file of this header."""
+    return re.fullmatch(re.escape(header.name) + r"\.[0-9a-f]{8}\.raw", name) is not None
+
+
+def detached_proof(crc: int) -> str:
+    """The comment with which a header that we write says what is in its data file."""
+    return f"deformnb data crc32 {crc:08x}"
+
+
+def proven_crc(comments: str, data_file: str) -> int | None:
+    """The check sum that a header's comments say of its data file; None if they say none.
+
+    A program that reads our header and writes other voxels may keep the comments, but gives the data file a name of
+    its own; so a check sum counts only for a file that has it in its name.
+    """
+    found = re.search(r"deformnb data crc32 ([0-9a-f]{8})\b", comments)
+    return int(found[1], 16) if found is not None and data_file.endswith(f".{found[1]}.raw") else None

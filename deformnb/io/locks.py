@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -89,10 +90,14 @@ def is_abandoned(path: Path) -> bool:
             os.close(descriptor)
 
 
-def sweep(path: Path) -> bool:
+def sweep(path: Path, unless: Callable[[], bool] = bool) -> bool:
     """Remove a file or a folder that nobody holds; returns whether it is gone.
 
     On POSIX it is removed while the lock is ours, so its maker cannot take it for its own meanwhile.
+
+    Parameters
+    ----------
+    unless : asked once nobody else can hold it; it stays if the answer is yes.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -101,7 +106,7 @@ def sweep(path: Path) -> bool:
     except OSError:
         return False
     try:
-        if try_lock(descriptor) is not True:
+        if try_lock(descriptor) is not True or unless():
             return False
         if os.name != "nt":
             _remove(path)

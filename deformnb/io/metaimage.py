@@ -7,6 +7,7 @@ SimpleITK reads and writes.
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,16 @@ from deformnb.io.headers import (
     HEADER_BYTES,
     Header,
     detached_file,
-    detached_name,
+    detached_proof,
     fail,
     floats,
     integers,
+    proven_crc,
     shown,
     volume_shape,
 )
 from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
-from deformnb.io.streams import Source
+from deformnb.io.streams import Source, checked_blocks
 from deformnb.volume import Float3, Matrix3, Volume
 
 _TYPES = {
@@ -35,7 +37,8 @@ _TYPES = {
 _NAMES = {"i1": "MET_CHAR", "u1": "MET_UCHAR", "i2": "MET_SHORT", "u2": "MET_USHORT", "i4": "MET_INT",
           "f4": "MET_FLOAT", "f8": "MET_DOUBLE"}
 
-# MetaImage cannot say that voxels are names of regions; a comment, which every reader keeps or ignores, can.
+# MetaImage cannot say that voxels are names of regions, nor what is in its data file; a comment, which every reader
+# keeps or ignores, can.
 _LABELS = "deformnb labels"
 _MOST_SKIPPED = 2**26
 
@@ -87,10 +90,11 @@ def read_header(path: Path) -> Header:
     dtype = _dtype(path, fields)
     shape, notes = volume_shape(path, integers(path, "DimSize", fields["dimsize"], dimension), dtype.itemsize)
     source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
-    labels = True if fields.get("comment") == _LABELS else None
+    comment = fields.get("comment", "")
+    labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)
-    return Header(path, shape, dtype, source.blocks(shape, dtype), spacing, origin, direction, is_labels=labels,
-                  notes=notes)
+    blocks = checked_blocks(source, shape, dtype, proven_crc(comment, fields["elementdatafile"]), path)
+    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes)
 
 
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
@@ -142,26 +146,27 @@ def _geometry(path: Path, fields: dict[str, str], dimension: int) -> tuple[Float
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
-    """Write MetaImage: one file with plain voxels, or for .mhd a header and ``<name>.mhd.raw``.
+    """Write MetaImage: one file with plain voxels, or for .mhd a header and ``<name>.mhd.<check sum>.raw``.
 
     Not compressed: the header would have to know the compressed size before the voxels are packed.
     """
     if path.suffix.lower() == ".mhd":
-        name = detached_name(path)
-        write_pair(volume, path, _header_text(volume, name), path.with_name(name), overwrite, progress)
+        write_pair(volume, path, partial(_header_text, volume), lambda header: _fields(header)[0]["elementdatafile"],
+                   overwrite, progress)
     else:
         write_packed(volume, path, _header_text(volume, "LOCAL"), "raw", overwrite, progress)
 
 
-def _header_text(volume: Volume, data_file: str) -> bytes:
+def _header_text(volume: Volume, data_file: str, crc: int | None = None) -> bytes:
     def words(values: Any) -> str:
         return " ".join(map(repr, values))
 
     grid = volume.grid
+    comments = [_LABELS] * volume.is_labels + ([] if crc is None else [detached_proof(crc)])
     lines = [
         "ObjectType = Image",
         "NDims = 3",
-        *([f"Comment = {_LABELS}"] if volume.is_labels else []),
+        *(["Comment = " + ";".join(comments)] if comments else []),
         "BinaryData = True",
         "BinaryDataByteOrderMSB = False",
         "CompressedData = False",

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +19,17 @@ from deformnb.io.headers import (
     HEADER_BYTES,
     Header,
     detached_file,
-    detached_name,
+    detached_proof,
     fail,
     floats,
     integers,
+    proven_crc,
     shown,
     triple,
     volume_shape,
 )
 from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
-from deformnb.io.streams import Source
+from deformnb.io.streams import Source, checked_blocks
 from deformnb.volume import Volume
 
 _TYPES = {
@@ -61,8 +63,16 @@ _LABELS_KEY = "deformnb_labels"  # NRRD cannot say that voxels are names of regi
 _MOST_SKIPPED = 2**26
 
 
-def _fields(path: Path) -> tuple[dict[str, str], dict[str, str], int]:
-    """Fields, key/value pairs, and where the header ends."""
+class _Text(NamedTuple):
+    """A header: fields, key/value pairs, comments, and where it ends."""
+
+    fields: dict[str, str]
+    keys: dict[str, str]
+    comments: str
+    end: int
+
+
+def _fields(path: Path) -> _Text:
     with path.open("rb") as file:
         data = file.read(HEADER_BYTES)
     if not data.startswith(b"NRRD000"):
@@ -73,7 +83,10 @@ def _fields(path: Path) -> tuple[dict[str, str], dict[str, str], int]:
     text = data[:end.start() if end else len(data)].decode("utf-8", "replace")
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
+    comments: list[str] = []
     for line in text.splitlines()[1:]:
+        if line.startswith("#"):
+            comments.append(line)
         if line.startswith("#") or not line.strip():
             continue
         key, assign, value = line.partition(":=")
@@ -86,12 +99,12 @@ def _fields(path: Path) -> tuple[dict[str, str], dict[str, str], int]:
             why = "appears twice" if colon else "is neither 'field: value' nor 'key:=value'"
             raise fail(path, f"the header's line '{shown(line)}' {why}.")
         fields[name] = value.strip()
-    return fields, keys, end.end() if end else len(data)
+    return _Text(fields, keys, "\n".join(comments), end.end() if end else len(data))
 
 
 def read_header(path: Path) -> Header:
     """Geometry, type and place of the voxels of a NRRD file."""
-    fields, keys, end = _fields(path)
+    fields, keys, comments, end = _fields(path)
     for name in ("dimension", "type", "sizes", "encoding"):
         if name not in fields:
             raise fail(path, f"its header lacks the field '{name}'.")
@@ -105,7 +118,8 @@ def read_header(path: Path) -> Header:
     source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
     affine = _affine(path, fields, axes, dimension)
     labels = True if keys.get(_LABELS_KEY) == "yes" else None
-    return Header(path, shape, dtype, source.blocks(shape, dtype), is_labels=labels, notes=notes, **affine)
+    blocks = checked_blocks(source, shape, dtype, proven_crc(comments, fields.get("datafile", "")), path)
+    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes, **affine)
 
 
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
@@ -226,19 +240,20 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
-    """Write NRRD: gzip in one file, or for .nhdr a header and plain voxels in ``<name>.nhdr.raw``."""
+    """Write NRRD: gzip in one file, or for .nhdr a header and plain voxels in ``<name>.nhdr.<check sum>.raw``."""
     if path.suffix.lower() == ".nhdr":
-        name = detached_name(path)
-        write_pair(volume, path, _header_text(volume, "raw", name), path.with_name(name), overwrite, progress)
+        write_pair(volume, path, partial(_header_text, volume, "raw"),
+                   lambda header: _fields(header).fields.get("datafile"), overwrite, progress)
     else:
-        write_packed(volume, path, _header_text(volume, "gzip", None), "gzip", overwrite, progress, header_outside=True)
+        write_packed(volume, path, _header_text(volume, "gzip"), "gzip", overwrite, progress, header_outside=True)
 
 
-def _header_text(volume: Volume, encoding: str, data_file: str | None) -> bytes:
+def _header_text(volume: Volume, encoding: str, data_file: str | None = None, crc: int | None = None) -> bytes:
     grid = volume.grid
     vectors = " ".join("(" + ",".join(map(repr, column)) + ")" for column in grid.matrix.T.tolist())
     lines = [
         "NRRD0005",
+        *([] if crc is None else [f"# {detached_proof(crc)}"]),  # a comment: other programs pass keys on to new voxels
         f"type: {_NAMES[stored_dtype(volume).str[1:]]}",
         "dimension: 3",
         "space: left-posterior-superior",

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.atomic import atomic_write, check_target
+from deformnb.errors import VolumeFileError
+from deformnb.io.atomic import atomic_write, check_target, flush_folder
+from deformnb.io.headers import detached_name, is_detached_name
+from deformnb.io.locks import sweep
 from deformnb.volume import Volume
 
 Progress = Callable[[float], None] | None
@@ -71,17 +75,65 @@ def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overw
             write_all(file, packed(_with_header(header, pieces), encoding))
 
 
-def write_pair(volume: Volume, path: Path, header: bytes, data: Path, overwrite: bool, progress: Progress) -> None:
-    """A header and a detached file of plain voxels.
+def write_pair(volume: Volume, path: Path, header: Callable[[str, int], bytes], named: Callable[[Path], str | None],
+               overwrite: bool, progress: Progress) -> None:
+    """A header and a detached file of plain voxels, whose name has the check sum of its bytes in it.
 
-    Both are complete before either gets its name, and then the voxels come first: the moment between the two renames
-    is the only one in which the pair does not match.
+    So new voxels never take the place of old ones: they are on the disk before the header, whose own rename is the
+    moment in which the pair is another. The old data file is removed after that.
+
+    Parameters
+    ----------
+    header : the text of a header, of the name of its data file and the CRC-32 of its bytes.
+    named : the name of the data file that a header on the disk has.
     """
     check_target(path, overwrite=overwrite)
-    with atomic_write(path, overwrite=overwrite) as file:
-        file.write(header)
-        with atomic_write(data, overwrite=overwrite, needed=needed_bytes(volume, "raw")) as voxels:
-            write_all(voxels, slabs_of_bytes(volume.values, stored_dtype(volume), progress))
+    crc = checksum(slabs_of_bytes(volume.values, stored_dtype(volume)))
+    data = path.with_name(detached_name(path, crc))
+    before = _named(path, named)
+    was_there = data.exists()
+
+    @contextmanager
+    def with_header(_target: Path) -> Iterator[None]:
+        yield  # the data take their place, and are locked until the header names them
+        try:
+            flush_folder(data.parent)
+            with atomic_write(path, overwrite=overwrite) as file:
+                file.write(header(data.name, crc))
+        except BaseException:
+            if not was_there:
+                data.unlink(missing_ok=True)
+            raise
+
+    with atomic_write(data, needed=needed_bytes(volume, "raw"), replacing=with_header) as voxels:
+        write_all(voxels, slabs_of_bytes(volume.values, stored_dtype(volume), progress))
+    _remove_unnamed(path, before, named)
+
+
+def checksum(pieces: Iterable[memoryview]) -> int:
+    """CRC-32 of the bytes of all pieces."""
+    crc = 0
+    for piece in pieces:
+        crc = zlib.crc32(piece, crc)
+    return crc
+
+
+def _named(header: Path, named: Callable[[Path], str | None]) -> str | None:
+    with suppress(OSError, VolumeFileError):
+        return named(header)
+    return None
+
+
+def _remove_unnamed(header: Path, before: str | None, named: Callable[[Path], str | None]) -> None:
+    """Remove the data files of earlier versions, also those whose writer was killed before it wrote the header.
+
+    What this package has not named is not removed, nor what another process is just writing. The header is read when
+    the lock of a data file is ours: by then whoever wrote that file has written its header too.
+    """
+    with suppress(OSError):
+        for file in list(header.parent.iterdir()):
+            if is_detached_name(header, file.name) or file.name == before == f"{header.name}.raw":  # up to 1.4
+                sweep(file, unless=lambda name=file.name: _named(header, named) in (name, None))  # type: ignore[misc]
 
 
 def write_all(file: BinaryIO, pieces: Iterator[Any]) -> None:

@@ -31,7 +31,7 @@ from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.headers import Blocks, Header, fail, shown, volume_shape
 from deformnb.io.packing import Progress, slabs_of_bytes
-from deformnb.io.streams import Source
+from deformnb.io.streams import Source, checked_bytes
 from deformnb.volume import Volume
 from deformnb.voxels import cast
 
@@ -135,16 +135,9 @@ def _checked(path: Path, fields: dict[str, Any], blocks: Blocks) -> Blocks:
     if "crc32" not in fields:
         return blocks
 
-    def checked() -> Iterator[NDArray[Any]]:
-        crc = 0
-        for block in blocks():
-            crc = zlib.crc32(block.reshape(-1).view(np.uint8).data, crc)
-            yield block
-        if crc != fields["crc32"]:
-            raise fail(path, f"its voxels are not those that {shown(_side_path(path).name)} describes (CRC {crc}, "
-                             f"expected {shown(fields['crc32'])}). Write both anew, or remove the line crc32.")
-
-    return checked
+    return checked_bytes(blocks, fields["crc32"], lambda crc: fail(
+        path, f"its voxels are not those that {shown(_side_path(path).name)} describes (CRC {crc}, "
+              f"expected {shown(fields['crc32'])}). Write both anew, or remove the line crc32."))
 
 
 def read_npy_header(path: Path) -> Header:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.headers import fail
+from deformnb.io.headers import Blocks, fail, shown
 
 # Small enough that a file of thousands of tiny gzip members, each of which copies the rest of its chunk, stays quick.
 _CHUNK = 2**16
@@ -195,3 +195,28 @@ def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[in
         if stream.read(1):  # also reads the check sum at the very end
             raise fail(path, f"the header asks for {nz * slice_bytes} bytes of voxels but the file holds more: "
                              "the sizes in its header are wrong.")
+
+
+def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exception]) -> Blocks:
+    """The same blocks; at their end their CRC-32 must be this, or the error made of the one found is raised."""
+    def checked() -> Iterator[NDArray[Any]]:
+        crc = 0
+        for block in blocks():
+            crc = zlib.crc32(block.reshape(-1).view(np.uint8).data, crc)
+            yield block
+        if crc != crc32:
+            raise error(crc)
+
+    return checked
+
+
+def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None,
+                   header: Path) -> Blocks:
+    """The blocks of a detached data file, which must be the one that its header was written for, if that says so."""
+    blocks = source.blocks(shape, dtype)
+    if crc32 is None:
+        return blocks
+    return checked_bytes(blocks, crc32, lambda crc: fail(
+        source.path, f"its voxels are not those that the header {shown(header.name)} was written for (CRC {crc:08x}, "
+                     f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
+                     f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read them as they are."))
