@@ -158,7 +158,7 @@ def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_tha
     found = told("pairs", tmp_path)  # it reads them after each of many kills
     assert found["wrong"] == []
     assert found["found"] > 1
-    assert found["most"] <= 6  # of each kind a header, its voxels, and what one killed writer has left
+    assert found["most"] <= 9  # two of the other kind, a header, four data files at most, what one writer has left
     assert [name.split(".")[1] for name in found["left"]] == ["mhd", "mhd", "nhdr", "nhdr"]
 
 

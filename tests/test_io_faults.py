@@ -633,19 +633,3 @@ def test_a_sparse_file_larger_than_the_machine_is_refused(tmp_path: Path) -> Non
 def test_required_bytes_add_up() -> None:
     assert required_bytes((10, 20, 30), "int16") == 12_000
     assert required_bytes((10, 20, 30), "int16", output_shape=(5, 5, 5), maps=2, texture=True) == 12_000 + 500 + 9_600
-
-
-@pytest.mark.parametrize(("limit", "usage", "cache", "expected"), [
-    ("1000000", "400000", "100000", 700_000),
-    ("1000000", "2000000", "0", 0),
-    ("max", "400000", "0", None),
-])
-def test_the_limit_of_a_container_counts(limit: str, usage: str, cache: str, expected: int | None, tmp_path: Path,
-                                         monkeypatch: pytest.MonkeyPatch) -> None:
-    from deformnb.io import memory
-
-    files = [tmp_path / name for name in ("max", "current", "stat")]
-    for file, text in zip(files, (limit, usage, f"anon 5\ninactive_file {cache}\n"), strict=True):
-        file.write_text(text)
-    monkeypatch.setattr(memory, "_CGROUPS", ((*map(str, files), "inactive_file"),))
-    assert available_memory() == (expected if expected is not None else pytest.approx(memory._system_memory(), rel=0.5))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from importlib import import_module
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -15,12 +16,12 @@ SHARE = 0.6
 # If the system does not tell: what a small laptop has free.
 _UNKNOWN = 4 * 2**30
 
-# Version 2 and version 1 of Linux control groups: limit and present use of a container.
-_CGROUPS = (
-    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current", "/sys/fs/cgroup/memory.stat", "inactive_file"),
-    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes",
-     "/sys/fs/cgroup/memory/memory.stat", "total_inactive_file"),
-)
+# By the type of file system of Linux control groups (version 2 and version 1): the files of a group that hold its limit
+# and its present use, and the field of its memory.stat that holds the pages of files already read.
+_CGROUP_FILES = {
+    "cgroup2": ("memory.max", "memory.current", "inactive_file"),
+    "cgroup": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
 
 
 def required_bytes(shape: tuple[int, int, int], dtype: DTypeLike, *, output_shape: tuple[int, int, int] | None = None,
@@ -49,8 +50,9 @@ def required_bytes(shape: tuple[int, int, int], dtype: DTypeLike, *, output_shap
 
 
 def available_memory() -> int:
-    """Bytes that can still be allocated here; inside a container, within its limit."""
-    return min([_system_memory(), *(room for files in _CGROUPS if (room := _cgroup_room(*files)) is not None)])
+    """Bytes that can still be allocated here; inside a container, within its limit and those around it."""
+    rooms = (_cgroup_room(folder, kind) for folder, kind in _cgroups(Path("/")))
+    return min([_system_memory(), *(room for room in rooms if room is not None)])
 
 
 def default_limit() -> int:
@@ -75,14 +77,50 @@ def _system_memory() -> int:
         return _UNKNOWN
 
 
-def _cgroup_room(limit_file: str, usage_file: str, stat_file: str, cache_field: str) -> int | None:
+def _cgroups(root: Path) -> list[tuple[Path, str]]:
+    """The control group of this process and those around it, each with its kind: the limits of all of them hold.
+
+    Parameters
+    ----------
+    root : of the file system that tells them.
+    """
     try:
-        limit = int(Path(limit_file).read_text())  # the word "max" where there is no limit
-        usage = int(Path(usage_file).read_text())
+        groups = (root / "proc/self/cgroup").read_text().splitlines()
+        mounts = (root / "proc/self/mountinfo").read_text().splitlines()
+    except (OSError, ValueError):
+        return []
+    found: list[tuple[Path, str]] = []
+    for line in mounts:
+        where, _, what = line.partition(" - ")
+        fields, (kind, *_, options) = where.split(), what.split(" ")
+        if kind not in _CGROUP_FILES or (kind == "cgroup" and "memory" not in options.split(",")):
+            continue
+        group = next((path for number, controllers, path in (entry.split(":", 2) for entry in groups)
+                      if (number == "0" if kind == "cgroup2" else "memory" in controllers.split(","))), None)
+        if group is None:
+            continue
+        # A container may see a part of the tree only: then the path begins with that part's own, or leads out of it.
+        shown, mount = PurePosixPath(fields[3]), root / _unescaped(fields[4]).lstrip("/")
+        path = PurePosixPath(group)
+        inner = path.relative_to(shown) if path.is_relative_to(shown) and ".." not in path.parts else PurePosixPath()
+        found += [(mount / part, kind) for part in (inner, *inner.parents)]
+    return found
+
+
+def _unescaped(path: str) -> str:
+    """A path of mountinfo, where blanks are written as octal numbers."""
+    return re.sub(r"\\([0-7]{3})", lambda match: chr(int(match[1], 8)), path)
+
+
+def _cgroup_room(folder: Path, kind: str) -> int | None:
+    limit_file, usage_file, cache_field = _CGROUP_FILES[kind]
+    try:
+        limit = int((folder / limit_file).read_text())  # the word "max" where there is no limit
+        usage = int((folder / usage_file).read_text())
     except (OSError, ValueError):
         return None
     try:  # pages of files already read count as used but are given up when needed
-        fields = dict(line.split() for line in Path(stat_file).read_text().splitlines())
+        fields = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
         usage -= int(fields[cache_field])
     except (OSError, ValueError, KeyError):
         pass

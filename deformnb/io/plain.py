@@ -19,13 +19,11 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, check_target

@@ -219,4 +219,4 @@ def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[
     return checked_bytes(blocks, crc32, lambda crc: fail(
         source.path, f"its voxels are not those that the header {shown(header.name)} was written for (CRC {crc:08x}, "
                      f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
-                     f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read them as they are."))
+                     f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same."))
