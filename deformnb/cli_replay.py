@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ def add_replay(commands: Any) -> None:
     add_spacing(p)
     p.add_argument("--suffix", default="", help="format of the resulting volumes, such as .nii.gz (default as input)")
     p.add_argument("--summary", metavar="FILE", help="write what came of each file as JSON")
-    p.add_argument("--force", action="store_true", help="overwrite results that no replay has written")
+    p.add_argument("--force", action="store_true", help="overwrite files that no replay has written")
     p.set_defaults(run=_replay)
 
 
@@ -54,7 +54,7 @@ def _replay(options: argparse.Namespace) -> None:
     if options.strength != 1:
         document = document.blended(options.strength)
     if options.summary:
-        check_target(options.summary)
+        check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
     with stages() as stage:
         results = replay(document, options.inputs, options.out, work=_Work(options, stage),
                          options=_made_with(options, document), suffix=options.suffix, overwrite=options.force)
@@ -65,6 +65,18 @@ def _replay(options: argparse.Namespace) -> None:
     failed = sum(r.state == "failed" for r in results)
     if failed:
         raise DeformError(f"{failed} of {len(results)} files failed, see above; the others are done.")
+
+
+def _is_summary(path: Path) -> bool:
+    """Whether an earlier replay has written this file: then the next one may replace it."""
+    from deformnb.replay import Replayed
+
+    try:
+        rows = json.loads(path.read_bytes())
+        names = {field.name for field in fields(Replayed)}
+        return isinstance(rows, list) and len(rows) > 0 and all(row.keys() == names for row in rows)
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return False
 
 
 def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:

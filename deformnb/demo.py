@@ -199,7 +199,7 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
     direction, up = _quarter_view(result)
     render_pair(result.volume, result.warped, path=render, direction=direction, up=up, backend=renderer,
                 captions=captions, progress=stage("render both volumes"))
-    write_deformation(result.deformation, session)
+    write_deformation(result.deformation, session, overwrite=True)  # who calls it has looked at what is there
     if own:
         write_volume(volume, carp, progress=stage("write the carp"))
     write_volume(result.warped, warped, progress=stage("write the deformed volume"))

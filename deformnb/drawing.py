@@ -70,7 +70,7 @@ def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArra
     points : for each picture, control points drawn as arrows from source to target; None for none.
     titles : for each picture.
     style : a name of :data:`STYLES`.
-    path : where to write a PNG, PDF or SVG, whole or not at all; nothing is written without it.
+    path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
 
     Returns
     -------

@@ -90,7 +90,7 @@ class UnknownKindError(VolumeFileError):
 
 
 class FileChangedError(VolumeFileError):
-    """Somebody else has written the file since it was opened or saved here; nothing was overwritten."""
+    """The file holds what was neither opened nor saved here, or was changed since; nothing was overwritten."""
 
 
 class OtherVolumeError(DeformError):

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,6 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import write_volume
+from deformnb.io.known_files import KnownFiles
 from deformnb.movie import Frames, Image, animation_frames, deformation_frames, swing, write_movie
 from deformnb.picture import Picture, project
 from deformnb.plane import Plane
@@ -99,6 +101,7 @@ class Frozen:
     output : grid of the result.
     source : expression that reads the volume, for scripts.
     save : writes a document to a path, as :meth:`Session.save <deformnb.session.Session.save>`.
+    files : of the session, which it may replace.
     """
 
     volume: Volume
@@ -110,6 +113,7 @@ class Frozen:
     transfer: TransferFunction
     seen: Seen
     save: Callable[..., None]
+    files: KnownFiles
     source: str = ""
     size: tuple[int, int] | None = None
     fps: float = _FPS
@@ -127,8 +131,8 @@ class Frozen:
         """
         depth = session.depth if session.method == "slice" else None
         return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
-                   session.transfer_function, Seen.of(seen), session.save, session.source, _checked_size(size),
-                   _checked_rate(fps))
+                   session.transfer_function, Seen.of(seen), session.save, session.files, session.source,
+                   _checked_size(size), _checked_rate(fps))
 
     @property
     def output(self) -> Grid | None:
@@ -328,7 +332,7 @@ def export_for(path: str | PathLike[str]) -> Export:
 
 def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,
            seen: Seen | None = None, size: tuple[int, int] | None = None, fps: float = _FPS,
-           progress: Progress | None = None) -> Path:
+           overwrite: bool = False, progress: Progress | None = None) -> Path:
     """Write a session as a file; its suffix chooses what is written.
 
     Parameters
@@ -337,11 +341,12 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     seen : all that a view shows instead, as its method ``seen`` says it.
     size : (width, height) of renderings and movies in pixels; default is 1600 x 1200, and 640 x 480 for movies.
     fps : pictures a second of movies.
+    overwrite : replace any file; else only one that holds what the session has opened or written.
 
     Raises
     ------
     DeformError
-        If the suffix says nothing, or the file cannot be written; an old file is untouched then.
+        If the suffix says nothing, or the file cannot be written or must not be replaced; it is untouched then.
     Cancelled
         If ``progress`` raises it.
     """
@@ -349,7 +354,10 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     place = Path(path)
     writer = export_for(place)
     check_target(place)  # before the long work
-    writer.write(frozen, place, progress or _silent)
+    if overwrite:
+        frozen = replace(frozen, save=partial(frozen.save, overwrite=True))
+    with frozen.files.writing(place, overwrite=overwrite):
+        writer.write(frozen, place, progress or _silent)
     return place
 
 

@@ -111,7 +111,7 @@ def draw_figure(rows: Sequence[Sequence[Panel]], *, style: str = "paper", width:
     style : a name of :data:`~deformnb.drawing.STYLES`.
     width, tallest : of the figure, and of a row at most; inches.
     lettered : False leaves the letters out.
-    path : where to write a PNG, PDF or SVG, whole or not at all; nothing is written without it.
+    path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
 
     Returns
     -------

@@ -65,6 +65,7 @@ class Session(EditedSteps):
         code along with the drags that need it. See :meth:`grow` and :meth:`fit_output`.
     source : an expression that reads the volume, for scripts; empty if that is not known.
     file : where it was last written or opened; None if nowhere.
+    files : what was opened and written here, which alone is replaced unasked.
     reference : call it for what tells the volume from others; the first call takes a moment for a large volume.
 
     Examples
@@ -98,7 +99,7 @@ class Session(EditedSteps):
         self._drawing, self._looking = threading.Lock(), threading.Lock()
         self._transfer: tuple[Any, TransferFunction] | None = None
         self.reference = LazyReference(volume)
-        self._files = KnownFiles()
+        self.files = KnownFiles()
         self.volume = volume
         home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(volume, deformation, home, **traits)
@@ -302,16 +303,16 @@ class Session(EditedSteps):
 
         Parameters
         ----------
-        overwrite : replace the file even if somebody else has changed it since it was opened or saved here.
+        overwrite : replace any file; else only one that holds what was opened or saved here.
         document : of an earlier moment; default is that of now.
 
         Raises
         ------
         FileChangedError
-            If somebody else has changed the file; nothing is written.
+            If the file was there before, or somebody else has changed it; nothing is written.
         """
         document = document or self.document()
-        write_deformation(document, path, known=self._files, overwrite=overwrite)
+        write_deformation(document, path, known=self.files, overwrite=overwrite)
         self.file, self.saved = Path(path), document
 
     def open(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
@@ -328,7 +329,7 @@ class Session(EditedSteps):
         """
         document, content = read_document(path)
         self.take(document, allow_other_volume=allow_other_volume)
-        self._files.remember(path, content)
+        self.files.remember(path, content)
         self.file = Path(path)
 
     def take(self, deformation: Deformation, label: str = "open a document", *,

@@ -49,7 +49,7 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     title : default is the name of the step, and what is known of its fit.
     unit : of lengths.
     style : a name of :data:`~deformnb.drawing.STYLES`; width : of the figure, inches.
-    path : where to write a PNG, PDF or SVG, whole or not at all; nothing is written without it.
+    path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
 
     Returns
     -------

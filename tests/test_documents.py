@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ import pytest
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step, VolumeReference
 from deformnb.document import LONGEST, to_json
-from deformnb.errors import DeformError, VolumeFileError
+from deformnb.errors import DeformError, FileChangedError, VolumeFileError
+from deformnb.io.atomic import writing_held_by
 from deformnb.io.documents import describe_document, read_deformation, write_deformation
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
@@ -53,6 +56,37 @@ def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
 def test_a_path_may_be_a_string(tmp_path: Path) -> None:
     write_deformation(document(), str(tmp_path / "a.json"))
     assert to_json(read_deformation(str(tmp_path / "a.json"))) == to_json(document())
+
+
+def test_only_what_this_process_has_read_or_written_is_replaced_unasked(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(b"a letter")
+    with pytest.raises(FileChangedError, match="a.json was there before, and was neither opened nor saved here"):
+        write_deformation(document(), path)
+    assert path.read_bytes() == b"a letter"
+    write_deformation(document(), path, overwrite=True)
+    write_deformation(Deformation(), path)  # a cell that runs again
+    theirs = to_json(document())
+    path.write_text(theirs)
+    with pytest.raises(FileChangedError, match="changed by someone else"):
+        write_deformation(Deformation(), path)
+    assert path.read_text() == theirs
+    write_deformation(read_deformation(path), path)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_of_two_that_make_a_file_at_once_the_second_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+
+    @contextmanager
+    def too_late() -> Iterator[None]:  # both have seen that there is none
+        path.write_bytes(b"theirs")
+        yield
+
+    with writing_held_by(too_late), pytest.raises(FileChangedError):
+        write_deformation(document(), path)
+    assert path.read_bytes() == b"theirs"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
 def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from deformnb.deformation import Keyframe
-from deformnb.errors import Cancelled, DeformError, VolumeFileError
+from deformnb.errors import Cancelled, DeformError, FileChangedError, VolumeFileError
 from deformnb.exports import EXPORTS, Frozen, export, export_for
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
@@ -107,6 +107,23 @@ def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tm
     with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["egg.nrrd", "egg.mhd", "egg.json", "egg.py", "egg.svg"])
+def test_a_file_that_was_there_before_is_not_written_over(session: Session, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"the original")
+    worked: list[float] = []
+    with pytest.raises(FileChangedError, match=f"^{name} was there before"):
+        export(session, tmp_path / name, progress=worked.append)
+    assert worked == []
+    assert (tmp_path / name).read_bytes() == b"the original"
+    export(session, tmp_path / name, overwrite=True)
+    export(session, tmp_path / name)  # written here
+    with pytest.raises(FileChangedError):
+        export(Session(session.volume), tmp_path / name)
+    (tmp_path / name).write_bytes(b"of another")
+    with pytest.raises(FileChangedError, match="changed by someone else"):
+        export(session, tmp_path / name)
 
 
 def test_an_export_knows_nothing_of_later_edits(session: Session, tmp_path: Path) -> None:

@@ -29,9 +29,9 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio, tmp_path: Path, moment: str,
                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on, ended = (threading.Event() for _ in range(3))
-    def stubborn(frozen: Any, path: Path, progress: Any) -> Path:
+    def stubborn(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:
         if path.suffix != ".png":
-            return export(frozen, path, progress=progress)
+            return export(frozen, path, progress=progress, **options)
         try:
             if moment == "before it writes":  # it does not look up, and is not asked
                 begun.set()
@@ -47,7 +47,7 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio
     monkeypatch.setattr(module, "export", stubborn)
     files = panel(studio, "Files")
     (tmp_path / "ball.png").write_bytes(b"older")
-    files._own.add(tmp_path / "ball.png")  # written here before
+    studio.session.files.remember(tmp_path / "ball.png")  # as if it was written here before
     files.name.value = "ball.png"
     files.write.click()
     assert begun.wait(60)
@@ -73,7 +73,7 @@ def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: 
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     landing, go_on = threading.Event(), threading.Event()
 
-    def slow_disk(frozen: Any, path: Path, progress: Any) -> Path:
+    def slow_disk(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:
         with atomic_write(path) as stream:
             stream.write(b"whole")
         landing.set()

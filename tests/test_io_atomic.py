@@ -166,6 +166,21 @@ def test_a_killed_program_leaves_the_old_file(tmp_path: Path) -> None:
     assert (read_volume(path).values == 1).all()
 
 
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_file_that_comes_meanwhile_is_not_overwritten(has_links: bool, tmp_path: Path,
+                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.txt"
+    if not has_links:  # as on FAT
+        monkeypatch.setattr(Path, "hardlink_to", lambda *_given: (_ for _ in ()).throw(PermissionError(1, "no links")))
+    with pytest.raises(VolumeFileError, match="exists already"), atomic_write(path, overwrite=False) as file:
+        file.write(b"mine")
+        path.write_bytes(b"theirs")
+    assert contents(tmp_path) == {"a.txt": b"theirs"}
+    with atomic_write(tmp_path / "b.txt", overwrite=False) as file:
+        file.write(b"mine")
+    assert contents(tmp_path) == {"a.txt": b"theirs", "b.txt": b"mine"}
+
+
 def test_two_writers_at_once_leave_one_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "a.nrrd"
 

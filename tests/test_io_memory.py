@@ -76,7 +76,8 @@ def test_a_group_that_is_not_seen_from_here_leaves_the_limit_of_the_part_that_is
 
 
 @pytest.mark.parametrize(("groups", "mounts"), [
-    ("", ""), ("0::/a\n", ""), ("", MOUNT_V2), ("4:cpu:/a\n", MOUNT_V1), ("0::/a\n", "1 2 0:3 / / rw - ext4 /dev/sda rw\n"),
+    ("", ""), ("0::/a\n", ""), ("", MOUNT_V2), ("4:cpu:/a\n", MOUNT_V1),
+    ("0::/a\n", "1 2 0:3 / / rw - ext4 /dev/sda rw\n"),
 ])
 def test_without_groups_the_memory_of_the_machine_counts(groups: str, mounts: str, machine: Path) -> None:
     assert available_memory() == 10_000_000

@@ -21,7 +21,7 @@ from PIL import Image, features
 from deformnb.animation import Animation
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Keyframe
-from deformnb.errors import Cancelled, DeformError, MissingPackageError
+from deformnb.errors import Cancelled, DeformError, MissingPackageError, VolumeFileError
 from deformnb.io import movies
 from deformnb.movie import animation_frames, deformation_frames, orbit, swing, write_movie
 from deformnb.render import render_pair, render_volume
@@ -309,6 +309,9 @@ def test_two_series_are_not_mixed(tmp_path: Path) -> None:
 
 def test_an_older_file_is_replaced(tmp_path: Path) -> None:
     path = write_movie(tmp_path / "a.gif", shades(3))
+    with pytest.raises(VolumeFileError, match="exists already"):
+        write_movie(path, shades(5), overwrite=False)
+    assert len(read_back(path)) == 3
     assert len(read_back(write_movie(path, shades(5)))) == 5
 
 

@@ -146,8 +146,13 @@ def test_the_command_deforms_resumes_and_sums_up(many: Path, monkeypatch: pytest
     assert "min det J" in told[0]
     rows = json.loads((many / "all.json").read_text())
     assert [row["state"] for row in rows] == ["done"] * 3
-    assert run(many, "replay pull.json in --out out", monkeypatch) == 0
+    assert run(many, "replay pull.json in --out out --summary all.json", monkeypatch) == 0  # over its own
     assert "0 done, 3 done before" in capsys.readouterr().out
+    for letter in ("[]", "a letter", '[{"name": "fish"}]'):
+        (many / "all.json").write_text(letter)
+        assert run(many, "replay pull.json in --out out --summary all.json", monkeypatch) == 2
+        assert "all.json: exists already" in capsys.readouterr().err
+        assert (many / "all.json").read_text() == letter
     assert run(many, "replay pull.json in --out out --strength -0.5", monkeypatch) == 0
     assert "3 done, 0 done before" in capsys.readouterr().out
 

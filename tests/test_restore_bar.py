@@ -117,7 +117,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     wait_for(lambda: files.said.value.startswith("Wrote mine.json"))
     assert studio.session.saved is not None
     mine = (tmp_path / "mine.json").read_bytes()
-    other.save(tmp_path / "mine.json")
+    other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()
     wait_for(lambda: files.question.box.layout.display == "")
     wait_for(lambda: not files.write.disabled)

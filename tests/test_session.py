@@ -391,6 +391,29 @@ def test_a_file_that_somebody_else_has_changed_is_not_written_over(session: Sess
     other.save(file)  # other times, the same content
 
 
+def test_a_file_that_was_there_before_is_not_written_over(session: Session, tmp_path: Path) -> None:
+    file = tmp_path / "fish.json"
+    for content in (b"a letter", b""):
+        file.write_bytes(content)
+        with pytest.raises(FileChangedError, match="^fish.json was there before.*another name.*overwrite=True"):
+            session.save(file)
+        assert file.read_bytes() == content
+        assert (session.saved, session.file) == (None, None)
+    session.save(file, overwrite=True)
+    session.change(strength=0.5)
+    session.save(file)  # what is in it was written here
+    with pytest.raises(FileChangedError):
+        Session(session.volume).save(file)
+    again = Session(session.volume)
+    again.open(file)
+    again.save(file)  # opened here
+    link = tmp_path / "link.json"
+    link.symlink_to(file)
+    again.save(link)
+    assert link.is_symlink()
+    assert [p.name for p in sorted(tmp_path.iterdir())] == ["fish.json", "link.json"]
+
+
 def test_what_is_safe_in_a_file_is_known(session: Session, tmp_path: Path) -> None:
     assert session.saved is None
     session.edit_points(dragged(session))

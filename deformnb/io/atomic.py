@@ -15,7 +15,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from deformnb.errors import VolumeFileError
+from deformnb.errors import FileChangedError, VolumeFileError
 from deformnb.io.headers import fail, human_bytes, shown
 from deformnb.io.locks import held, sweep
 
@@ -83,7 +83,7 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     if exists and not target.is_file():
         raise fail(target, "cannot be written: this is a device or pipe, not a file.")
     if exists and not overwrite:
-        raise fail(target, "exists already and overwrite is False. Choose another name.")
+        raise _taken(target)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise fail(target, f"cannot be written: the folder {shown(folder)} is read-only for you.")
     if exists and not os.access(target, os.W_OK):
@@ -138,7 +138,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
                 file.flush()
                 os.fsync(file.fileno())
             with _last_doubts.get()(), replacing(target):
-                temporary.replace(target)
+                _take_place(temporary, target, overwrite=overwrite)
         finally:
             if lock is not None:
                 os.close(lock)
@@ -153,6 +153,25 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
     flush_folder(target.parent)
+
+
+def _take_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
+    """Give a file its name; where it must be a new one, also another process that does the same is not replaced."""
+    if overwrite:
+        temporary.replace(target)
+        return
+    try:
+        target.hardlink_to(temporary)  # in one operation, as no rename can
+    except FileExistsError:
+        raise _taken(target) from None
+    except (OSError, NotImplementedError):  # a file system without links
+        if target.exists():
+            raise _taken(target) from None
+        temporary.replace(target)
+
+
+def _taken(target: Path) -> FileChangedError:
+    return FileChangedError(f"{shown(target.name)}: exists already and overwrite is False. Choose another name.")
 
 
 def temporary_name() -> str:

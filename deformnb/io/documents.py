@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from os import PathLike
 from pathlib import Path
 
@@ -16,6 +15,8 @@ from deformnb.io.headers import shown
 from deformnb.io.known_files import KnownFiles
 from deformnb.rigid_parts import RigidPart
 
+_HERE = KnownFiles()  # of all that belongs to no session
+
 
 def read_deformation(path: str | PathLike[str]) -> Deformation:
     """The deformation in a file.
@@ -25,7 +26,9 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     DeformError
         In one sentence, if the file is missing, is no deformnb document, is cut short, or is of a newer version.
     """
-    return read_document(path)[0]
+    document, content = read_document(path)
+    _HERE.remember(path, content)
+    return document
 
 
 def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
@@ -52,22 +55,25 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
 
     Parameters
     ----------
-    known : files that shall not be replaced if somebody else has changed them; this one is known afterwards.
-    overwrite : whether it may be replaced nevertheless.
+    known : files that may be replaced while they hold what they held when they were last read or written; default are
+        those of :func:`read_deformation` and of this function in this process. This one is known afterwards.
+    overwrite : whether any file may be replaced.
 
     Raises
     ------
     FileChangedError
-        If the file is known and was changed.
+        If the file is there and is not known, or was changed since.
     """
     data = to_json(deformation).encode("utf-8")
-    guard = None if overwrite else known
-    if guard is not None:
-        guard.check(path)
-    with atomic_write(path, replacing=nullcontext if guard is None else guard.replacing) as stream:
+    files = _HERE if known is None else known
+    if overwrite:
+        writing = atomic_write(path)
+    else:
+        files.check(path)
+        writing = atomic_write(path, overwrite=files.has(path), replacing=files.replacing)
+    with writing as stream:
         stream.write(data)
-    if known is not None:
-        known.remember(path, data)
+    files.remember(path, data)
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:

@@ -34,7 +34,8 @@ _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float = 24.0, *,
-                progress: Progress | None = None, cancel: Callable[[], bool] | None = None) -> Path:
+                overwrite: bool = True, progress: Progress | None = None,
+                cancel: Callable[[], bool] | None = None) -> Path:
     """Write pictures as a movie.
 
     Parameters
@@ -44,6 +45,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
         pattern such as ``turn_%03d.png`` if one is given.
     frames : (height, width, 3) uint8, all of one size, one after the other; never all in memory.
     fps : frames a second.
+    overwrite : whether an existing file may be replaced; numbered pictures are never mixed with others.
     progress : called as ``progress(done, total)`` after each frame; total is 0 where the frames do not tell how many
         they are. May raise :class:`~deformnb.errors.Cancelled`.
     cancel : asked before each frame, such as ``threading.Event().is_set``; True raises Cancelled.
@@ -77,6 +79,8 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
         raise DeformError(f"a movie has between 0.01 and 1000 frames a second, got {fps}.")
     total = length_hint(frames, 0)
     try:
+        if kind not in ("", ".png"):
+            check_target(place, overwrite=overwrite)
         MOVIES[kind](place, _watched(frames, total, progress, cancel), float(fps))
     finally:  # frames that are made one by one hold a renderer, also when the last one was never asked for
         close = getattr(frames, "close", None)

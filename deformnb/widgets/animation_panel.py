@@ -250,7 +250,8 @@ class MovieControls:
     def _do(self, path: Path, frozen: Frozen, fps: float) -> None:
         said = ""
         try:
-            write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+            with frozen.files.writing(path):
+                write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
             said = f"Wrote {path.name}."
         except Cancelled:
             said = f"Stopped; {path.name} was not written."

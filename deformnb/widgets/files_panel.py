@@ -8,7 +8,6 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -52,7 +51,6 @@ class FilesPanel(Panel):
         self._write_page = write_page
         self._job: Job | None = None  # what is awaited
         self._ending = threading.Lock()
-        self._own: set[Path] = set()  # written here
         self._thread = Worker("deformnb-files")
         stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
@@ -92,42 +90,41 @@ class FilesPanel(Panel):
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, self._view.seen())
-        if os.path.lexists(path) and path not in self._own:
+        if os.path.lexists(path) and not frozen.files.has(path):
             self.said.value = ""
             doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
             self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
-                              lambda: self._begin(path, frozen, downloads))
+                              lambda: self._begin(Job(path, frozen, downloads, overwrite=True)))
             return
-        self._begin(path, frozen, downloads)
+        self._begin(Job(path, frozen, downloads))
 
-    def _begin(self, path: Path, frozen: Frozen, downloads: bool) -> None:
+    def _begin(self, job: Job) -> None:
         self.question.forget()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
         self.bar.value, self.bar.layout.display = 0.0, ""
-        self.said.value = f"Writing {path.name} ..."
-        job = self._job = Job(path, frozen, downloads)
+        self.said.value = f"Writing {job.path.name} ..."
+        self._job = job
         self._thread.call(lambda: self._do(job))
 
     def _do(self, job: Job) -> None:
         try:
             with writing_held_by(job.landing):
                 if job.path.name.lower().endswith(_PAGE):
-                    self._write_page(job.path, progress=partial(self._progress, job))
+                    self._write_page(job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
                 else:
-                    export(job.frozen, job.path, progress=partial(self._progress, job))
-            self._own.add(job.path)
+                    export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
             if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
                 self.guard(lambda: self.hand_over.download(job.path.name, content))
         except Cancelled:
             self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            over = replace(job.frozen, save=partial(job.frozen.save, overwrite=True))
+            over = Job(job.path, job.frozen, job.downloads, overwrite=True)
             if self._ended(job, ""):
                 self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
                                   " Write it under another name, or over theirs?", "Write over it",
-                                  lambda: self._begin(job.path, over, job.downloads))
+                                  lambda: self._begin(over))
         except Exception as error:
             reason = error
             if self._ended(job, ""):
@@ -210,6 +207,7 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
+    overwrite : whether somebody has agreed that any file is replaced.
 
     Attributes
     ----------
@@ -223,8 +221,8 @@ class Job:
     False
     """
 
-    def __init__(self, path: Path, frozen: Frozen, downloads: bool) -> None:
-        self.path, self.frozen, self.downloads = path, frozen, downloads
+    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, overwrite: bool = False) -> None:
+        self.path, self.frozen, self.downloads, self.overwrite = path, frozen, downloads, overwrite
         self.is_cancelled = self._is_landing = False
         self._lock = threading.Lock()
 

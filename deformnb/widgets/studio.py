@@ -100,6 +100,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
                                source=source_of(volume), **look)
+        if isinstance(deformation, (str, PathLike)):
+            self.session.files.remember(deformation)
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
@@ -272,7 +274,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.session.open(path, allow_other_volume=allow_other_volume)
 
     def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None, *,
-               size: tuple[int, int] | None = None, fps: float = 24.0) -> Path:
+               size: tuple[int, int] | None = None, fps: float = 24.0, overwrite: bool = False) -> Path:
         """Write a file; its suffix chooses what: see :data:`deformnb.exports.EXPORTS`, and ``.html`` for a page.
 
         Parameters
@@ -282,29 +284,31 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             projection, clip, background, and whether the original stands beside; default is 1600 x 1200, and 640 x 480
             for movies.
         fps : pictures a second of movies.
+        overwrite : replace any file; else only one that holds what this studio has opened or written.
         """
         if Path(path).suffix.lower() == ".html":
-            self.export_html(path, progress=progress)
+            self.export_html(path, overwrite=overwrite, progress=progress)
             return Path(path)
-        return export(self.session, path, seen=self.view.seen(), size=size, fps=fps, progress=progress)
+        return export(self.session, path, seen=self.view.seen(), size=size, fps=fps, overwrite=overwrite,
+                      progress=progress)
 
     def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "", limit: int | None = None,
-                    overwrite: bool = True, progress: Callable[[float], None] | None = None) -> None:
+                    overwrite: bool = False, progress: Callable[[float], None] | None = None) -> None:
         """Write one offline file in which the volume still deforms, without a kernel.
 
         Parameters
         ----------
         title, about : of the page; a line under the title.
         limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
-        overwrite : whether an existing file may be replaced.
-        progress : as of :meth:`export`.
+        overwrite, progress : as of :meth:`export`.
         """
         from deformnb.widgets.standalone import LIMIT, write_standalone
 
         editor, view = parts.last_step(self.session, self._editors.plane, self.view)
         try:
-            write_standalone(path, editor, view, title=title or self.volume.name, about=about, overwrite=overwrite,
-                             limit=LIMIT if limit is None else limit, progress=progress)
+            with self.session.files.writing(path, overwrite=overwrite):
+                write_standalone(path, editor, view, title=title or self.volume.name, about=about,
+                                 limit=LIMIT if limit is None else limit, progress=progress)
         finally:
             close_all(editor)
             close_all(view)

@@ -178,8 +178,12 @@ class ThompsonPanel(Panel):
             writer.disabled = True
         self.said.value = f"Writing {path.name} ..."
         missing = " The haze is shown here only." if editor.overlay == "uncertainty" else ""
-        self._thread.call(lambda: self._do(lambda: draw_grids(named, session.picture(), **given), path, downloads,
-                                           missing))
+
+        def draw() -> None:
+            with session.files.writing(path):
+                draw_grids(named, session.picture(), **given)
+
+        self._thread.call(lambda: self._do(draw, path, downloads, missing))
 
     def _do(self, draw: Callable[[], Any], path: Path, downloads: bool, missing: str) -> None:
         said = ""
