@@ -28,6 +28,7 @@ from deformnb.session_store import (
     delete,
     file_name,
     mark,
+    next_number,
     prune,
     restore,
     saved_sessions,
@@ -96,7 +97,7 @@ class Autosave:
         self._thread = threading.Thread(target=_run, args=(job,), name="deformnb-autosave", daemon=True)
         _RUNNING[self._thread] = job
         self._thread.start()
-        weakref.finalize(session, job.end, "open").atexit = False
+        weakref.finalize(session, job.end).atexit = False
 
     @property
     def folder(self) -> Path:
@@ -123,18 +124,12 @@ class Autosave:
         if not self._job.flushed(timeout):
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
 
-    def close(self, *, orderly: bool = True) -> None:
-        """Write what waits and end.
-
-        Parameters
-        ----------
-        orderly : its user has closed the session and wants nothing of it back; else what was not saved is offered
-            when the volume is opened again.
-        """
+    def close(self) -> None:
+        """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history."""
         session = self._session()
-        if session is not None and not self._job.ended:
+        if session is not None and not self._job.is_ending:
             session.unobserve(self._job.note, _WATCHED)
-        self._job.end("closed" if orderly else "open")
+        self._job.end()
         if threading.current_thread() is not self._thread:
             self._thread.join(_WAIT_AT_CLOSE)
 
@@ -155,7 +150,7 @@ class _Job:
         self.edited = datetime.now(UTC)
         self.since = self.due = 0.0
         self.is_urgent = self.is_busy = False
-        self.ended = ""  # the state in which the session is left
+        self.is_ending = self.is_done = False
         self.entry: SavedSession | None = None
         self.held: int | None = None
         self.replaced: list[SavedSession] = []
@@ -185,14 +180,14 @@ class _Job:
         with self.changed:
             self.is_urgent = True
             self.changed.notify_all()
-            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.ended == "done",
+            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.is_done,
                                          timeout)
             self.is_urgent = False
             return done and self.waiting is None
 
-    def end(self, state: str) -> None:
+    def end(self) -> None:
         with self.changed:
-            self.ended = self.ended or state
+            self.is_ending = True
             self.waiting, self.unwritten = self.waiting or self.unwritten, None  # the disk may have room again
             self.changed.notify_all()
 
@@ -205,10 +200,10 @@ class _Job:
                 self.is_busy = False
                 self.changed.notify_all()
                 left = self.due - time.monotonic()
-                if self.waiting is not None and (self.ended or self.is_urgent or left <= 0):
+                if self.waiting is not None and (self.is_ending or self.is_urgent or left <= 0):
                     taken, self.waiting, self.is_busy = self.waiting, None, True
                     return taken
-                if self.ended:
+                if self.is_ending:
                     return None
                 self.changed.wait(None if self.waiting is None else left)
 
@@ -237,9 +232,10 @@ class _Job:
         assert self.reference is not None
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._let_go()
+        number = next_number(self.folder)
         while self.held is None:
             path = self.folder / file_name(self.reference, secrets.token_hex(4))
-            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0)
+            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
             try:
                 self.held = hold(self.entry.held)
             except OSError:
@@ -249,11 +245,11 @@ class _Job:
 
     def leave(self) -> None:
         """The last work: nobody holds the file any more."""
-        if self.entry is not None and self.ended == "closed" and self.entry.state == "open":
+        if self.entry is not None and self.entry.state == "open":
             mark(self.entry, "closed")
         self._let_go()
         with self.changed:
-            self.ended = "done"
+            self.is_done = True
             self.changed.notify_all()
 
     def _let_go(self) -> None:
@@ -327,10 +323,10 @@ _HELD: set[int] = set()
 
 @atexit.register
 def _end_all() -> None:
-    """Write what waits; what was not saved is offered when its volume is opened again."""
+    """Write what waits, and close what is open: that a process ends by itself is no crash."""
     running = list(_RUNNING.items())
     for _, job in running:
-        job.end("open")
+        job.end()
     until = time.monotonic() + _PATIENCE_AT_EXIT
     for thread, _ in running:
         thread.join(max(0.0, until - time.monotonic()))

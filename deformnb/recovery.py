@@ -35,6 +35,7 @@ class Recovery:
     ----------
     autosave : what writes.
     lost : what is offered, the newest first.
+    earlier : sessions on the volume that ended by themselves with edits that are in no file, the newest first.
     written : when what is not saved was last written, for people; empty if there is nothing such.
 
     Examples
@@ -50,6 +51,7 @@ class Recovery:
                  **options: Any) -> None:
         self.session = session
         self.lost: list[SavedSession] = []
+        self.earlier: list[SavedSession] = []
         self.written = ""
         self._say, self._changed = say, changed
         self._ready = threading.Event()
@@ -97,24 +99,41 @@ class Recovery:
         self.session.edit_document(document, f"restore the edit of {moment(entry.edited)}", index=index)
         self.autosave.replaces(entry)
 
+    def go_back(self, which: int) -> None:
+        """Go on with one of the :attr:`earlier` sessions; can be undone.
+
+        Raises
+        ------
+        DeformError
+            If there is no such one, or its file is damaged or gone.
+        """
+        if not 0 <= which < len(self.earlier):
+            raise DeformError("this earlier session is no longer kept.")
+        entry = self.earlier[which]
+        document = restore(entry)
+        index = entry.index if 0 <= entry.index < len(document.steps) else None
+        self.session.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
+
     def wait(self, timeout: float = 60.0) -> bool:
         """Until it is known what was lost; for scripts and tests."""
         return self._ready.wait(timeout)
 
-    def close(self, *, orderly: bool = True) -> None:
+    def close(self) -> None:
         """End; see :meth:`Autosave.close <deformnb.autosave.Autosave.close>`."""
-        self.autosave.close(orderly=orderly)
+        self.autosave.close()
 
     def _look(self, reference: VolumeReference) -> None:
         try:
-            self.lost = saved_sessions(reference, self._folder)
+            found = saved_sessions(reference, self._folder, every=True)
+            self.lost = [entry for entry in found if entry.is_lost]
+            self.earlier = [entry for entry in found if entry.is_earlier]
             if self._differs is not None:
                 difference, self._differs = self.session.difference(self._differs), None
                 if difference:
                     self._say(difference)
         finally:
             self._ready.set()
-        if self.lost:
+        if self.lost or self.earlier:
             self._changed()
 
     def _note(self, entry: SavedSession) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -28,13 +27,21 @@ from deformnb.volume import Grid, Volume
 
 FORMAT = "deformnb-autosave"
 STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
-"""Of a session; "open" is lost when its process has gone, and the others are kept a while."""
+"""Of a session; "open" is lost when its process has gone, and the others are kept a while.
 
-MOST_PER_VOLUME, MOST, MOST_BYTES, MOST_DAYS = 20, 200, 200 * 2**20, 30.0
-"""How many are kept, how large they may be together, and for how long."""
+A session that ends with edits that are in no file is "closed", whoever has closed it; it stays "open" only if its
+process had no time to say so.
+"""
+
+MOST_PER_VOLUME, MOST, MOST_BYTES = 20, 200, 200 * 2**20
+"""How many are kept besides those that are open, and how large they may be together; the newest stay.
+
+No age counts: a clock may go wrong in both directions, and a holiday is longer than any number of days.
+"""
 
 _LONGEST_FACTS, _LONGEST_NAME = 8192, 200
 _OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction")
+_NUMBERS = ("points", "steps", "index", "key", "number")
 _SUFFIX, _HELD = ".json", ".live"
 _OURS = re.compile(r"[0-9a-f]{16}-\d+-[0-9a-f]+")  # as file_name makes them
 _skipped: set[Path] = set()  # where the folder has become read-only, for this process at least
@@ -59,6 +66,7 @@ class SavedSession:
     state : one of :data:`STATES`.
     points, steps : how many there are.
     index, key : which step, and which of its sets of points, was edited.
+    number : higher than that of any session that was there when this one began, whatever the clock says.
     """
 
     path: Path
@@ -69,6 +77,7 @@ class SavedSession:
     steps: int
     index: int = 0
     key: int = 0
+    number: int = 0
 
     @property
     def held(self) -> Path:
@@ -81,8 +90,13 @@ class SavedSession:
         return not is_abandoned(self.held)
 
     @property
+    def is_earlier(self) -> bool:
+        """True if it ended with edits that are in no file, and is not offered: it is found in the history."""
+        return self.state in ("closed", "skipped") and not self.is_live
+
+    @property
     def is_lost(self) -> bool:
-        """True if it was neither saved nor closed by its user, and nobody has it any more."""
+        """True if its process has died without closing it, as in a crash."""
         return self.state == "open" and self.path not in _skipped and not self.is_live
 
     def __str__(self) -> str:
@@ -121,6 +135,11 @@ def file_name(reference: VolumeReference, token: str) -> str:
     return f"{reference.sha256[:16]}-{os.getpid()}-{token}{_SUFFIX}"
 
 
+def next_number(folder: Path) -> int:
+    """The number of a session that begins now."""
+    return 1 + max((entry.number for entry in _read_all(folder)), default=0)
+
+
 def write_session(entry: SavedSession, document: Deformation | str) -> None:
     """Write a session's file, whole or not at all; its folder is made if there is none.
 
@@ -131,7 +150,7 @@ def write_session(entry: SavedSession, document: Deformation | str) -> None:
     """
     entry.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     facts: dict[str, Any] = {"format": FORMAT, "state": entry.state, "edited": entry.edited.isoformat(),
-                             **{name: getattr(entry, name) for name in ("points", "steps", "index", "key")}}
+                             **{name: getattr(entry, name) for name in _NUMBERS}}
     facts |= {name: getattr(entry.volume, name) for name in _OF_VOLUME} | {"name": entry.volume.name[:_LONGEST_NAME]}
     text = document if isinstance(document, str) else to_json(document)
     with atomic_write(entry.path) as stream:
@@ -149,7 +168,7 @@ def read_session(path: Path) -> SavedSession | None:
         grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"])
         volume = VolumeReference(str(data["name"])[:_LONGEST_NAME], grid.shape, grid.spacing, str(data["sha256"]),
                                  grid.origin, grid.direction)
-        numbers = {name: int(data[name]) for name in ("points", "steps", "index", "key")}
+        numbers = {name: int(data.get(name, 0)) for name in _NUMBERS}
         return SavedSession(path, volume, edited.astimezone(UTC), data["state"], **numbers)
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
@@ -157,7 +176,8 @@ def read_session(path: Path) -> SavedSession | None:
 
 def _read_all(folder: Path, prefix: str = "") -> list[SavedSession]:
     found = (read_session(path) for path in folder.glob(f"{prefix}*{_SUFFIX}"))
-    return sorted((entry for entry in found if entry is not None), key=lambda entry: entry.edited, reverse=True)
+    return sorted((entry for entry in found if entry is not None), key=lambda entry: (entry.number, entry.edited),
+                  reverse=True)
 
 
 # -- for users ---------------------------------------------------------------------------------------------------------
@@ -241,7 +261,7 @@ def _text(entry: SavedSession) -> str:
 
 
 def prune(folder: Path) -> None:
-    """Remove what is too old or too much: first what is not lost, then the oldest; never what is running.
+    """Remove the oldest of what is too much; never what is open: it is running, or nobody has answered its offer yet.
 
     The folder may be one of the user's: what is not named as a session's file is nothing to us.
     """
@@ -261,16 +281,18 @@ def _ours(folder: Path, suffix: str) -> Iterator[Path]:
 
 
 def _worth_keeping(entries: Iterable[SavedSession]) -> list[SavedSession]:
-    """Of sessions, the newest first, those within the bounds."""
-    oldest = time.time() - MOST_DAYS * 86400
-    young = [entry for entry in entries if entry.edited.timestamp() > oldest]
+    """Of sessions, the newest first: those that are open, and of the others those within the bounds."""
     kept: list[SavedSession] = []
     counts: dict[str, int] = {}
-    size = 0
-    for entry in sorted(young, key=lambda e: e.state != "open"):  # a stable sort: the newest lost one first
+    size = most = 0
+    for entry in entries:
+        if entry.state == "open":
+            kept.append(entry)
+            continue
         own = counts.get(entry.volume.sha256, 0)
         size += entry.path.stat().st_size
-        if own < MOST_PER_VOLUME and len(kept) < MOST and size <= MOST_BYTES:
+        if own < MOST_PER_VOLUME and most < MOST and size <= MOST_BYTES:
             kept.append(entry)
             counts[entry.volume.sha256] = own + 1
+            most += 1
     return kept

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
+from deformnb.autosave import Autosave
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.point_messages import points_to_json
@@ -60,3 +62,10 @@ def wait_for(condition: Any, seconds: float = 20.0) -> None:
     while not condition():
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.01)
+
+
+def crash(saving: Autosave) -> None:
+    """Leave what a session has written as if its process had been killed."""
+    with mock.patch("deformnb.autosave.mark"):  # nobody says that it was closed
+        saving.close()
+        saving._thread.join(60)

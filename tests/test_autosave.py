@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import wait_for
+from driven_studio import crash, wait_for
 
 from deformnb import autosave as module
 from deformnb.autosave import Autosave, restore, saved_sessions
@@ -68,7 +68,7 @@ def test_what_was_left_is_lost_and_comes_back_exactly(session: Session) -> None:
     session.edit_points(session.points.add(middle, middle + np.array([0.1, 1 / 3])))
     session.set_view("+z")
     session.edit_step(0)
-    saving.close(orderly=False)
+    crash(saving)
     (entry,) = entries(session.volume, every=False)
     assert restore(entry).steps == session.deformation.steps
     assert (entry.points, entry.steps, entry.index) == (9, 2, 0)
@@ -79,7 +79,7 @@ def test_the_box_of_the_result_comes_back_with_the_rest(session: Session) -> Non
     autosave = Autosave(session)
     session.grow(3.0)
     autosave.flush()
-    autosave.close(orderly=False)
+    crash(autosave)
     (lost,) = saved_sessions(session.volume)
     assert session.output is not None
     assert restore(lost).output == session.output
@@ -108,6 +108,7 @@ def test_what_was_closed_or_saved_or_never_edited_is_not_lost(session: Session, 
     session.change(strength=0.65)
     saving.close()
     assert [e.state for e in entries(session.volume)] == ["closed"]
+    assert [e.is_earlier for e in entries(session.volume)] == [True]
     assert entries(session.volume, every=False) == []
     session.change(strength=0.7)  # nobody listens any more
     saving.close()
@@ -177,7 +178,7 @@ def test_a_failing_listener_stops_nothing(session: Session) -> None:
 def test_what_is_continued_is_offered_until_the_new_one_is_written(session: Session) -> None:
     first = Autosave(session)
     session.change(strength=0.5)
-    first.close(orderly=False)
+    crash(first)
     (lost,) = entries(session.volume, every=False)
     later = Session(session.volume)
     saving = Autosave(later, delay=60)
@@ -206,7 +207,7 @@ def test_neither_session_nor_volume_is_kept_alive() -> None:
 def test_the_file_is_text_that_can_be_read_without_the_program(session: Session) -> None:
     saving = Autosave(session)
     session.change(strength=0.5)
-    saving.close(orderly=False)
+    crash(saving)
     (entry,) = entries(session.volume)
     facts, document = entry.path.read_text(encoding="utf-8").split("\n", 1)
     assert json.loads(facts)["points"] == 4
@@ -229,7 +230,7 @@ def test_what_could_not_be_written_is_tried_once_more_at_the_end(session: Sessio
         saving.flush()
         assert len(told) == 1
         assert entries(session.volume) == []
-    saving.close(orderly=False)
+    crash(saving)
     wait_for(lambda: entries(session.volume, every=False))
     [entry] = entries(session.volume)
     assert restore(entry).steps[0].strength == 0.25

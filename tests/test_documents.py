@@ -61,7 +61,7 @@ def test_a_path_may_be_a_string(tmp_path: Path) -> None:
 def test_only_what_this_process_has_read_or_written_is_replaced_unasked(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_bytes(b"a letter")
-    with pytest.raises(FileChangedError, match="a.json was there before, and was neither opened nor saved here"):
+    with pytest.raises(FileChangedError, match=r"a\.json was there before, and was neither opened nor saved here"):
         write_deformation(document(), path)
     assert path.read_bytes() == b"a letter"
     write_deformation(document(), path, overwrite=True)

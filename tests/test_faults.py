@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 import victims
-from driven_studio import a_drag, a_volume, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, crash, drag, panel, wait_for
 
 from deformnb.autosave import Autosave
 from deformnb.control_points import ControlPoints
@@ -187,7 +187,7 @@ def test_processes_killed_while_they_save_themselves_leave_what_they_had_told(tm
     session = Session(volume)
     saving = Autosave(session, tmp_path)
     session.change(strength=0.5)
-    saving.close(orderly=False)
+    crash(saving)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json"] * 4  # no litter stays
     assert len(children) < MOST_PER_VOLUME
 
@@ -204,6 +204,38 @@ def test_points_of_a_killed_process_come_back_exactly(tmp_path: Path) -> None:
     (entry,) = saved_sessions(victims.a_volume(), tmp_path)
     assert (entry.points, entry.steps) == (13, 2)
     assert [m.target.tolist() for step in restore(entry).steps for m in step.maps] == json.loads(out)  # to the last bit
+
+
+def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tmp_path: Path) -> None:
+    strength = told("ends", tmp_path)
+    assert saved_sessions(victims.a_volume(), tmp_path) == []
+    (entry,) = saved_sessions(victims.a_volume(), tmp_path, every=True)
+    assert (entry.state, entry.is_earlier) == ("closed", True)
+    assert restore(entry).steps[0].strength == strength
+
+
+@posix
+def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_killed_does(tmp_path: Path) -> None:
+    manager = pytest.importorskip("jupyter_client.manager")
+    work = ("import sys; sys.path[:0] = [%r, %r]; import victims; from pathlib import Path\n"
+            "victims.ends(Path(%r), victims.random.Random(%d))")
+    states = []
+    for number, end in enumerate(("shut down", "restarted", "killed")):
+        kernel, client = manager.start_new_kernel(kernel_name="python3")
+        try:
+            folder = tmp_path / end
+            client.execute_interactive(work % (str(TESTS.parent), str(TESTS), str(folder), number), timeout=120)
+            if end == "killed":
+                client.execute("import os, signal; victims._kept_by.flush(); os.kill(os.getpid(), signal.SIGKILL)")
+                kernel.provisioner.process.wait(60)
+            elif end == "restarted":
+                kernel.restart_kernel()
+        finally:
+            client.stop_channels()
+            kernel.shutdown_kernel()
+        (entry,) = saved_sessions(victims.a_volume(), folder, every=True)
+        states.append((end, entry.state, entry.is_lost))
+    assert states == [("shut down", "closed", False), ("restarted", "closed", False), ("killed", "open", True)]
 
 
 @posix

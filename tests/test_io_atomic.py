@@ -172,9 +172,14 @@ def test_a_file_that_comes_meanwhile_is_not_overwritten(has_links: bool, tmp_pat
     path = tmp_path / "a.txt"
     if not has_links:  # as on FAT
         monkeypatch.setattr(Path, "hardlink_to", lambda *_given: (_ for _ in ()).throw(PermissionError(1, "no links")))
-    with pytest.raises(VolumeFileError, match="exists already"), atomic_write(path, overwrite=False) as file:
-        file.write(b"mine")
-        path.write_bytes(b"theirs")
+
+    def write_too_late() -> None:
+        with atomic_write(path, overwrite=False) as file:
+            file.write(b"mine")
+            path.write_bytes(b"theirs")
+
+    with pytest.raises(VolumeFileError, match="exists already"):
+        write_too_late()
     assert contents(tmp_path) == {"a.txt": b"theirs"}
     with atomic_write(tmp_path / "b.txt", overwrite=False) as file:
         file.write(b"mine")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import wait_for
+from driven_studio import crash, wait_for
 
 from deformnb import autosave
 from deformnb.errors import DeformError
@@ -28,7 +28,7 @@ def lose(strength: float = 0.5, points: int = 5) -> Session:
     for k in range(points - 4):
         session.edit_points(session.points.add([2.0 + k, 2.5], [2.0 + k, 3.0 + k / 7]))
     session.set_view("+z")
-    saving.close(orderly=False)
+    crash(saving)
     return session
 
 
@@ -66,7 +66,7 @@ def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     session.redo()
     recovery.autosave.flush()
     assert recovery.written
-    recovery.close(orderly=False)
+    crash(recovery.autosave)
     again = opened()
     assert len(again.lost) == 1  # the one that went on, and not the first one too
     again.close()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from driven_studio import a_drag, a_volume, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, act, crash, drag, panel, wait_for
 
 from deformnb.app.desk import Desk
 from deformnb.autosave import saved_sessions
@@ -28,11 +28,12 @@ def click(studio: Studio, what: Any, version: Any = None) -> None:
 
 @pytest.fixture
 def lost() -> Any:
-    """What a studio held that was left, not closed."""
+    """What a studio held whose kernel was killed."""
     studio = studio_of()
     drag(studio, a_drag(studio))
     steps = studio.deformation.steps
-    studio.leave()
+    crash(studio._bar.recovery.autosave)
+    studio.close()
     return steps
 
 
@@ -72,23 +73,41 @@ def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
     studio.close()
 
 
-def test_a_cell_that_runs_again_offers_what_its_studio_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_that_runs_again_keeps_what_its_studio_held_in_the_history(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = iter([("cell", "one"), ("cell", "two")])
     monkeypatch.setattr(cell_widgets, "_cell_and_run", lambda: next(runs))
     first = studio_of()
     drag(first, a_drag(first))
+    held = first.deformation.steps
     second = studio_of()
     assert first._worker.is_closed
-    wait_for(lambda: second._bar.offer)
+    assert second._bar.offer == ""
+    go_back(second)
+    assert second.deformation.steps == held
+    second.undo()
+    assert len(second.editor.points) == 4
     second.close()
 
 
-def test_a_studio_that_is_closed_wants_nothing_back() -> None:
+def go_back(studio: Studio) -> None:
+    """Choose the last row of the history."""
+    history = panel(studio, "History")
+    history.opened(True)
+    assert history.items.rows[-1]["title"] == "an earlier session, not saved: 5 points, 1 step"
+    act(history.items, "choose", len(history.items.rows) - 1)
+
+
+def test_a_studio_that_is_closed_offers_nothing_and_the_history_has_it() -> None:
     studio = studio_of()
     drag(studio, a_drag(studio))
     studio.close()
     assert saved_sessions(a_volume()) == []
     assert [entry.state for entry in saved_sessions(a_volume(), every=True)] == ["closed"]
+    again = studio_of()
+    assert again._bar.offer == ""
+    go_back(again)
+    assert len(again.editor.points) == 5
+    again.close()
 
 
 def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> None:
@@ -138,10 +157,14 @@ def test_the_application_offers_it_too(lost: Any) -> None:
     assert desk.state()["lost"] == ""
     desk.recovery.autosave.flush()
     desk.close()
-    assert len(saved_sessions(a_volume())) == 1  # closing a page is no order to forget
+    assert saved_sessions(a_volume()) == []  # no crash
     again = Desk(Session(a_volume(), view="+y"))
     assert again.recovery.wait()
-    again.act("restore")
+    assert again.state()["lost"] == ""
+    assert [row["title"] for row in again.state()["states"]] == [
+        "the beginning", "an earlier session, not saved: 5 points, 1 step"]
+    again.act("go_to", -1)
+    assert again.session.deformation.steps == lost
     again.document()  # the page downloads it
     again.close()
     assert saved_sessions(a_volume()) == []

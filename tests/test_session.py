@@ -395,7 +395,7 @@ def test_a_file_that_was_there_before_is_not_written_over(session: Session, tmp_
     file = tmp_path / "fish.json"
     for content in (b"a letter", b""):
         file.write_bytes(content)
-        with pytest.raises(FileChangedError, match="^fish.json was there before.*another name.*overwrite=True"):
+        with pytest.raises(FileChangedError, match=r"^fish\.json was there before.*another name.*overwrite=True"):
             session.save(file)
         assert file.read_bytes() == content
         assert (session.saved, session.file) == (None, None)

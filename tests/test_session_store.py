@@ -117,13 +117,13 @@ def test_a_name_from_a_file_is_kept_short_and_no_path(tmp_path: Path) -> None:
     assert len(found[0].volume.name) == 200
 
 
-def test_few_are_kept_and_lost_ones_longest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "MOST_PER_VOLUME", 4)
-    monkeypatch.setattr(store, "MOST", 6)
+def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "MOST_PER_VOLUME", 2)
+    monkeypatch.setattr(store, "MOST", 3)
     old = written(tmp_path, minutes=60 * 24 * 31)
     lost = [written(tmp_path, minutes=100 + k) for k in range(3)]
-    saved = [written(tmp_path, minutes=k, state="saved") for k in range(1, 4)]
-    others = [written(tmp_path, minutes=k, volume=a_volume(1)) for k in range(1, 4)]
+    saved = [written(tmp_path, minutes=k, state=state) for k, state in enumerate(("saved", "closed", "skipped"))]
+    others = [written(tmp_path, minutes=10 + k, volume=a_volume(1), state="closed") for k in range(2)]
     running = written(tmp_path, minutes=60 * 24 * 40)
     descriptor = hold(running.held)
     dead = hold(old.held)
@@ -131,15 +131,49 @@ def test_few_are_kept_and_lost_ones_longest(tmp_path: Path, monkeypatch: pytest.
     assert dead is not None
     os.close(dead)
     prune(tmp_path)
-    kept = {entry.path for entry in [*lost, *others, running]}
-    assert set(tmp_path.glob("*.json")) - kept <= {e.path for e in saved[:1]}
-    assert kept <= set(tmp_path.glob("*.json"))
+    assert set(tmp_path.glob("*.json")) == {entry.path for entry in [old, *lost, *saved[:2], others[0], running]}
     assert list(tmp_path.glob("*.live")) == [running.held]
     os.close(descriptor)
 
 
+@pytest.mark.parametrize("days", [-400, -40, 40, 400])
+def test_a_clock_that_goes_wrong_removes_nothing(days: float, tmp_path: Path) -> None:
+    """What was edited in the future or a long time ago, as it seems now, was perhaps edited a minute ago."""
+    entries = [written(tmp_path, minutes=days * 24 * 60 + k, state=state) for k, state in enumerate(store.STATES)]
+    written(tmp_path, minutes=0, state="closed")
+    prune(tmp_path)
+    assert {entry.path for entry in entries} <= set(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("days", [-40, 40])
+def test_the_session_that_began_last_stays_whatever_the_clock_says(days: float, tmp_path: Path,
+                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "MOST_PER_VOLUME", 2)
+    made = written(tmp_path / "one")
+    for k in range(4):
+        path = tmp_path / store.file_name(made.volume, f"{k:08x}")
+        edited = made.edited + timedelta(days=days * k)
+        number = store.next_number(tmp_path)
+        write_session(replace(made, path=path, state="closed", edited=edited, number=number), restore(made))
+        prune(tmp_path)
+        assert [e.number for e in saved_sessions(a_volume(), tmp_path, every=True)] == [k + 1, k][:k + 1]
+
+
+def test_what_was_lost_stays_until_it_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "MOST_PER_VOLUME", 1)
+    monkeypatch.setattr(store, "MOST", 1)
+    monkeypatch.setattr(store, "MOST_BYTES", 1)
+    lost = [written(tmp_path, minutes=60 * 24 * 365 * k) for k in range(1, 30)]
+    prune(tmp_path)
+    assert saved_sessions(a_volume(), tmp_path) == lost
+    for entry in lost[1:]:
+        skip(entry)
+    prune(tmp_path)
+    assert saved_sessions(a_volume(), tmp_path, every=True) == lost[:1]
+
+
 def test_together_they_stay_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    entries = [written(tmp_path, minutes=k) for k in (1, 2, 3)]
+    entries = [written(tmp_path, minutes=k, state="closed") for k in (1, 2, 3)]
     monkeypatch.setattr(store, "MOST_BYTES", int(2.5 * entries[0].path.stat().st_size))
     prune(tmp_path)
     assert set(tmp_path.iterdir()) == {entry.path for entry in entries[:2]}

@@ -239,6 +239,15 @@ def full(folder: Path, chance: random.Random) -> Any:
     return {"said": said, "told": told, "strengths": strengths, "left": left, "after": listing(folder)}
 
 
+def ends(folder: Path, chance: random.Random) -> Any:
+    """Edits and comes to its end, as a program or a kernel that is shut down; nothing is closed or waited for."""
+    session = Session(a_volume())
+    saving = Autosave(session, folder, 60.0)
+    session.change(strength=chance.uniform(0.1, 0.9))
+    globals().update(_kept=session, _kept_by=saving)  # as in a notebook
+    return session.step.strength
+
+
 def lost(folder: Path, chance: random.Random) -> Any:
     """Edits, waits until it is written, tells what it holds, and dies."""
     session = Session(a_volume())
@@ -257,6 +266,6 @@ def lost(folder: Path, chance: random.Random) -> Any:
 
 
 if __name__ == "__main__":
-    found = {f.__name__: f for f in (save, autosave, writers, pairs, full, lost)}[sys.argv[1]](
+    found = {f.__name__: f for f in (save, autosave, writers, pairs, full, lost, ends)}[sys.argv[1]](
         Path(sys.argv[2]), random.Random(int(sys.argv[3])))
     sys.stdout.write(json.dumps(found) + "\n")

@@ -151,7 +151,8 @@ class Desk:
             return
         actions: dict[str, Callable[[], Any]] = {
             "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
-            "go_to": lambda: go_to(self.session, *number), "look_at": lambda: self.trust.look_at(*number),
+            "go_to": lambda: go_to(self.session, *number, self.recovery),
+            "look_at": lambda: self.trust.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "add_step": self.session.add_step,
             "front": lambda: self._look(*facing(self.session.plane)),
@@ -213,7 +214,7 @@ class Desk:
         which += f" · key {session.key + 1} of {len(step.maps)}" if len(step.maps) > 1 else ""
         values = {name: getattr(step, name) for name in _OF_THE_STEP}
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
-        states, shown = history_rows(session.history_tree())
+        states, shown = history_rows(session.history_tree(), self.recovery.earlier)
         return {
             **values, "support": step.support or 0.0, "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
@@ -366,9 +367,9 @@ class Desk:
         self.thread.call(tell)
 
     def close(self) -> None:
-        """End the threads; what was not saved is offered to who opens the volume again."""
+        """End the threads; what was not saved stays in the history of who opens the volume again."""
         self.files.close()
-        self.recovery.close(orderly=False)
+        self.recovery.close()
         self.trust.close()
         self.parts.close()
         self.link.close()

@@ -23,7 +23,7 @@ _TABS = (("settings", "Settings", settings_part), ("look", "Look", look_part), (
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
-         ("skip", "Skip", "Offer it no more; its file is kept for 30 days"))
+         ("skip", "Skip", "Offer it no more; it stays in the history"))
 _ASKED = (("files.busy", "stop_file", "Stop"), ("files.doubt", "take_anyway", "Open it all the same"),
           ("!files.busy", "forget_file", "Close"))
 _THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"

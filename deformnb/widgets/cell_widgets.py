@@ -62,7 +62,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
             if earlier is not None:
                 if hasattr(earlier, "hand_on"):
                     earlier.hand_on(widget)
-                getattr(earlier, "leave", earlier.close)()  # nobody has said that what it holds can go
+                earlier.close()
         shown = []
     _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
 

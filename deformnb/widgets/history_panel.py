@@ -7,7 +7,9 @@ from typing import Any
 import ipywidgets as ipw
 
 from deformnb.history import HistoryNode
+from deformnb.recovery import Recovery
 from deformnb.session import Session
+from deformnb.session_store import SavedSession
 from deformnb.widgets.cell_widgets import weakly
 from deformnb.widgets.controls import Guard, Panel, prose
 from deformnb.widgets.history_rows import go_to, history_rows
@@ -17,7 +19,11 @@ _HINT = "Click on a state to go there. An edit after an undo begins a branch; wh
 
 
 class HistoryPanel(Panel):
-    """All states of the document that can be gone to.
+    """All states of the document that can be gone to, and what earlier sessions on the volume have left unsaved.
+
+    Attributes
+    ----------
+    recovery : what knows of earlier sessions; None for none.
 
     Examples
     --------
@@ -35,7 +41,8 @@ class HistoryPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        self._shown: tuple[HistoryNode, ...] = ()
+        self.recovery: Recovery | None = None
+        self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
         self._order: list[int] = []
         self._is_seen = True  # until somebody says that another tab is
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
@@ -52,7 +59,7 @@ class HistoryPanel(Panel):
     def _act(self, what: str, index: int, _value: Any) -> None:
         if what == "choose":
             state = self._order[index]
-            self.guard(lambda: go_to(self.session, state))
+            self.guard(lambda: go_to(self.session, state, self.recovery))
             self.refresh()
 
     def opened(self, is_open: bool) -> None:
@@ -62,11 +69,11 @@ class HistoryPanel(Panel):
     def arrange(self) -> None:
         if not self._is_seen:  # hundreds of rows would go to the page after every edit
             return
-        nodes = self.session.history_tree()
+        nodes = self.session.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
         if nodes == self._shown:
             return
         self._shown = nodes
-        rows, shown = history_rows(nodes)
+        rows, shown = history_rows(*nodes)
         self._order = [row["id"] for row in rows]
         self.items.show(rows, shown)
 

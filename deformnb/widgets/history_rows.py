@@ -6,28 +6,45 @@ from collections.abc import Sequence
 from typing import Any
 
 from deformnb.history import HistoryNode
+from deformnb.recovery import Recovery
 from deformnb.session import Session
+from deformnb.session_store import SavedSession, counted
 
 _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in further
 
 
-def go_to(session: Session, state: int) -> None:
-    """Go to a state of a session's history, and say so in its notice.
+def go_to(session: Session, state: int, recovery: Recovery | None = None) -> None:
+    """Go to a state of a session's history or to an earlier session, and say so in its notice.
 
     Raises
     ------
     DeformError
         If there is no such state any more.
     """
+    if state < 0 and recovery is not None:
+        recovery.go_back(-1 - state)
+        session.notice = "As an earlier session has left it; undo leads back."
+        return
     label = session.go_to(state)
     session.notice = f"As it was after: {label}" if label else "As it was in the beginning."
 
 
-def history_rows(nodes: Sequence[HistoryNode]) -> tuple[list[dict[str, Any]], int]:
-    """What a list of these states shows, and the place in it of the one that is shown."""
+def history_rows(nodes: Sequence[HistoryNode],
+                 earlier: Sequence[SavedSession] = ()) -> tuple[list[dict[str, Any]], int]:
+    """What a list of these states and of earlier sessions shows, and the place in it of the state that is shown.
+
+    Earlier sessions come last; their ids are -1, -2 and so on.
+    """
     rows, done = tree_rows(nodes), _done(nodes)
-    return ([_row(node, depth, node.id in done) for node, depth in rows],
+    return ([_row(node, depth, node.id in done) for node, depth in rows]
+            + [_earlier_row(k, entry) for k, entry in enumerate(earlier)],
             next(k for k, (node, _) in enumerate(rows) if node.is_current))
+
+
+def _earlier_row(k: int, entry: SavedSession) -> dict[str, Any]:
+    words = f"an earlier session, not saved: {counted(entry.points, 'point')}, {counted(entry.steps, 'step')}"
+    return {"title": words, "id": -1 - k, "on": False, "indent": 0, "time": entry.edited.timestamp(), "mark": "\u25cb",
+            "tip": f"{words}: go on with it; can be undone"}
 
 
 def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:

@@ -91,13 +91,8 @@ class RestoreBar(anywidget.AnyWidget):
     def set_state(self, sync_data: Any) -> None:
         """The page owns nothing here."""
 
-    def leave(self) -> None:
-        """End, and offer what was not saved to who opens the volume again."""
-        if self._recovery is not None:
-            self._recovery.close(orderly=False)
-
     def close(self) -> None:
-        """End; what was not saved is offered no more."""
+        """End; what was not saved stays in the history."""
         if self._recovery is not None:
             self._recovery.close()
         super().close()

@@ -28,6 +28,7 @@ from deformnb.volume import Grid, Volume
 from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, closed_on_failure, weakly
 from deformnb.widgets.controls import Panel
+from deformnb.widgets.history_panel import HistoryPanel
 from deformnb.widgets.judgement import judgement_of
 from deformnb.widgets.restore_bar import RestoreBar
 from deformnb.widgets.save_button import SaveButton
@@ -135,6 +136,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._panels[0].box.children += (save,)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
+        next(panel for panel in self._panels if isinstance(panel, HistoryPanel)).recovery = self._bar.recovery
         arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
         self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
         super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
@@ -331,18 +333,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
-    def leave(self) -> None:
-        """End as :meth:`close` does, and offer what was not saved to the next studio of the volume."""
-        self._bar.leave()
-        self.close()
-
     def hand_on(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
         if getattr(other, "view", None) is self.view:
             self._editors.beside.children = ()
 
     def close(self) -> None:
-        """End the studio with all its widgets and its threads; what was not saved is given up."""
+        """End the studio with all its widgets and its threads; the next one's History has what was not saved."""
         worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
         if worker is None or worker.is_closed:
             super().close()

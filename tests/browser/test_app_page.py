@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, Tab, eventually
 from browser.hosts import resting
+from driven_studio import crash
 from numpy.typing import NDArray
 from running_app import RunningApp
 
@@ -323,6 +324,7 @@ def test_what_was_lost_is_offered_and_restored(browser: Any) -> None:
     lost = Desk(Session(volume, view="+y"))
     lost.session.edit_points(lost.session.points.add([10.0, 5.0], [12.0, 7.0]))
     wanted = lost.session.points
+    crash(lost.recovery.autosave)
     lost.close()
     with RunningApp(Session(volume, view="+y")) as app:
         page = browser.new_page(viewport={"width": 1024, "height": 700})

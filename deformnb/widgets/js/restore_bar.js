@@ -6,7 +6,7 @@
 
 const RESTORE_BUTTONS = [
   ["restore", "Restore", "Go on with it; can be undone"],
-  ["skip", "Skip", "Offer it no more; its file is kept for 30 days"],
+  ["skip", "Skip", "Offer it no more; it stays under History"],
   ["delete", "Delete", "Remove its file"],
 ];
 const SURE = "Delete for good?";
@@ -72,7 +72,7 @@ class RestoreBarPage {
   #draw() {
     clearTimeout(this.timer);
     const offer = this.model.get("offer") || "", written = this.model.get("written");
-    const found = written ? ` What was written by itself at ${written} will be offered.` : "";
+    const found = written ? ` What was written by itself at ${written} is offered then, or stands under History.` : "";
     setText(this.text, this.fate ? `The kernel ${this.fate}: run the cell again.${found}` : offer);
     this.buttons.forEach((button, k) => {
       button.hidden = Boolean(this.fate);
