@@ -151,7 +151,7 @@ class Desk:
             return
         actions: dict[str, Callable[[], Any]] = {
             "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
-            "go_to": lambda: go_to(self.session, *number, self.recovery),
+            "go_to": lambda: go_to(self.session, *number, recovery=self.recovery),
             "look_at": lambda: self.trust.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "add_step": self.session.add_step,

@@ -59,7 +59,7 @@ class HistoryPanel(Panel):
     def _act(self, what: str, index: int, _value: Any) -> None:
         if what == "choose":
             state = self._order[index]
-            self.guard(lambda: go_to(self.session, state, self.recovery))
+            self.guard(lambda: go_to(self.session, state, recovery=self.recovery))
             self.refresh()
 
     def opened(self, is_open: bool) -> None:

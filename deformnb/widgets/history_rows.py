@@ -13,7 +13,7 @@ from deformnb.session_store import SavedSession, counted
 _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in further
 
 
-def go_to(session: Session, state: int, recovery: Recovery | None = None) -> None:
+def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> None:
     """Go to a state of a session's history or to an earlier session, and say so in its notice.
 
     Raises
