@@ -19,9 +19,9 @@ from deformnb.clipping import Part
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
 from deformnb.plane import Plane, Raster
-from deformnb.shading import composite
+from deformnb.shading import composite, knots
 from deformnb.sight import Blocks, Eye, blocks, faces_of
-from deformnb.transfer import TransferFunction, preset
+from deformnb.transfer import TransferFunction, preset, typical_range
 from deformnb.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
 from deformnb.warp import warp
 
@@ -31,8 +31,8 @@ Progress = Callable[[float], None]
 _LAYERS = 32
 # Whole numbers of a smaller range show as terraces on a surface that is lit.
 _FEW = 64
-# Colours of a transfer function: 1024 steps keep the error of a ramp below half a grey level of 256.
-_COLOURS = 1024
+# Beyond this a float32 has no square.
+_LARGEST = 1e18
 
 
 def _f32(*numbers: float) -> NDArray[np.float32]:
@@ -130,10 +130,11 @@ def _whole_mean(values: NDArray[Any], axis: int) -> NDArray[Any]:
 def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
     if state is None:
         state = np.zeros((*layers.shape[1:], 4), np.float32)
-    low, high = settings["range"]
-    if layers.dtype in (np.int32, np.float64):  # more digits than the float32 of the compositing holds
-        layers, low, high = ((layers - low) / (high - low)).astype(np.float32), 0.0, 1.0
-    return composite(state, np.ascontiguousarray(layers), count, settings["table"], _f32(low, high),
+    low, width, outside = settings["range"]
+    if settings["is_scaled"]:
+        layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
+        layers, width = layers.astype(np.float32), 1.0
+    return composite(state, np.ascontiguousarray(layers), count, settings["knots"], _f32(outside, width),
                      settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
                      shaded=settings["shaded"])
 
@@ -210,19 +211,21 @@ def _settings(volume: Volume, transfer: TransferFunction | None, method: str) ->
     settings: dict[str, Any] = {"shaded": method == "shaded"}
     if method in ("composite", "shaded"):
         settings["transfer"] = preset("specimen", volume) if transfer is None else transfer
-        first, last = volume.value_range
-        settings["range"] = (first, last if last > first else first + max(1.0, abs(first)))
+        low, high = typical_range(volume)
+        settings["range"] = (low, (high - low) or max(1.0, abs(low)), volume.background)
+        settings["is_scaled"] = volume.dtype in (np.int32, np.float64)  # more digits than a float32 holds
     return settings
 
 
 def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> dict[str, Any]:
     if "transfer" not in settings:
         return settings
-    table = settings["transfer"].table(*settings["range"], dn, _COLOURS)
+    low, width, _ = settings["range"]
+    scaling = (low, 1 / width) if settings["is_scaled"] else (0.0, 1.0)
     # A lamp above the viewer's left shoulder: pure headlight looks flat, light from far aside leaves half in the dark.
     light = _f32(-0.35, -0.45, -0.82)
-    return {**settings, "table": table, "spacing": _f32(dn, dv, du), "light": light / np.linalg.norm(light),
-            "faces": None}
+    return {**settings, "knots": knots(settings["transfer"], dn, *scaling), "spacing": _f32(dn, dv, du),
+            "light": light / np.linalg.norm(light), "faces": None}
 
 
 def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:

@@ -19,7 +19,7 @@ from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
 from deformnb.picture import project
 from deformnb.plane import Plane
-from deformnb.transfer import TransferFunction, preset
+from deformnb.transfer import TransferFunction, preset, typical_range
 from deformnb.volume import Grid, Volume
 
 Progress = Callable[[float], None]
@@ -218,7 +218,7 @@ class _VtkScene:
 
     def __call__(self, volume: Volume, plane: Plane, height: float, progress: Progress | None = None) -> Image:
         if volume.values is not self._values:
-            self._show(for_vtk(volume))
+            self._show(for_vtk(clipped_for(volume, self._transfer)))
             self._values = volume.values
         plotter = self._plotter
         self._actor.mapper.SetSampleDistance(_sampling(volume, height, self._size))
@@ -240,6 +240,7 @@ class _VtkScene:
             self._image.active_scalars[:] = volume.values.reshape(-1)
             self._image.GetPointData().GetScalars().Modified()
             self._image.Modified()
+            set_vtk_transfer(self._actor.prop, self._transfer, volume.value_range)
             return
         if self._actor is not None:
             self._plotter.remove_actor(self._actor)
@@ -249,7 +250,7 @@ class _VtkScene:
             self._image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray", opacity="linear",
             opacity_unit_distance=self._transfer.unit, reset_camera=False, render=False)
         self._actor.user_matrix = placement(volume.grid)
-        set_vtk_transfer(self._actor.prop, self._transfer)
+        set_vtk_transfer(self._actor.prop, self._transfer, volume.value_range)
         self._actor.mapper.SetAutoAdjustSampleDistances(False)
 
     def close(self) -> None:
@@ -291,15 +292,70 @@ def placement(grid: Grid) -> NDArray[np.float64]:
     return matrix
 
 
-def set_vtk_transfer(prop: Any, transfer: TransferFunction) -> None:
-    """Give a volume's property in VTK the colours and opacities, and the light of all pictures."""
+def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
+    """A volume without outliers that a transfer function cannot tell from the values beside them.
+
+    VTK tabulates colours and opacities over all values that it is given, in 16384 entries at most: one voxel of 1e6 in
+    a ramp of 0 to 100 would leave two of them to the ramp. What lies outside of the typical range and of the transfer
+    function's window, where end values hold, is moved to the nearer end.
+
+    Returns
+    -------
+    The same volume where no outlier stretches its range.
+
+    Examples
+    --------
+    >>> values = np.arange(1000.0).reshape(10, 10, 10)
+    >>> values[5, 5, 5] = 1e6
+    >>> ramp = TransferFunction(((0, 1, 1, 1),), ((0, 0), (1200, 1)))
+    >>> clipped_for(Volume.from_array(values), ramp).value_range
+    (0.0, 1200.0)
+    """
+    (low, high), (first, last) = typical_range(volume), transfer.window
+    smallest, largest = volume.value_range
+    low, high = min(low, max(first, smallest)), max(high, min(last, largest))
+    if (low, high) == (smallest, largest):
+        return volume
+    if volume.dtype.kind in "iu":
+        low, high = np.floor(low), np.ceil(high)
+    return replace(volume, values=np.clip(volume.finite_values, volume.dtype.type(low), volume.dtype.type(high)))
+
+
+# VTK makes its tables as long as the smallest distance of two nodes asks for, up to a power of two and 16384 at most.
+_VTK_ENTRIES = 16000
+
+
+def _vtk_nodes(transfer: TransferFunction, low: float, high: float) -> list[tuple[float, NDArray[np.float64]]]:
+    """Nodes (value, colour and alpha) for VTK, at least an entry of its tables apart, and the first two just that.
+
+    VTK reads its tables up to half an entry beside the value, and knows no two nodes at one value. So a jump ends two
+    entries below its value, where what comes after it holds: at most 1/5000 of the range too early.
+    """
+    gap = ((high - low) or 1.0) / _VTK_ENTRIES
+    values, rgba = transfer.knots()
+    nodes = [(values[0] - 4 * gap, rgba[0]), (values[0] - 3 * gap, rgba[0])]
+    crowds = np.split(np.arange(len(values)), np.flatnonzero(np.diff(values) >= gap) + 1)
+    for crowd in crowds:
+        at = values[crowd[-1]]
+        jump = [(at - 3 * gap, rgba[crowd[0]]), (at - 2 * gap, rgba[crowd[-1]])]
+        for value, color in [(at, rgba[crowd[0]])] if len(crowd) == 1 else jump:
+            nodes.append((max(value, nodes[-1][0] + gap), color))
+    return nodes
+
+
+def set_vtk_transfer(prop: Any, transfer: TransferFunction, values: tuple[float, float]) -> None:
+    """Give a volume's property in VTK the colours and opacities, and the light of all pictures.
+
+    Parameters
+    ----------
+    values : the smallest and the largest one that VTK is given.
+    """
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction
 
     colors, opacities = vtkColorTransferFunction(), vtkPiecewiseFunction()
-    for value, r, g, b in transfer.colors:
+    for value, (r, g, b, alpha) in _vtk_nodes(transfer, *values):
         colors.AddRGBPoint(value, r, g, b)
-    for value, alpha in transfer.opacities:
         opacities.AddPoint(value, alpha)
     prop.SetColor(colors)
     prop.SetScalarOpacity(opacities)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,32 +10,112 @@ from jax import lax
 from numpy.typing import NDArray
 
 from deformnb.compilation import compiled
+from deformnb.transfer import TransferFunction
 
 _AMBIENT, _DIFFUSE, _GLOSS, _POWER = 0.35, 0.75, 0.35, 24
 
 
-def _light_layers(state: Any, layers: Any, count: Any, table: Any, limits: Any, spacing: Any, light: Any, start: Any,
+class Knots(NamedTuple):
+    """A transfer function for the compiled code: its nodes and what changes from each to the next one.
+
+    Parameters
+    ----------
+    values : (n,) where segments begin.
+    inverse : (n,) 1 over the length of each; the last ones are endless and have 0.
+    first : (4,) red, green, blue and alpha up to the first value.
+    change : (n, 4) of each segment.
+    power : thickness of a layer over the thickness that the alphas are meant for.
+    """
+
+    values: NDArray[np.float32]
+    inverse: NDArray[np.float32]
+    first: NDArray[np.float32]
+    change: NDArray[np.float32]
+    power: np.float32
+
+
+# Up to so many segments are added up for each sample, which processors do for many samples at once: with 8 a composite
+# takes 1.4 times as long as by the nearest entry of a table, and half as long as by interpolation in one. Beyond, each
+# sample finds its own.
+_ADDED = 32
+_DIGITS = 2.0**23
+_LARGEST = 1e30
+_LEAST = np.float32(2.0**-100)  # processors take what is much smaller for 0
+_EACH = 2  # their number is a multiple of this, so that few programs are compiled
+
+
+def knots(transfer: TransferFunction, thickness: float, low: float = 0.0, scale: float = 1.0) -> Knots:
+    """A transfer function, exactly, for values ``(v - low) * scale`` and layers of some thickness.
+
+    A layer of another thickness than ``transfer.unit`` stops ``1 - (1 - alpha)^(thickness / unit)`` of the light, so
+    that a picture does not get darker with finer sampling.
+    """
+    at, rgba = transfer.knots()
+    # Multiples of 2^-23 up to 1 are added without an error: what is opaque stays so, whatever comes before it.
+    rgba = np.round(rgba * _DIGITS) / _DIGITS
+    values = _rounded_up((at - low) * scale)
+    length = np.diff(values, append=np.float32(np.inf))
+    # A jump is a segment of one step of a float32, which ends at its value: there holds what comes after it.
+    jumps = length == 0
+    length[jumps] = np.maximum(np.spacing(np.abs(values[jumps])), _LEAST)
+    values[jumps] -= length[jumps]
+    inverse = np.zeros_like(length)
+    ends = np.isfinite(length)
+    inverse[ends] = 1 / np.maximum(length[ends], _LEAST)
+    short = ends & (np.where(ends, length, 0) * inverse < 1)
+    inverse[short] = np.nextafter(inverse[short], np.float32(np.inf))  # a segment is whole at its end
+    spare = -len(values) % _EACH
+    return Knots(np.pad(values, (0, spare), mode="edge"), np.pad(inverse, (0, spare)), rgba[0].astype(np.float32),
+                 np.pad(np.diff(rgba, axis=0, append=rgba[-1:]), ((0, spare), (0, 0))).astype(np.float32),
+                 np.float32(thickness / transfer.unit))
+
+
+def _rounded_up(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """A float32 is at or beyond a value if it is at or beyond this."""
+    near = np.clip(values, -_LARGEST, _LARGEST).astype(np.float32)
+    return np.where(near < values, np.nextafter(near, np.float32(np.inf)), near)
+
+
+def _colour(v: Any, transfer: Any) -> tuple[Any, Any, Any, Any]:
+    """Red, green, blue and alpha of values (v, u), each as a plane."""
+    def within(start: Any, inverse: Any) -> Any:
+        return jnp.clip((v - start) * inverse, 0, 1)
+
+    count = transfer.values.shape[0]
+    if count <= _ADDED:
+        planes = [jnp.full(v.shape, transfer.first[c]) for c in range(4)]
+        for k in range(count):
+            t = within(transfer.values[k], transfer.inverse[k])
+            planes = [plane + t * transfer.change[k, c] for c, plane in enumerate(planes)]
+    else:
+        at = jnp.maximum(jnp.searchsorted(transfer.values, v, side="right", method="scan") - 1, 0)
+        starts = transfer.first + jnp.cumsum(transfer.change, axis=0) - transfer.change
+        t = within(transfer.values[at], transfer.inverse[at])
+        planes = [starts[at, c] + t * transfer.change[at, c] for c in range(4)]
+    red, green, blue, alpha = planes
+    return red, green, blue, -jnp.expm1(transfer.power * jnp.log1p(-jnp.clip(alpha, 0, 1)))
+
+
+def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: Any, spacing: Any, light: Any, start: Any,
                   faces: Any, *, shaded: bool) -> Any:
     """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values.
 
-    ``start`` is the number of the first one; ``faces`` (see :func:`deformnb.sight.faces_of`, or None) cut off.
+    ``limits`` are the value beyond the sides and the width of the range of values; ``start`` is the number of the first
+    layer; ``faces`` (see :func:`deformnb.sight.faces_of`, or None) cut off.
     """
-    scale = (table.shape[0] - 1) / (limits[1] - limits[0])
-
     def add(k: Any, total: Any) -> Any:
         here = layers[k + 1].astype(jnp.float32)
-        rgba = table[jnp.clip((here - limits[0]) * scale + 0.5, 0, table.shape[0] - 1).astype(jnp.int32)]
-        color, alpha = rgba[..., :3], rgba[..., 3:]
+        *colors, alpha = _colour(here, transfer)
         bright = _shade(layers, k, spacing, light, limits) if shaded else None
         if faces is not None:
             held, bare, glow = _beside(faces, start + k, here.shape)
-            alpha = jnp.where(held[..., None], alpha, 0)
+            alpha = jnp.where(held, alpha, 0)
             bright = None if bright is None else bright + bare * (glow - bright)
-        color = color if bright is None else color * bright[..., None]
-        share = (1 - total[..., 3:]) * alpha
-        return total + share * jnp.concatenate([color, jnp.ones_like(alpha)], axis=-1)
+        share = (1 - total[3]) * alpha
+        lit = share if bright is None else share * bright
+        return (*(sum_ + lit * color for sum_, color in zip(total[:3], colors, strict=True)), total[3] + share)
 
-    return lax.fori_loop(0, count, add, state)
+    return jnp.stack(lax.fori_loop(0, count, add, tuple(state[..., c] for c in range(4))), axis=-1)
 
 
 def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
@@ -54,7 +134,7 @@ def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
     n = g / jnp.maximum(size, 1e-6)[..., None]
     lit = _AMBIENT + _DIFFUSE * jnp.abs(n @ lamp) + _GLOSS * jnp.abs(n @ half) ** _POWER
     # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range per voxel.
-    sure = jnp.clip(size * jnp.min(spacing) / (0.02 * (limits[1] - limits[0])), 0, 1)
+    sure = jnp.clip(size * jnp.min(spacing) / (0.02 * limits[1]), 0, 1)
     return sure * lit + (1 - sure) * 0.8
 
 

@@ -16,6 +16,12 @@ from deformnb.volume import Volume
 # Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
 _HISTOGRAM_SLICES = 64
 _BINS = 256
+# A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
+# marker. Below 512 voxels a single one counts.
+_OUTLIERS, _STRETCH, _FEW_VOXELS = 1e-4, 16, 512
+# Entries between neighbouring bytes, at most, in a table for the page: 255 * 8 + 1 = 2041 fit into the smallest texture
+# that WebGL2 allows, 2048.
+_FINEST = 8
 # What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300.
 _AIR_HU, _BONE_HU = -700.0, 300.0
 _CLIPPED = "colours and opacities were clipped to 0 to 1"
@@ -74,15 +80,60 @@ class TransferFunction:
         parts = [np.interp(v, c[:, 0], c[:, k]) for k in (1, 2, 3)]
         return np.stack([*parts, np.interp(v, o[:, 0], o[:, 1])], axis=-1)
 
-    def table(self, low: float, high: float, step: float, size: int = 256) -> NDArray[np.float32]:
-        """Colours and alphas (size, 4) of equally spaced values, alphas for layers of thickness ``step``.
+    def knots(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The nodes of colours and opacities together: linear interpolation between them is the function itself.
 
-        A layer of another thickness stops ``1 - (1 - alpha)^(step / unit)`` of the light, so that a picture does not
-        get darker with finer sampling.
+        Returns
+        -------
+        Values (n,), not falling, and their red, green, blue and alpha (n, 4). Where the function jumps a value is there
+        twice, before and after the jump; at that value holds what comes after it.
+
+        Examples
+        --------
+        >>> step = TransferFunction(((0, 0, 0, 0), (8, 1, 1, 1)), ((4, 0), (4, 1)))
+        >>> step.knots()[0].tolist()
+        [0.0, 4.0, 4.0, 8.0]
+        >>> step.knots()[1][:, 3].tolist()
+        [0.0, 0.0, 1.0, 1.0]
         """
-        rgba = self(np.linspace(low, high, size))
-        rgba[:, 3] = 1 - (1 - rgba[:, 3]) ** (step / self.unit)
-        return rgba.astype(np.float32)
+        c, o = np.asarray(self.colors), np.asarray(self.opacities)
+        values = np.unique(np.concatenate([c[:, 0], o[:, 0]]))
+        after = self(values)
+        before = np.stack([_before(c[:, 0], c[:, k], values) for k in (1, 2, 3)]
+                          + [_before(o[:, 0], o[:, 1], values)], axis=-1)
+        jumps = (before != after).any(axis=1)
+        places = np.concatenate([np.flatnonzero(jumps), np.arange(len(values))])
+        rows = np.concatenate([before[jumps], after])
+        order = np.argsort(places, kind="stable")  # what comes before a jump first
+        return values[places][order], rows[order]
+
+    def table(self, low: float, high: float) -> NDArray[np.float32]:
+        """Red, green, blue and alpha of evenly spaced values, for graphics hardware that reads them linearly.
+
+        Parameters
+        ----------
+        low, high : values of the first and the last entry; beyond them hold these.
+
+        Returns
+        -------
+        (255 k + 1, 4) with k = 1, 2, 4 or 8, so that each of 256 levels from ``low`` to ``high`` has an entry of its
+        own. There are 16 entries or more in the narrowest segment in which the function changes, or k is 8: then a jump
+        is spread over 1/2040 of the range. Elsewhere the error is at most a quarter of an entry's distance times the
+        change of slope at a node.
+
+        Examples
+        --------
+        >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (100, 0.5)))
+        >>> ramp.table(0, 100).shape
+        (256, 4)
+        >>> ramp.table(0, 4000).shape
+        (1021, 4)
+        """
+        values, rgba = self.knots()
+        changes = (np.diff(rgba, axis=0) != 0).any(axis=1) & (values[1:] >= low) & (values[:-1] <= high)
+        narrowest = np.diff(values)[changes].min(initial=np.inf)
+        k = next((k for k in (1, 2, 4, _FINEST) if narrowest >= 16 * (high - low) / (255 * k)), _FINEST)
+        return self(np.linspace(low, high, 255 * k + 1)).astype(np.float32)
 
     def scaled(self, factor: float) -> TransferFunction:
         """The same with all alphas times ``factor``."""
@@ -141,6 +192,12 @@ class TransferFunction:
 
         return replace(self, colors=tuple((at(v), r, g, b) for v, r, g, b in self.colors),
                        opacities=tuple((at(v), alpha) for v, alpha in self.opacities))
+
+
+def _before(nodes: NDArray[np.float64], heights: NDArray[np.float64],
+            values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear interpolation; at a jump what comes before it, where ``np.interp`` gives what comes after."""
+    return np.interp(-values, -nodes[::-1], heights[::-1])
 
 
 _HEX_COLOR = re.compile(r"#[0-9a-fA-F]{6}")
@@ -210,20 +267,81 @@ def levels(volume: Volume) -> tuple[float, float, float, float]:
     """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
+    Outliers that stretch the range are left out, see :func:`typical_range`.
     """
-    if volume not in _LEVELS:
-        _LEVELS[volume] = _levels(volume)
-    return _LEVELS[volume]
+    return _measured(volume).levels
 
 
-_LEVELS: WeakKeyDictionary[Volume, tuple[float, float, float, float]] = WeakKeyDictionary()
+def typical_range(volume: Volume) -> tuple[float, float]:
+    """The smallest and the largest value, but of outliers that stretch this range sixteenfold or more.
+
+    Those are at most 1 in 10 000 voxels, or one: hot voxels, a marker. Labels, bytes and volumes of fewer than 512
+    voxels have none.
+
+    Examples
+    --------
+    >>> values = np.arange(1000.0).reshape(10, 10, 10)
+    >>> values[5, 5, 5] = 1e6
+    >>> typical_range(Volume.from_array(values))
+    (0.0, 999.0)
+    """
+    return _measured(volume).range if _may_have_outliers(volume) else volume.value_range
 
 
-def _levels(volume: Volume) -> tuple[float, float, float, float]:
-    low, high = volume.value_range
-    if high <= low:
-        return low, low, low, low
-    counts = histogram(volume, low, high).counts
+def _may_have_outliers(volume: Volume) -> bool:
+    return not volume.is_labels and volume.dtype.itemsize > 1 and volume.grid.size >= _FEW_VOXELS
+
+
+@dataclass(frozen=True)
+class _Measured:
+    range: tuple[float, float]
+    levels: tuple[float, float, float, float]
+
+
+_MEASURED: WeakKeyDictionary[Volume, _Measured] = WeakKeyDictionary()
+
+
+def _measured(volume: Volume) -> _Measured:
+    if volume not in _MEASURED:
+        low, high = volume.value_range
+        if high <= low:
+            _MEASURED[volume] = _Measured((low, low), (low, low, low, low))
+        else:
+            found = _typical(volume, histogram(volume, low, high))
+            _MEASURED[volume] = _Measured((found.low, found.high), _levels(found))
+    return _MEASURED[volume]
+
+
+def _typical(volume: Volume, whole: Histogram) -> Histogram:
+    """The histogram over :func:`typical_range`, from the one over all values."""
+    if not _may_have_outliers(volume):
+        return whole
+    size = volume.grid.size
+    most, found = max(1, int(_OUTLIERS * size)), whole
+    while (ends := _crowded(found, most)) is not None:
+        inside = [part[(part >= ends[0]) & (part <= ends[1])] for part in volume.finite_values]
+        low, high = (float(f([f(part) for part in inside if part.size])) for f in (min, max))
+        if not low < high or size - sum(part.size for part in inside) > most:  # a spot on an even ground is no outlier
+            return whole
+        if (low, high) == (found.low, found.high):
+            break
+        found = histogram(volume, low, high)
+    return found
+
+
+def _crowded(counts: Histogram, most: int) -> tuple[float, float] | None:
+    """Edges of the few bins that hold all that is counted but ``most`` voxels; None if they are not few."""
+    below = np.concatenate([[0], np.cumsum(counts.counts)])
+    ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which that many lie
+    first = int(np.where(ends < len(below), ends - np.arange(len(below)), len(below)).argmin())
+    if ends[first] - first > len(counts.counts) // _STRETCH:
+        return None
+    width = (counts.high - counts.low) / len(counts.counts)
+    return counts.low + first * width, counts.low + float(ends[first]) * width
+
+
+def _levels(found: Histogram) -> tuple[float, float, float, float]:
+    low, high, counts = found.low, found.high, found.counts
     middle = low + (np.arange(_BINS) + 0.5) * ((high - low) / _BINS)
     first = _otsu(counts)
     second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first

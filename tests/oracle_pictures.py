@@ -15,7 +15,6 @@ from deformnb.volume import Volume
 # Towards the lamp in (u, v, n): above the viewer's left shoulder.
 LAMP = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
 
-# Values 0 to 93: the table of 1024 colours holds all 94 exactly, so the formula is compared and not the table.
 TOP = 93
 RAMP = TransferFunction(((0, 0.1, 0.2, 0.3), (40, 0.9, 0.4, 0.1), (TOP, 1, 1, 0.8)), ((0, 0.0), (30, 0.02), (TOP, 0.4)))
 

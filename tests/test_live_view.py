@@ -64,6 +64,10 @@ class Recorded(LiveView):
         return list(self.__dict__["out"])
 
 
+def table_of(view: LiveView) -> np.ndarray:
+    return np.frombuffer(view.table, "<f4").reshape(-1, 4)
+
+
 def test_the_view_keeps_the_contract_of_all_views() -> None:
     view = Recorded()
     assert isinstance(view, AbstractView)
@@ -341,8 +345,7 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     assert levels_within(view, 1000, 1600) > 225
     assert view.volume_info["note"] == "finer greys from 970 to 1630"
     assert view.volume_info["share"] == pytest.approx(660 / (whole[1] - whole[0]))
-    np.testing.assert_allclose(np.frombuffer(view.table, "<f4").reshape(256, 4), NARROW(np.linspace(low, high, 256)),
-                               atol=1e-6)
+    np.testing.assert_allclose(table_of(view), NARROW(np.linspace(low, high, len(table_of(view)))), atol=1e-6)
     second = view.volume_info["id"]
     view.set_transfer(replace(NARROW, opacities=((1020, 0), (1500, 0.5))))
     assert view._sharpener is None  # it will do
@@ -357,10 +360,10 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
     values = np.arange(4000, dtype=np.int16).reshape(10, 20, 20)
     view = LiveView(Volume.from_array(values), transfer=TransferFunction(((0, 0, 0, 0),), ((0, 0), (4000, 1))))
     narrow = TransferFunction(((1000, 0, 0, 0), (1600, 1, 1, 1)), ((1000, 0), (1600, 1)))
-    has_table, may_go_on, table_of = threading.Event(), threading.Event(), TransferFunction.table
+    has_table, may_go_on, tabulated = threading.Event(), threading.Event(), TransferFunction.table
 
     def slow(function: TransferFunction, *given: Any) -> Any:
-        table = table_of(function, *given)
+        table = tabulated(function, *given)
         if threading.current_thread() is user:
             has_table.set()
             may_go_on.wait(30)
@@ -376,7 +379,7 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
     for thread in (user, timer):
         thread.join(30)
     assert view.volume_info["note"] == "finer greys from 970 to 1630"
-    assert view.table == np.ascontiguousarray(table_of(narrow, 970.0, 1630.0, narrow.unit), "<f4").tobytes()
+    assert view.table == np.ascontiguousarray(tabulated(narrow, 970.0, 1630.0), "<f4").tobytes()
     view.close()
 
 
@@ -401,13 +404,13 @@ def test_colours_are_those_of_the_values() -> None:
     view = Recorded(ball(dtype="int16"))
     ramp = TransferFunction(((0, 0, 0, 0), (200, 1, 0.5, 0)), ((0, 0), (200, 0.8)), unit=3.0)
     view.set_transfer(ramp)
-    table = np.frombuffer(view.table, "<f4").reshape(256, 4)
+    table = table_of(view)
     low, high = view._shown.window  # type: ignore[union-attr]
-    np.testing.assert_allclose(table, ramp(np.linspace(low, high, 256)), atol=1e-6)
+    np.testing.assert_allclose(table, ramp(np.linspace(low, high, len(table))), atol=1e-6)
     assert view.unit == 3.0
     with pytest.raises(DeformError, match="unknown transfer function"):
         view.set_transfer("gold")
-    np.testing.assert_array_equal(np.frombuffer(view.table, "<f4").reshape(256, 4), table)  # the old one stays
+    np.testing.assert_array_equal(table_of(view), table)  # the old one stays
 
 
 def test_the_camera_is_set_and_kept() -> None:
@@ -709,6 +712,22 @@ def test_rings_of_blocks_are_empty_and_no_fewer() -> None:
         assert rings[(*index, 0)] == np.abs(at - index).max(axis=1).min()
         near = tuple(slice(max(0, n - 1), n + 2) for n in index)
         assert rings[(*index, 1)] == high[near].max()
+
+
+@pytest.mark.parametrize("each", [1, 2, 8])
+def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
+    values = np.full((8, 8, 24), 10, np.uint8)
+    values[..., 16:] = 13
+    alphas = np.zeros(255 * each + 1)
+    alphas[12 * each - each // 2] = 0.5  # at 12, or half-way between 11 and 12 where the table has an entry there
+    rings = run_script(("volume_blocks.js",), """({ values, shape, alphas }) =>
+        Array.from(emptyRings(blockExtremes(Uint8Array.from(values), shape), alphas))""",
+        {"values": values.ravel().tolist(), "shape": [24, 8, 8], "alphas": alphas.tolist()})
+    assert rings[::2] == [1, 0, 0]
+    rgba = np.repeat(alphas, 4).tolist()
+    byte = run_script(("volume_blocks.js",), "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
+                      {"rgba": rgba, "byte": 12})
+    assert byte == alphas[12 * each]
 
 
 def test_the_slope_of_a_field_bounds_every_difference() -> None:

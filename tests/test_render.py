@@ -351,3 +351,42 @@ def test_places_of_points_on_a_picture(direction: tuple[float, float, float]) ->
     seen = (np.ptp(columns) / 2 + columns.min(), np.ptp(rows) / 2 + rows.min())
     wanted = image_places(volume.grid.index_to_point([9, 5, 18]), volume.grid, **view)
     np.testing.assert_allclose(wanted, seen, atol=1.5)
+
+
+@pytest.mark.needs_gl
+def test_a_hot_voxel_does_not_change_what_vtk_draws() -> None:
+    grid = Grid((24, 24, 24))
+    values = np.broadcast_to(np.linspace(0, 100, 24, dtype=np.float32), grid.shape).copy()
+    narrow = TransferFunction(((0, 0, 0, 0.2), (50, 1, 0.5, 0), (100, 1, 1, 1)),
+                              ((0, 0), (30, 0), (32, 0.3), (100, 0.6)))
+    look = {"transfer": narrow, "direction": (0, 0, 1), "up": (0, -1, 0), "size": (96, 96), "backend": "vtk"}
+    plain = render_volume(Volume(values, grid), **look).astype(int)
+    assert plain.mean() > 40
+    for hot in (1e6, -1e6):
+        spotted = values.copy()
+        spotted[1, 1, 1] = hot
+        other = render_volume(Volume(spotted, grid), **look).astype(int)
+        apart = np.abs(other - plain).max(axis=2) > 2
+        assert apart.mean() < 0.03, hot  # the voxel itself, and its neighbours' light
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("node", [(1000, 1000), (1000, 1001), (2000, 2000.5)])
+def test_a_jump_of_opacity_is_where_it_belongs_in_vtk(node: tuple[float, float]) -> None:
+    values = np.broadcast_to(np.linspace(0, 4000, 101, dtype=np.float32), (4, 101, 101)).copy()
+    function = TransferFunction(((0, 1, 1, 1),), ((0, 0), (node[0], 0), (node[1], 0.9), (4000, 0.9)))
+    rows = [render_volume(Volume.from_array(values), transfer=function, direction=(0, 0, -1), up=(0, -1, 0),
+                          size=(202, 202), height=101.0, backend=b)[100].max(axis=-1) > 60 for b in ("vtk", "core")]
+    edges = [np.flatnonzero(np.diff(row[4:-4].astype(int))) for row in rows]
+    assert len(edges[0]) == len(edges[1]) == 1
+    assert abs(int(edges[0][0]) - int(edges[1][0])) <= 2  # of 202 pixels: a voxel
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("transfer", [((0, 0), (1e6, 1)), ((0, 0), (50, 0.5), (50, 0.9)), ((0, 0), (5e-4, 1))])
+def test_vtk_is_given_no_table_longer_than_it_makes(transfer: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    values = np.random.default_rng(0).uniform(0, 100, (12, 12, 12)).astype(np.float32)
+    values[3, 3, 3] = 1e6
+    function = TransferFunction(((0, 1, 1, 1), (0, 0.5, 1, 1)), transfer)
+    render_volume(Volume.from_array(values), transfer=function, size=(32, 32), backend="vtk")
+    assert "texture size" not in capfd.readouterr().err

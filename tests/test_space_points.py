@@ -25,7 +25,7 @@ from deformnb.widgets.point_messages import points_to_json
 from deformnb.widgets.shown_volume import shown_volume
 from deformnb.widgets.space_points import QUICK_SIZE
 
-RAYS = ("elements.js", "camera.js", "edits.js", "handles.js", "space_edits.js", "space_rays.js")
+RAYS = ("elements.js", "volume_blocks.js", "camera.js", "edits.js", "handles.js", "space_edits.js", "space_rays.js")
 TURNED = ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
 GRID = Grid((30, 34, 38), (1.0, 1.25, 1.5), (4.0, -7.0, 11.0), TURNED)
 

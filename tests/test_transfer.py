@@ -13,7 +13,7 @@ from skimage.filters import threshold_otsu
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
-from deformnb.transfer import PRESETS, TransferFunction, histogram, levels, preset
+from deformnb.transfer import PRESETS, TransferFunction, histogram, levels, preset, typical_range
 from deformnb.volume import Volume
 
 RAMP = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((0, 0), (20, 0.5)), unit=2.0)
@@ -35,18 +35,43 @@ def test_values_between_nodes_are_interpolated_and_those_beyond_are_clamped(valu
     oracle.assert_close(RAMP(value), [red, green, blue, v / 40], atol=1e-12)
 
 
-@given(step=st.floats(0.01, 10), parts=st.integers(1, 20))
-def test_a_layer_cut_into_thinner_ones_stops_the_same_light(step: float, parts: int) -> None:
-    whole, part = RAMP.table(0, 20, step), RAMP.table(0, 20, step / parts)
-    oracle.assert_close(1 - (1 - part[:, 3].astype(float)) ** parts, whole[:, 3], atol=2e-6)  # float32 times the parts
-    np.testing.assert_array_equal(whole[:, :3], part[:, :3])
+FUNCTIONS = st.builds(
+    lambda colors, opacities: TransferFunction(tuple(sorted(colors)), tuple(sorted(opacities))),
+    st.lists(st.tuples(st.integers(-30, 130).map(float), *[st.floats(0, 1)] * 3), min_size=1, max_size=9),
+    st.lists(st.tuples(st.integers(-30, 130).map(float), st.floats(0, 1)), min_size=1, max_size=9))
 
 
-def test_the_unit_is_the_thickness_that_opacities_are_meant_for() -> None:
-    oracle.assert_close(RAMP.table(0, 20, 2.0, 5)[:, 3], [0, 0.125, 0.25, 0.375, 0.5], atol=1e-7)
-    opaque = TransferFunction(((0, 1, 1, 1),), ((0, 1.0),))
-    for step in (1e-6, 1.0, 1e6):
-        assert opaque.table(0, 1, step)[:, 3].tolist() == [1.0] * 256
+@given(function=FUNCTIONS)
+def test_knots_are_the_function_itself_with_its_jumps(function: TransferFunction) -> None:
+    values, rgba = function.knots()
+    assert (np.diff(values) >= 0).all()
+    assert max(np.unique(values, return_counts=True)[1]) <= 2
+    places = np.concatenate([np.arange(-35, 135), np.nextafter(np.arange(-35.0, 135), -np.inf)])
+    read = np.stack([np.interp(places, values, rgba[:, c]) for c in range(4)], axis=-1)
+    oracle.assert_close(read, function(places), atol=1e-9)
+
+
+@given(function=FUNCTIONS, low=st.floats(-40, 60), width=st.floats(1, 500))
+def test_a_table_is_read_linearly_within_the_bound_that_it_states(function: TransferFunction, low: float,
+                                                                  width: float) -> None:
+    table = function.table(low, low + width)
+    each = (len(table) - 1) // 255
+    assert len(table) == 255 * each + 1 <= 2048
+    at = np.linspace(low, low + width, len(table))
+    oracle.assert_close(table[::each], function(np.linspace(low, low + width, 256)), atol=1e-6)
+    values, rgba = function.knots()
+    apart = width / (255 * each)
+    change = np.diff(rgba, axis=0)[(values[1:] >= low) & (values[:-1] <= low + width)]
+    length = np.diff(values)[(values[1:] >= low) & (values[:-1] <= low + width)]
+    assert each == 8 or (length[(change != 0).any(axis=1)] >= 16 * apart).all()
+    places = np.random.default_rng(1).uniform(low, low + width, 500)
+    read = np.stack([np.interp(places, at, table[:, c]) for c in range(4)], axis=-1)
+    # Where nodes are farther apart than two entries a node lies in every second interval at most: its bend is h/4.
+    near = np.abs(places[:, None] - values).min(axis=1) <= apart
+    oracle.assert_close(read[~near], function(places[~near]), atol=2e-6)
+    if (length > 0).all() and len(length):
+        steepest = np.abs(change / length[:, None]).max(initial=0)
+        assert np.abs(read - function(places)).max() <= 2 * steepest * apart / 4 * (1 + len(values)) + 2e-6
 
 
 def test_one_node_is_a_constant() -> None:
@@ -156,6 +181,42 @@ def test_one_spot_denser_than_all_else_is_not_the_scale() -> None:
     assert levels(volume_of(values))[3] < 150
 
 
+@pytest.mark.parametrize("hot", [1e6, -1e6, 1e30, 3000.0])
+@pytest.mark.parametrize("name", ["fish", "head"])
+def test_one_hot_voxel_changes_no_level_and_no_preset(name: str, hot: float) -> None:
+    values = PHANTOMS[name].make(SMALL[name]).values.astype(np.float32)
+    spotted = values.copy()
+    spotted[0, 3, 3] = hot  # where there is air
+    plain, other = volume_of(values), volume_of(spotted)
+    assert typical_range(plain) == plain.value_range
+    if abs(hot) > 16 * np.ptp(plain.value_range):
+        assert typical_range(other) == plain.value_range
+        width = np.ptp(plain.value_range) / 256
+        oracle.assert_close(levels(other), levels(plain), atol=0.01 * width)
+        for kind in PRESETS:
+            at = np.linspace(*plain.value_range, 50)
+            oracle.assert_close(preset(kind, other)(at), preset(kind, plain)(at), atol=1e-3)
+
+
+def test_hot_voxels_of_several_sizes_are_left_out_and_a_spot_on_even_ground_is_not() -> None:
+    values = np.random.default_rng(2).uniform(0, 100, (32, 32, 32))
+    values[0, 0, :3] = 1e4, 1e7, 1e300
+    assert typical_range(volume_of(values))[1] < 100
+    even = np.zeros((32, 32, 32), np.float32)
+    even[3, 3, 3] = 1e6
+    assert typical_range(volume_of(even)) == (0, 1e6)
+    body = values.copy()
+    body[:4, :4, :4] = 1e6  # 64 voxels of 32 768: no outliers
+    assert typical_range(volume_of(body))[1] == 1e6
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "bool"])
+def test_bytes_have_no_outliers(dtype: str) -> None:
+    values = np.zeros((16, 16, 16), dtype)
+    values[0, 0, 0] = 1
+    assert typical_range(volume_of(values)) == (0, 1)
+
+
 @pytest.mark.parametrize("value", [0, -1000, 5, 1e30, np.nan])
 def test_a_constant_volume_has_one_level(value: float) -> None:
     found = levels(volume_of(np.full((2, 3, 4), value, np.float32)))
@@ -210,10 +271,9 @@ def test_presets_leave_air_empty_and_show_the_dense(kind: str, name: str) -> Non
 ], ids=["zero", "one voxel", "two values", "bool", "nan", "huge", "two close values"])
 def test_presets_are_valid_for_poor_volumes(kind: str, values: np.ndarray) -> None:
     function = preset(kind, volume_of(values))
-    for volume_step in (1e-3, 1.0):
-        table = function.table(*volume_of(values).value_range, volume_step)
-        assert np.isfinite(table).all()
-        assert 0 <= table.min() <= table.max() <= 1
+    table = function.table(*volume_of(values).value_range)
+    assert np.isfinite(table).all()
+    assert 0 <= table.min() <= table.max() <= 1
 
 
 @pytest.mark.parametrize("kind", ["bone", "muscle"])

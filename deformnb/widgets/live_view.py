@@ -243,7 +243,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, met
             return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
             function = self._transfer = _function(self._wanted_transfer, self._volume)
-            table = function.table(*self._shown.window, function.unit)  # alphas as they are: the page fits them
+            table = function.table(*self._shown.window)  # alphas as they are: the page fits them
             with self.hold_sync():
                 self.unit = function.unit
                 self.table = np.ascontiguousarray(table, "<f4").tobytes()

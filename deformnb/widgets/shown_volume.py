@@ -219,7 +219,7 @@ def whole_window(volume: Volume) -> tuple[float, float]:
     """The values of interest: all of bytes, and of others up to the densest matter."""
     low, high = volume.value_range
     if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
-        high = levels(volume)[3]
+        low, _, _, high = levels(volume)
     return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
 
 

@@ -212,7 +212,7 @@ def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
 def _window(volume: Volume) -> tuple[float, float]:
     low, high = volume.value_range
     if not (volume.is_labels or volume.dtype == np.bool_):
-        low, high = volume.background, levels(volume)[3]
+        low, _, _, high = levels(volume)
     return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
 
 

@@ -19,7 +19,7 @@ from deformnb.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.plane import Plane
-from deformnb.render import gl_status, placement, set_vtk_transfer
+from deformnb.render import clipped_for, gl_status, placement, set_vtk_transfer
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.card_maps import CardMaps, card_maps
@@ -106,8 +106,8 @@ class VtkScene:
         self._volume = volume
         self._field: AbstractField | None = None
         self.folding.set(None)
+        self._transfer = self._named(self._wanted_transfer)
         self._load(None)
-        self.set_transfer(self._wanted_transfer)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
         """Deform what is shown.
@@ -141,8 +141,15 @@ class VtkScene:
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
-        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+        self._transfer = self._named(transfer)
+        if clipped_for(self._volume, self._transfer).value_range != self._voxels.volume.value_range:
+            self._load(self._output)
+            if self._field is not None:
+                self.set_field(self._field, self._output)
         self._apply_looks()
+
+    def _named(self, transfer: TransferFunction | str) -> TransferFunction:
+        return preset(transfer, self._volume) if isinstance(transfer, str) else transfer
 
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
@@ -256,7 +263,8 @@ class VtkScene:
 
     def _load(self, output: Grid | None) -> None:
         """Voxels that reach as far as what can be seen, in a new actor."""
-        self._output, self._voxels = output, SceneVoxels(self._volume, output)
+        assert self._transfer is not None
+        self._output, self._voxels = output, SceneVoxels(clipped_for(self._volume, self._transfer), output)
         self._maps = self._loaded = None
         self._close_actor()
         self._actor = self._plotter.add_volume(self._voxels.image, mapper="gpu", shade=True, show_scalar_bar=False,
@@ -274,14 +282,15 @@ class VtkScene:
     def _apply_looks(self) -> None:
         if self._actor is None or self._transfer is None:
             return
-        prop, mapper = self._actor.prop, self._actor.mapper
+        prop, mapper, values = self._actor.prop, self._actor.mapper, self._voxels.volume.value_range
         if self._projection == "mip":
-            low, white = self._volume.background, white_of(self._volume)
+            low, white = self._voxels.volume.background, white_of(self._volume)
             ink = INKS[self._background]
-            set_vtk_transfer(prop, TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0))))
+            ramp = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
+            set_vtk_transfer(prop, ramp, values)
             mapper.SetBlendModeToMaximumIntensity()
         else:
-            set_vtk_transfer(prop, self._transfer)
+            set_vtk_transfer(prop, self._transfer, values)
             mapper.SetBlendModeToComposite()
         prop.SetShade(self._projection == "shaded")
         if self._warp is not None:

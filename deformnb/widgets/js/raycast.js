@@ -119,12 +119,12 @@ class RayCaster {
     throw new MemoryError(NOT_HELD);
   }
 
-  /** Colours and opacities: 256 x 4 floats, opacities for layers of thickness `unit`. */
+  /** Colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities for layers of thickness `unit`. */
   setTable(rgba, unit) {
     this.table = { rgba, unit, step: 0 };
     if (!this.volume || !this.volume.loaded) return;
     const gl = this.gl, { extremes, values, shape, spacing } = this.volume;
-    const alphas = Float32Array.from({ length: 256 }, (_, i) => rgba[4 * i + 3]);
+    const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]);
     this.#texture("blocks", gl.TEXTURE_3D, false);
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG8, ...extremes.size, 0, gl.RG, gl.UNSIGNED_BYTE, emptyRings(extremes, alphas));
     const light = ambientLight(values, shape, alphas, (AMBIENT_CELL * Math.min(...spacing)) / unit);
@@ -140,7 +140,7 @@ class RayCaster {
     const fitted = Float32Array.from(rgba);
     for (let i = 3; i < fitted.length; i += 4) fitted[i] = 1 - Math.pow(1 - Math.min(fitted[i], 0.9999), step / unit);
     this.#texture("table", gl.TEXTURE_2D, true);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, 256, 1, 0, gl.RGBA, gl.FLOAT, fitted);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, fitted.length / 4, 1, 0, gl.RGBA, gl.FLOAT, fitted);
   }
 
   /**
@@ -305,7 +305,7 @@ class RayCaster {
     gl.uniform3fv(at.blockSize, spacing.map((s) => s * BLOCK));
     gl.uniform1f(at.stepLength, step);
     gl.uniform1f(at.outside, volume.outside / 255);
-    gl.uniform1f(at.outsideOpacity, this.table.rgba[4 * volume.outside + 3]);
+    gl.uniform1f(at.outsideOpacity, opacityOfByte(this.table.rgba, volume.outside));
     // Below two hundredths of the range per voxel a slope is noise; bytes of the gradient count 1/127 of the steepest.
     gl.uniform1f(at.certain, ((volume.share ?? 1) * STEEPEST) / 127 / (0.012 * 255)); // of the range of all values
     gl.uniform2fv(at.grey, volume.grey || [0, 1]);

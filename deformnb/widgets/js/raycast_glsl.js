@@ -63,7 +63,7 @@ void main() {
   float noise = fract(52.9829189 * fract(dot(floor(pixel), vec2(.06711056, .00583715))) + phase);
   // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
   vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
-  vec4 sum = vec4(0.); float most = 0.;
+  vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x);
 #ifdef FOLDS
   bool turned = false;                        // what is seen of a largest value
 #endif
@@ -108,7 +108,7 @@ void main() {
 #else
     if (out_ && outsideOpacity == 0.) continue;
     vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
-    vec4 rgba = textureLod(table, vec2(here.a * (255. / 256.) + .5 / 256., .5), 0.);
+    vec4 rgba = textureLod(table, vec2((here.a * (entries - 1.) + .5) / entries, .5), 0.);
     if (rgba.a <= 0.) continue;
 #ifdef CUT
     rgba.a *= seen;

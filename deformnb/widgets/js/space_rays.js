@@ -75,7 +75,7 @@ class Body {
   opacity(x) {
     const { shape, spacing } = this.info, from = this.origin(x), at = from.map((l, k) => Math.round(l / spacing[k]));
     if (at.some((i, k) => i < 0 || i >= shape[k])) return 0;
-    return this.table[4 * this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]] + 3];
+    return opacityOfByte(this.table, this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]]);
   }
 
   // The place in the box where half of the light along a ray is stopped, as a length along it, or null.

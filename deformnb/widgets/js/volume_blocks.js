@@ -8,6 +8,12 @@ const AMBIENT_CELL = 4; // finer cells show the noise of the voxels as shadow
 // is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint ones.
 const STEEPEST = 64;
 
+/** How many entries of a table of colours there are for a byte (see TransferFunction.table). */
+function entriesOfByte(entries) { return (entries - 1) / 255; }
+
+/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
+function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
+
 /** Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. */
 function gradientSlab(values, [nx, ny, nz], z0, z1, spacing, fill) {
   const out = new Uint8Array(4 * nx * ny * (z1 - z0));
@@ -78,12 +84,12 @@ function sweep(size, axis, visit) {
  * the largest value within one block of it (G).
  */
 function emptyRings({ size, low, high }, alphas) {
-  const before = new Int32Array(257); // how many table entries below i let any light be stopped
-  for (let i = 0; i < 256; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0);
+  const before = new Int32Array(alphas.length + 1), each = entriesOfByte(alphas.length);
+  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0); // entries below that stop light
   const total = low.length, out = new Uint8Array(2 * total);
   // The maximum norm is separable for a threshold only: so grow the filled blocks ring by ring, axis after axis.
   let filled = new Uint8Array(total);
-  for (let i = 0; i < total; i++) filled[i] = before[high[i] + 1] > before[low[i]] ? 1 : 0;
+  for (let i = 0; i < total; i++) filled[i] = before[each * high[i] + 1] > before[each * low[i]] ? 1 : 0;
   const most = 24; // rings beyond this save no more than a few samples of a ray
   for (let ring = 0; ring < most; ring++) {
     let empty = 0;
@@ -115,8 +121,8 @@ function grown(values, size) {
 function ambientLight(values, shape, alphas, thickness) {
   const size = shape.map((n) => Math.ceil(n / AMBIENT_CELL)), [nx, ny, nz] = shape;
   const sum = new Float32Array(size[0] * size[1] * size[2]), count = new Float32Array(sum.length);
-  const opacity = new Float32Array(256);
-  for (let i = 0; i < 256; i++) opacity[i] = 1 - Math.pow(1 - Math.min(alphas[i], 0.999), thickness);
+  const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
+  for (let i = 0; i < 256; i++) opacity[i] = 1 - Math.pow(1 - Math.min(alphas[each * i], 0.999), thickness);
   let i = 0;
   for (let z = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
