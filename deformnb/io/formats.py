@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import lzma
 import os
-import struct
-import zlib
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -18,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
 from deformnb.io.atomic import check_target
-from deformnb.io.headers import Header, fail, human_bytes, regular_file, shown
+from deformnb.io.headers import Damage, Header, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
 from deformnb.io.packing import Progress
 from deformnb.volume import Float3, Grid, Volume
@@ -60,9 +57,7 @@ FORMATS: dict[str, Format] = {
 _MARKS = {b"NRRD000": "nrrd", b"\x93NUMPY": "numpy", b"II*\0": "tiff", b"MM\0*": "tiff", b"ObjectType": "metaimage",
           b"<VTKFile": "vti", b"\x1f\x8b": "nifti"}
 
-# What damaged files and failing disks raise below this level; each becomes one VolumeFileError.
-_DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError, struct.error, MemoryError, OverflowError, ValueError,
-           RecursionError)
+_LESS = "read fewer voxels with stride=2"
 
 
 @dataclass(frozen=True)
@@ -168,24 +163,6 @@ def _read_header(path: Path, series: str | int | None) -> tuple[str, Header]:
     return name, dicom.read_header(path, series) if name == "dicom" else entry.header(path)
 
 
-class _Damage:
-    """Turns what lower levels raise into the one error that names the file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        """Nothing to prepare."""
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, MemoryError):
-            raise fail(self._path, "there is not enough memory for it; read fewer voxels with stride=2.") from error
-        if isinstance(error, _DAMAGE) and not isinstance(error, DeformError):
-            raise fail(self._path, f"it cannot be read: {shown(error) or type(error).__name__}.") from error
-        if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
-            raise fail(self._path, str(error)) from error
-
-
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
                 spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
                 max_bytes: int | None = None, progress: Progress = None) -> Volume:
@@ -220,7 +197,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     place = _located(path)
     step = _checked_stride(stride)
     _check_spacing(spacing)
-    with _Damage(place):
+    with Damage(place, _LESS):
         kind, header = _read_header(place, series)
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
@@ -269,7 +246,7 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
         As :func:`read_volume` does.
     """
     place = _located(path)
-    with _Damage(place):
+    with Damage(place, _LESS):
         kind, header = _read_header(place, series)
         grid, notes = header.grid()
         sizes = [file.stat().st_size for file in place.iterdir() if file.is_file()] if place.is_dir() else [

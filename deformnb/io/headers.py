@@ -6,9 +6,13 @@ load garbage in silence when a header lies. Text of a header is only ever text.
 
 from __future__ import annotations
 
+import csv
+import lzma
 import math
 import os
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -116,6 +120,36 @@ def shown(text: object, limit: int = 120) -> str:
 def fail(path: Path, why: str) -> VolumeFileError:
     """The error that says which file and why."""
     return VolumeFileError(f"{shown(path.name or path)}: {why}")
+
+
+# What damaged files and failing disks raise below this level. TypeError and RuntimeError are bugs, not damage.
+_DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError, struct.error, csv.Error, MemoryError, OverflowError,
+           ValueError, RecursionError)
+
+
+class Damage:
+    """Turns what the parsers of a file raise into the one error that names the file.
+
+    Parameters
+    ----------
+    path : the file.
+    advice : what to do where there is not enough memory for it.
+    """
+
+    def __init__(self, path: Path, advice: str) -> None:
+        self._path, self._advice = path, advice
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, MemoryError):
+            raise fail(self._path, f"there is not enough memory for it; {self._advice}.") from error
+        if isinstance(error, _DAMAGE) and not isinstance(error, DeformError):
+            why = shown(error).rstrip(".") or type(error).__name__
+            raise fail(self._path, f"it cannot be read: {why}.") from error
+        if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
+            raise fail(self._path, str(error)) from error
 
 
 def human_bytes(count: int) -> str:

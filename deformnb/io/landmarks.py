@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import fail, regular_file, shown
+from deformnb.io.headers import Damage, fail, regular_file, shown
 from deformnb.landmarks import Landmarks
 
 _LONGEST = 1 << 26  # bytes: some hundred thousand landmarks
@@ -80,16 +79,12 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     """
     place = regular_file(Path(path).expanduser())
     row = check_landmark_target(place)
-    try:
+    with Damage(place, "leave out what is no landmark"):
         if place.stat().st_size > _LONGEST:
             raise fail(place, "it is far too large for a file of landmarks.")
         text = place.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
         text = text.replace("\r", " " if "\n" in text else "\n")  # within a line Slicer leaves some of other programs
         return row.read(place, text)
-    except VolumeFileError:
-        raise
-    except (DeformError, OSError, ValueError, RecursionError) as error:
-        raise fail(place, f"it cannot be read as a {row.description}: {shown(error).rstrip('.')}.") from error
 
 
 def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -134,7 +129,7 @@ def _row(path: Path) -> LandmarkFormat | None:
 def _coordinates(path: Path, words: Sequence[Any], which: str) -> list[float]:
     try:
         values = [float(word) for word in words]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
         raise fail(path, f"the coordinates of {which} are no numbers.") from None
     if not all(map(math.isfinite, values)):
         raise fail(path, f"the coordinates of {which} are not finite.")

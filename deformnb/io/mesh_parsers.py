@@ -1,4 +1,4 @@
-"""Parsers of PLY, STL and OBJ files: short ones with bounds on everything, for VTK's end the process on damaged files.
+"""Parsers of PLY, STL, OBJ and VTP: short ones with bounds on everything, for VTK's end the process on damaged files.
 
 Each returns corners (N, 3) and polygons: for each face its number of corners, then all corners' numbers in one array.
 """
@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.headers import fail, shown
+from deformnb.io.headers import fail, human_bytes, integers, shown
+from deformnb.io.memory import default_limit
+from deformnb.io.vtk_xml import StoredArray, Tag, VtkXml
 
 Polygons = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 """Corners (N, 3), how many corners each face has, and their numbers one face after the other."""
@@ -201,8 +203,10 @@ class _Text:
         return np.array(counts, dtype=np.int64), _whole(self._path, joined)
 
 
-def _whole(path: Path, numbers: NDArray[np.float64]) -> NDArray[np.int64]:
-    if not (np.abs(numbers) < 2**53).all() or (numbers != np.floor(numbers)).any():
+def _whole(path: Path, numbers: NDArray[Any]) -> NDArray[np.int64]:
+    if numbers.dtype.kind in "iu" and numbers.dtype.itemsize < 8:
+        return numbers.astype(np.int64)
+    if not (np.abs(numbers.astype(np.float64)) < 2**53).all() or (numbers != np.floor(numbers)).any():
         raise fail(path, f"the number of a corner is not a whole number: {_CUT}.")
     return numbers.astype(np.int64)
 
@@ -278,3 +282,79 @@ def _obj_lines(path: Path) -> Iterator[bytes]:
     if b"\0" in data:
         raise fail(path, "this is no OBJ file: it is not text.")
     yield from data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+
+
+# ---- VTP -------------------------------------------------------------------------------------------------------------
+
+
+def read_vtp(path: Path) -> Polygons:
+    """The polygons of all pieces of a VTP file; strips become triangles, vertices and lines are left out."""
+    file = VtkXml(path, "PolyData")
+    pieces = [tag for tag in file.tags if tag.name == "Piece"]
+    if not pieces:
+        raise fail(path, f"it has no piece of a surface: {_CUT}.")
+    points, counts, corners, first = [], list[NDArray[np.int64]](), list[NDArray[np.int64]](), 0
+    for piece in pieces:
+        points.append(_vtp_points(file, piece))
+        cells = [_vtp_cells(file, piece, "Polys"), _triangles(*_vtp_cells(file, piece, "Strips"))]
+        for sizes, numbers in cells:
+            if len(numbers) and not (numbers.min() >= 0 and numbers.max() < len(points[-1])):
+                raise fail(path, f"a face has a corner that is not among the {len(points[-1])} of its piece.")
+            counts.append(sizes)
+            corners.append(numbers + first)
+        first += len(points[-1])
+    return np.concatenate(points), np.concatenate(counts), np.concatenate(corners)
+
+
+def _vtp_points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
+    count = _vtp_count(file, piece, "NumberOfPoints")
+    array = next((tag for tag in file.tags if tag.name == "DataArray" and tag.within("Points") and tag.parent
+                  and tag.parent.parent is piece), None)
+    if not count:
+        return np.zeros((0, 3))
+    if array is None or array.attributes.get("NumberOfComponents") != "3":
+        raise fail(file.path, f"a piece has no places of three numbers for its {count} corners: {_CUT}.")
+    return _within_memory(file.stored(array, 3 * count)).values().astype(np.float64).reshape(-1, 3)
+
+
+def _vtp_cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """How many corners each cell of a kind has, and their numbers."""
+    count = _vtp_count(file, piece, f"NumberOf{kind}")
+    if not count:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    arrays = {tag.attributes.get("Name"): tag for tag in file.tags
+              if tag.name == "DataArray" and tag.within(kind) and tag.parent and tag.parent.parent is piece}
+    if not {"offsets", "connectivity"} <= arrays.keys():
+        raise fail(file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {_CUT}.")
+    ends = _whole(file.path, _within_memory(file.stored(arrays["offsets"], count)).values())
+    sizes = np.diff(ends, prepend=0)
+    if (sizes < 0).any():
+        raise fail(file.path, f"the offsets of its {kind.lower()} do not grow: {_CUT}.")
+    numbers = _within_memory(file.stored(arrays["connectivity"], int(ends[-1]))).values()
+    return sizes, _whole(file.path, numbers)
+
+
+def _vtp_count(file: VtkXml, piece: Tag, name: str) -> int:
+    count = integers(file.path, name, piece.attributes.get(name, "0"), 1)[0]
+    if count < 0:
+        raise fail(file.path, f"its {name} is {count}: {_CUT}.")
+    return count
+
+
+def _within_memory(array: StoredArray) -> StoredArray:
+    limit = default_limit()
+    if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as they are used
+        raise fail(array.file.path, f"its header promises an array of {human_bytes(array.size)}, for which there is "
+                                    f"not enough memory ({human_bytes(limit)} may be used), or {_CUT}.")
+    return array
+
+
+def _triangles(sizes: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The triangles of strips; every other one is turned round, so that all face the same way."""
+    starts = np.cumsum(sizes) - sizes
+    each = np.maximum(sizes - 2, 0)
+    place = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
+    first = np.repeat(starts, each) + place
+    odd = place % 2
+    faces = np.stack([numbers[first], numbers[first + 1 + odd], numbers[first + 2 - odd]], axis=1)
+    return np.full(len(faces), 3), faces.reshape(-1)

@@ -6,7 +6,6 @@ None of them says in which directions its axes point. Coordinates are taken as t
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,16 +14,19 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError, VolumeFileError
+from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import fail, human_bytes, regular_file, shown
+from deformnb.io.headers import Damage, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
-from deformnb.io.mesh_parsers import Polygons, read_obj, read_ply, read_stl
+from deformnb.io.mesh_parsers import Polygons, read_obj, read_ply, read_stl, read_vtp
 from deformnb.surfaces import Mesh
 
 # The tables of a mesh while it is read are about so many times the size of the file.
 _MEMORY_PER_BYTE = 6
-_LONGEST_HEADER = 1 << 16
+
+# VTK's time to cut a polygon into triangles grows with the square of its corners: 16 000 take it a second, so a damaged
+# count of a million an hour.
+_MOST_CORNERS = 16_384
 
 
 @dataclass(frozen=True)
@@ -85,12 +87,8 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
     if size * _MEMORY_PER_BYTE > limit:
         raise fail(place, f"reading it takes about {human_bytes(size * _MEMORY_PER_BYTE)} of memory and "
                           f"{human_bytes(limit)} may be used; thin the mesh out first.")
-    try:
+    with Damage(place, "thin the mesh out first"):
         mesh = _mesh(*row.read(place), place.stem if name is None else name)
-    except VolumeFileError:
-        raise
-    except (DeformError, OSError, ValueError, OverflowError, MemoryError) as error:
-        raise fail(place, f"it cannot be read: {shown(error).rstrip('.') or type(error).__name__}.") from error
     if not len(mesh.faces):
         raise fail(place, f"there are no faces in it: it is no {row.description} of a surface, or it is damaged.")
     return mesh
@@ -150,39 +148,13 @@ def _mesh(points: NDArray[np.float64], counts: NDArray[np.int64], corners: NDArr
 
     if not np.isfinite(points).all():
         raise DeformError("a corner is not a finite number")
+    if (counts > _MOST_CORNERS).any():
+        raise DeformError(f"a face has {counts.max()} corners, which takes VTK minutes to cut into triangles; "
+                          f"at most {_MOST_CORNERS} are read")
     kept = counts >= 3
     cells = np.insert(corners, np.cumsum(counts) - counts, counts)  # as VTK has them: the number, then the corners
     cells = cells[np.repeat(kept, counts + 1)]
     return Mesh.from_pyvista(pyvista.PolyData(points, faces=cells), name)
-
-
-def _read_vtp(path: Path) -> Polygons:
-    """By VTK, quietly, and then compared with what the file promises; strips of triangles become triangles."""
-    import pyvista
-    from vtkmodules.vtkCommonCore import vtkObject
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    with path.open("rb") as file:
-        start = file.read(_LONGEST_HEADER)
-    if b"<VTKFile" not in start or b"PolyData" not in start or b"<!DOCTYPE" in start:
-        raise fail(path, "this is no VTP file (tags VTKFile and PolyData).")
-    reader = vtkXMLPolyDataReader()
-    reader.SetFileName(str(path))
-    spoke = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()
-    try:
-        reader.Update()
-    finally:
-        vtkObject.SetGlobalWarningDisplay(spoke)
-    surface = pyvista.wrap(reader.GetOutput())
-    for what, key, found in (("corners", b"Points", surface.n_points), ("faces", b"Polys", surface.GetNumberOfPolys())):
-        promised = [int(n) for n in re.findall(b"NumberOf" + key + rb'="([0-9]{1,12})"', start)]
-        if len(promised) == 1 and promised[0] != found:
-            raise fail(path, f"it promises {promised[0]} {what} and {found} could be read: it is cut short or damaged.")
-    if reader.GetErrorCode():
-        raise fail(path, "it is no whole VTP file: it is cut short or damaged.")
-    mesh = Mesh.from_pyvista(surface)
-    return mesh.points, np.full(len(mesh.faces), 3), mesh.faces.reshape(-1)
 
 
 # ---- writing ---------------------------------------------------------------------------------------------------------
@@ -231,6 +203,6 @@ MESH_FORMATS: dict[str, MeshFormat] = {
     "ply": MeshFormat((".ply",), read_ply, _write_ply, "PLY file"),
     "stl": MeshFormat((".stl",), read_stl, _write_stl, "STL file"),
     "obj": MeshFormat((".obj",), read_obj, _write_obj, "OBJ file"),
-    "vtp": MeshFormat((".vtp",), _read_vtp, _write_vtp, "VTP file"),
+    "vtp": MeshFormat((".vtp",), read_vtp, _write_vtp, "VTP file"),
 }
 """All kinds of surface files by name. A new one is one row."""
