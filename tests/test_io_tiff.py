@@ -191,3 +191,23 @@ def test_white_is_zero_and_colour_tables_are_said(tmp_path: Path) -> None:
     table = np.zeros((3, 256), np.uint16)
     tifffile.imwrite(tmp_path / "b.tif", STACK.astype(np.uint8), photometric="palette", colormap=table, metadata=None)
     assert any("colour table" in note for note in read_volume(tmp_path / "b.tif").notes)
+
+
+@pytest.mark.parametrize("predictor", [False, True])
+def test_a_tile_far_larger_than_its_picture_counts_as_memory(predictor: bool, tmp_path: Path) -> None:
+    import tracemalloc
+
+    if predictor:
+        pytest.importorskip("imagecodecs")
+    path, side = tmp_path / "a.tif", 4096
+    tifffile.imwrite(path, np.zeros((64, 64), np.uint16), tile=(side, side), compression="zlib", predictor=predictor,
+                     metadata=None, photometric="minisblack")
+    assert path.stat().st_size < side**2 / 10
+    tracemalloc.start()
+    with pytest.raises(VolumeFileError, match="MiB of memory but the limit is 20"):
+        read_volume(path, max_bytes=20 * 2**20)
+    assert tracemalloc.get_traced_memory()[1] < 2**20
+    tracemalloc.reset_peak()
+    assert read_volume(path, max_bytes=110 * 2**20).shape == (1, 64, 64)
+    assert tracemalloc.get_traced_memory()[1] < 110 * 2**20
+    tracemalloc.stop()

@@ -285,7 +285,7 @@ def _memory(header: Header, stride: int) -> int:
     dtype = header.loaded_dtype
     # These are cast after loading: the old and the new array exist at once.
     per_voxel = dtype.itemsize + {"int64": 8, "uint64": 8, "uint32": 8, "float16": 4}.get(dtype.name, 0)
-    return nz * ny * nx * per_voxel
+    return nz * ny * nx * per_voxel + header.working_bytes
 
 
 def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:

@@ -51,6 +51,7 @@ class Header:
     transposed : blocks come along x, as [x, y, z].
     is_labels : what the file says, None if it says nothing.
     notes : remarks for a status line.
+    working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
     """
 
     path: Path
@@ -66,6 +67,7 @@ class Header:
     transposed: bool = False
     is_labels: bool | None = None
     notes: tuple[str, ...] = ()
+    working_bytes: int = 0
 
     @property
     def is_scaled(self) -> bool:

@@ -57,6 +57,16 @@ class _Page:
     predictor: int
     photometric: int
 
+    @property
+    def working_bytes(self) -> int:
+        """Memory that reading takes: the page, and of one strip or tile what is packed, unpacked and predicted.
+
+        Tiles are whole, so that one of a small picture may be of any size.
+        """
+        part = math.prod(self.part) * self.dtype.itemsize
+        packed = max(self.counts, default=0) if self.compression != 1 else 0
+        return math.prod(self.shape) * self.dtype.itemsize + packed + part * (2 if self.predictor == 2 else 1)
+
     def read(self, file: BinaryIO) -> NDArray[Any]:
         """The voxels [y, x] of the page in its stored type."""
         out = np.empty(self.shape, self.dtype)
@@ -168,7 +178,8 @@ def _header(path: Path, pages: list[_Page], spacing: Float3 | None, notes: tuple
         notes += ("the file shows small values as white; the values are kept as they are",)
     if first.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
-    return Header(path, shape, first.dtype, lambda: _blocks(pages), spacing or (1.0, 1.0, 1.0), notes=notes)
+    return Header(path, shape, first.dtype, lambda: _blocks(pages), spacing or (1.0, 1.0, 1.0), notes=notes,
+                  working_bytes=max(page.working_bytes for page in pages))
 
 
 def _blocks(pages: list[_Page]) -> Iterator[NDArray[Any]]:
