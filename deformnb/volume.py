@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
-from deformnb.voxels import cast, not_finite_note, optional_package, pyvista_parts, three_axes
+from deformnb.voxels import MappedFile, cast, not_finite_note, optional_package, pyvista_parts, three_axes
 
 Float3 = tuple[float, float, float]
 Matrix3 = tuple[Float3, Float3, Float3]
@@ -230,20 +230,36 @@ class Grid:
         return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
 
 
+class _CheckedVoxels:
+    """The field ``values`` of a volume: a memory map's file is checked before each use."""
+
+    def __get__(self, volume: Any, owner: type | None = None) -> NDArray[Any]:
+        if volume is None:
+            raise AttributeError  # the field has no default
+        mapped: MappedFile | None = volume.__dict__.get("_mapped")
+        if mapped is not None:
+            mapped.check()
+        return volume.__dict__["values"]  # type: ignore[no-any-return]
+
+    def __set__(self, volume: Any, values: NDArray[Any]) -> None:
+        volume.__dict__.update(values=values, _mapped=MappedFile.behind(values))
+
+
 @dataclass(frozen=True, eq=False)
 class Volume:
     """Scalar voxels on a grid.
 
     Parameters
     ----------
-    values : array [z, y, x] of one of :data:`DTYPES`; never written to. Use :meth:`from_array` for anything else.
+    values : array [z, y, x] of one of :data:`DTYPES`; never written to. Use :meth:`from_array` for anything else. If it
+        is a memory map, its file is looked at before each use: FileChangedError if it was cut short or written to.
     grid : its :class:`Grid`; shapes must agree.
     name : shown to people; never used as a path.
     is_labels : voxels are names of things, not amounts: sampled by nearest neighbour so that no new value appears.
     notes : remarks made while loading ("12 voxels are not finite"), for a status line.
     """
 
-    values: NDArray[Any]
+    values: _CheckedVoxels = _CheckedVoxels()
     grid: Grid
     name: str = ""
     is_labels: bool = False
@@ -293,6 +309,7 @@ class Volume:
         if isinstance(array, np.ma.MaskedArray):
             raise DeformError("masked arrays are not supported; choose what hidden voxels hold: array.filled(value).")
         values, axis_notes = three_axes(np.asanyarray(array))
+        MappedFile.behind(values)  # which refuses a file that was cut short already
         values, cast_notes = cast(values)
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels
@@ -389,9 +406,14 @@ class Volume:
         """What lies outside: the smallest finite value (air in CT, 0 in labels)."""
         return self.value_range[0]
 
-    @cached_property
+    @property
     def finite_values(self) -> NDArray[Any]:
         """The voxels with NaN and infinity replaced by the background; the same array if all are finite."""
-        if self.values.dtype.kind != "f" or np.isfinite(self.values).all():
-            return self.values
-        return np.where(np.isfinite(self.values), self.values, self.values.dtype.type(self.background))
+        return self.values if self._repaired is None else self._repaired
+
+    @cached_property
+    def _repaired(self) -> NDArray[Any] | None:
+        values = self.values
+        if values.dtype.kind != "f" or np.isfinite(values).all():
+            return None
+        return np.where(np.isfinite(values), values, values.dtype.type(self.background))

@@ -5,13 +5,15 @@ Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in
 
 from __future__ import annotations
 
+import mmap
+import os
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError, MissingPackageError
+from deformnb.errors import DeformError, FileChangedError, MissingPackageError
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 
@@ -184,3 +186,64 @@ def pyvista_parts(image: Any, scalars: str | None) -> tuple[NDArray[Any], NDArra
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = axes, np.asarray(image.origin) + axes @ np.asarray(image.extent[::2])
     return values.reshape(*image.dimensions[::-1], *values.shape[1:]), affine, str(name)
+
+
+class MappedFile:
+    """The file behind an array that is a memory map: touching what was cut off would end the process (SIGBUS).
+
+    Parameters
+    ----------
+    memory : the map.
+    end : how long the file must be.
+    path : its name, None if unknown; the voxels of a map that may be written to change with its own file.
+    """
+
+    def __init__(self, memory: mmap.mmap, end: int, path: str | None) -> None:
+        self._memory, self._end, self._path = memory, end, path
+        self._seen = self._stat()
+        self.check()
+
+    @classmethod
+    def behind(cls, array: NDArray[Any]) -> MappedFile | None:
+        """The file behind an array or a view of one; None if it lies in memory."""
+        part: Any = array
+        end, path = 0, None
+        while part is not None and not isinstance(part, mmap.mmap):
+            if isinstance(part, np.memmap) and part.filename is not None and part.mode in ("r", "c"):
+                path = os.fspath(part.filename)
+            if isinstance(part, np.memmap) and isinstance(part.base, mmap.mmap):
+                end = part.offset - part.offset % mmap.ALLOCATIONGRANULARITY + len(part.base)
+            part = part.obj if isinstance(part, memoryview) else getattr(part, "base", None)
+        try:
+            return None if part is None else cls(part, end or part.size(), path)
+        except OSError:  # memory without a file
+            return None
+
+    def _stat(self) -> tuple[int, int, int] | None:
+        try:
+            now = os.stat(self._path) if self._path is not None else None
+        except OSError:  # removed or renamed: its voxels stay as long as they are mapped
+            return None
+        return now and (now.st_dev, now.st_ino, now.st_mtime_ns)
+
+    def check(self) -> None:
+        """Raise if the file became shorter, or was written to where it lies.
+
+        Raises
+        ------
+        FileChangedError
+            With what to do; a file put in its place under the same name leaves the mapped one as it is.
+        """
+        size, now = self._memory.size(), self._stat()
+        if size < self._end:
+            what = f"is {size} bytes long but {self._end} are mapped: it was cut short"
+        elif now and self._seen and now[:2] == self._seen[:2] and now != self._seen:
+            what = "was written to since the volume was made"
+        else:
+            return
+        name = "" if self._path is None else f" {os.path.basename(self._path)!r}"
+        raise FileChangedError(f"the file{name} that the volume's voxels are mapped from {what}. Load it anew, "
+                               "and copy the voxels (np.array) where the file may change.")
+
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        return type(None), ()  # a pickled or deep copied array lies in memory

@@ -7,8 +7,9 @@ field's values on the output's lattice. All three give the same voxels.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from deformnb.sampling import METHODS
 from deformnb.transparency import faded
 from deformnb.volume import DTYPES, Grid, Volume
 from deformnb.warp_plan import Progress
+
+_Part = TypeVar("_Part")
 
 
 def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fill: float | None = None,
@@ -88,8 +91,6 @@ class Warper:
         if not (isinstance(step, int | np.integer) and step >= 1):
             raise DeformError(f"step must be a whole number of voxels, at least 1, got {step!r}.")
         self.step = int(step)
-        values = volume.finite_values
-        self._voxels = values.view(np.uint8) if values.dtype == np.bool_ else values
         self._fill = warp_plan.as_voxel(self.fill, volume.dtype)
         self._compute = sampling.compute_type(volume.dtype)
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
@@ -100,6 +101,7 @@ class Warper:
         """The volume deformed by ``field``; see :func:`warp`."""
         if field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        _ = self.volume.values  # raises where its file has changed
         plan, cut = None, None
         if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
             plan = warp_plan.extruded(field, self.volume.grid, self.output, self._compute)
@@ -133,6 +135,19 @@ class Warper:
             rows = np.moveaxis(self._voxels, axis, 2)
             with self._arithmetic():
                 self._tables[axis] = sampling.on_device(rows, (-1, rows.shape[2]))
+
+    @property
+    def _voxels(self) -> NDArray[Any]:
+        values = self.volume.finite_values
+        return values.view(np.uint8) if values.dtype == np.bool_ else values
+
+    def _share(self, parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
+        """Do all parts; the file of a memory map is checked before each, for JAX reads from the map itself."""
+        def checked(part: _Part) -> None:
+            _ = self.volume.values
+            work(part)
+
+        warp_plan.share(parts, checked, progress)
 
     def _is_whole(self, axis: int) -> bool:
         return self.output.shape[axis] == self.volume.shape[axis]
@@ -174,7 +189,7 @@ class Warper:
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
 
-        warp_plan.share(warp_plan.blocks(grid.shape, step), work, progress)
+        self._share(warp_plan.blocks(grid.shape, step), work, progress)
         return out
 
     def _beside(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
@@ -194,7 +209,7 @@ class Warper:
             target = out[tile]
             target[...] = result[tuple(slice(n) for n in target.shape)]
 
-        warp_plan.share(cut.tiles, work, progress)
+        self._share(cut.tiles, work, progress)
         return out
 
     def _extruded(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:
@@ -211,7 +226,7 @@ class Warper:
             with self._arithmetic():
                 out[*before, part] = self._slices(plan, voxels, None if plan.weights is None else plan.weights[:, part])
 
-        warp_plan.share(warp_plan.parts(n, most), work, progress)
+        self._share(warp_plan.parts(n, most), work, progress)
         return out
 
     def _slices(self, plan: warp_plan.Extruded, voxels: NDArray[Any], weights: Any) -> NDArray[Any]:
@@ -239,7 +254,7 @@ class Warper:
                 out[block] = sampling.extruded(flat, plan.maps[:, :, *block, None], plan.weights, plan.matrix,
                                                *self._places.block(block), self._fill, normal=2, **self._settings())
 
-        warp_plan.share(warp_plan.blocks(self.output.shape, 1), work, progress)
+        self._share(warp_plan.blocks(self.output.shape, 1), work, progress)
         return out
 
     def _rows(self, plan: warp_plan.Extruded, progress: Progress | None) -> NDArray[Any]:

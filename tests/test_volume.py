@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 import gc
+import mmap
+import os
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deformnb import DeformError, Grid, Volume
+from deformnb.errors import FileChangedError
 from deformnb.volume import DTYPES, IDENTITY
 from deformnb.voxels import KEPT
 
@@ -361,3 +369,80 @@ def test_a_volume_is_printed_in_one_line() -> None:
     labels = Volume.from_array(np.zeros((2, 3, 4), np.uint8), is_labels=True)
     assert repr(labels) == "<Volume: 4 x 3 x 2 voxels (x, y, z), uint8 labels, spacing 1 x 1 x 1>"
     assert "\n" not in repr(Volume.from_array(np.zeros((2, 3, 4)), name="two\nlines" * 50))
+
+
+CUT_SHORT = """
+import sys
+import numpy as np
+from pathlib import Path
+from deformnb import DeformError, Volume
+from deformnb.fields import Identity
+from deformnb.io import write_volume
+from deformnb.warp import Warper
+folder, use = Path(sys.argv[1]), sys.argv[2]
+voxels = np.random.default_rng(0).random((40, 64, 64)).astype(np.float32)
+np.save(folder / "a.npy", voxels)
+mapped = np.load(folder / "a.npy", mmap_mode="r")
+volume = Volume.from_array(mapped[:, ::-1])
+warper = Warper(Volume.from_array(mapped))
+warper(Identity(3))
+with open(folder / "a.npy", "r+b") as file:
+    file.truncate(5000)
+uses = {"values": lambda: float(volume.values.sum()), "range": lambda: volume.value_range,
+        "finite": lambda: float(volume.finite_values.sum()), "new": lambda: Volume.from_array(mapped),
+        "warp": lambda: warper(Identity(3)), "write": lambda: write_volume(volume, folder / "b.nrrd"),
+        "view": lambda: volume.to_pyvista()}
+try:
+    uses[use]()
+except DeformError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps mapped files whole")
+@pytest.mark.parametrize("use", ["values", "range", "finite", "new", "warp", "write", "view"])
+def test_a_mapped_file_cut_short_is_an_error_and_not_the_end_of_the_process(use: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", CUT_SHORT, str(tmp_path), use]
+    child = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert child.returncode == 0, child.stderr[-2000:]
+    assert re.search("the file 'a.npy' that the volume's voxels are mapped from is 5000 bytes long but 655488 are "
+                     "mapped", child.stdout)
+
+
+def test_a_mapped_file_that_was_written_to_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, numbers())
+    volume = Volume.from_array(np.load(path, mmap_mode="r"))
+    again = pickle.loads(pickle.dumps(volume))
+    assert volume.values.sum() == numbers().sum()
+    stat = path.stat()
+    with path.open("r+b") as file:
+        file.seek(200)
+        file.write(b"1")
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1))
+    with pytest.raises(FileChangedError, match="written to since the volume was made"):
+        _ = volume.values
+    np.testing.assert_array_equal(again.values, numbers())
+
+
+def test_a_mapped_file_that_was_replaced_or_removed_is_still_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, numbers())
+    volume = Volume.from_array(np.load(path, mmap_mode="r"))
+    np.save(tmp_path / "b.npy", numbers() + 1)
+    os.replace(tmp_path / "b.npy", path)
+    np.testing.assert_array_equal(volume.values, numbers())
+    path.unlink()
+    np.testing.assert_array_equal(volume.values, numbers())
+
+
+def test_maps_without_a_name_and_without_a_file(tmp_path: Path) -> None:
+    memory = mmap.mmap(-1, 4096)
+    assert Volume.from_array(np.frombuffer(memory, np.uint8).reshape(16, 16, 16)).values.sum() == 0
+    (tmp_path / "a.raw").write_bytes(bytes(4096))
+    with (tmp_path / "a.raw").open("r+b") as file:
+        nameless = mmap.mmap(file.fileno(), 0)
+        volume = Volume.from_array(np.frombuffer(nameless, np.uint8).reshape(16, 16, 16))
+        file.truncate(10)
+    with pytest.raises(FileChangedError, match="cut short"):
+        _ = volume.values
