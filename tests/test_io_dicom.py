@@ -171,6 +171,24 @@ def test_a_tilted_gantry_is_named(tmp_path: Path) -> None:
     refuse(tmp_path, r"lean by 15\.0 degrees")
 
 
+@pytest.mark.parametrize(("lean", "is_straight"), [(0.0, True), (0.9e-3, True), (1.1e-3, False), (1.5e-3, False)])
+def test_slices_may_lean_by_the_rounding_of_positions(lean: float, is_straight: bool, tmp_path: Path) -> None:
+    for k, pixels in enumerate(VOXELS):
+        write_slice(tmp_path / f"{k}.dcm", pixels, 10 * NORMAL * k + COSINES[:, 1] * 10 * k * lean)
+    if is_straight:
+        np.testing.assert_array_equal(read_volume(tmp_path).values, VOXELS)
+    else:
+        refuse(tmp_path, r"lean by 0\.1 degrees")
+
+
+def test_an_odd_number_of_bytes_is_padded_by_one_and_no_more(tmp_path: Path) -> None:
+    pixels = (VOXELS[0] % 256).astype(np.uint8)
+    write_slice(tmp_path / "a.dcm", pixels, (1, 2, 3))  # 35 bytes, padded to 36
+    np.testing.assert_array_equal(read_volume(tmp_path / "a.dcm").values[0], pixels)
+    write_slice(tmp_path / "a.dcm", pixels, (1, 2, 3), raw=bytes(38))
+    refuse(tmp_path / "a.dcm", "35 bytes.*38")
+
+
 def test_one_slice(tmp_path: Path) -> None:
     write_slice(tmp_path / "a.dcm", VOXELS[0], (1, 2, 3), SliceThickness=4)
     volume = read_volume(tmp_path / "a.dcm")
@@ -199,6 +217,8 @@ def test_one_slice(tmp_path: Path) -> None:
     ({"ImageOrientationPatient": [0] * 6}, "orthonormal"),
     ({"ImagePositionPatient": [1, 2]}, "ImagePositionPatient"),
     ({"PixelData": bytes(60)}, "70 bytes.*60"),
+    ({"PixelData": bytes(72)}, "70 bytes.*72"),
+    ({"PixelData": bytes(140)}, "70 bytes.*140"),
     ({"PixelData": None}, "no pixels"),
 ])
 def test_what_is_no_slice_is_refused(changes: dict[str, Any], words: str, tmp_path: Path) -> None:

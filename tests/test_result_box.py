@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deformnb import key_frames
+from deformnb.field_of_view import grown
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.animation_panel import AnimationPanel
@@ -62,6 +64,23 @@ def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     box.refresh()
     assert box.session.output is None
     assert box.margin.layout.display == "none"
+
+
+@pytest.mark.parametrize("margin", [4.0, 6.0, 12.0])
+def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None:
+    volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
+    session = Session(volume)
+    session.grow(margin)
+    box = ResultBox(session, at_once, Worker())
+    box.refresh()
+    before = session.output
+    assert (box.choice.value, box.margin.layout.display) == ("margin", "")
+    assert grown(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
+    assert 0 <= abs(box.margin.value - margin) < 4.0
+    session.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
+    box.refresh()
+    assert (box.choice.value, box.margin.layout.display) == ("own", "none")
+    box._worker.close()
 
 
 def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
