@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import LARGEST_COORDINATE, is_finite, shown_value
 from deformnb.errors import DeformError
-
-# Beyond this a coordinate squared loses all digits of its neighbours, and LAPACK routines were seen to hang on inf.
-LARGEST_COORDINATE = 1e15
 
 _NAMES_SHOWN = 8  # by repr
 
@@ -75,6 +73,8 @@ class ControlPoints:
         self._check_numbers()
         for array in (self.source, self.target, *self._of_each.values()):
             array.flags.writeable = False
+        if isinstance(self.next_id, bool) or not isinstance(self.next_id, (int, np.integer)) or self.next_id > 2**53:
+            raise DeformError(f"the id of the next point must be a whole number, got {shown_value(self.next_id)}.")
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
 
     def __repr__(self) -> str:
@@ -121,7 +121,7 @@ class ControlPoints:
         n = len(s)
         return cls(
             s, t, tuple(range(n)) if ids is None else tuple(_of_each(ids, np.int64, "ids").tolist()),
-            tuple(str(name) for name in ([""] * n if names is None else names)),
+            tuple(str(name) for name in ([""] * n if names is None else _listed(names, "names"))),
             np.ones(n, dtype=bool) if active is None else _of_each(active, np.bool_, "switches"),
             np.ones(n) if weight is None else _of_each(weight, np.float64, "weights"), next_id,
             None if locked is None else _of_each(locked, np.bool_, "locks"),  # type: ignore[arg-type]
@@ -132,6 +132,8 @@ class ControlPoints:
     @classmethod
     def empty(cls, dim: int = 2, next_id: int = 0) -> ControlPoints:
         """No points yet, in the plane (dim 2) or in space (dim 3)."""
+        if dim not in (2, 3):
+            raise DeformError(f"control points have 2 or 3 coordinates, got {shown_value(dim)}.")
         return cls.from_arrays(np.zeros((0, dim)), next_id=next_id)
 
     def __len__(self) -> int:
@@ -170,7 +172,7 @@ class ControlPoints:
         try:
             return self.ids.index(point)
         except ValueError:
-            raise DeformError(f"there is no control point {point}; there are {list(self.ids)}.") from None
+            raise DeformError(f"there is no control point {shown_value(point)}; there are {list(self.ids)}.") from None
 
     def add(self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "",
             weight: float = 1.0) -> ControlPoints:
@@ -186,8 +188,8 @@ class ControlPoints:
     def _one_place(self, value: ArrayLike, what: str) -> NDArray[np.float64]:
         try:
             place = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise DeformError(f"the {what} of a point must be {self.dim} numbers, got {value!r}.") from None
+        except (TypeError, ValueError, OverflowError):
+            raise DeformError(f"the {what} of a point must be {self.dim} numbers, got {shown_value(value)}.") from None
         if place.shape != (self.dim,):  # a single number would be taken for all coordinates
             raise DeformError(f"the {what} of a point of this set has {self.dim} coordinates, got {value!r}.")
         return place
@@ -219,7 +221,9 @@ class ControlPoints:
 
     def take(self, positions: Iterable[int]) -> ControlPoints:
         """The points at these positions, in this order."""
-        k = [int(p) for p in positions]
+        k = _of_each(_listed(positions, "positions"), np.int64, "positions").tolist()
+        if k and not -len(self) <= min(k) <= max(k) < len(self):
+            raise DeformError(f"there are {len(self)} control points, and positions {min(k)} to {max(k)} asked for.")
         return ControlPoints(
             self.source[k], self.target[k], tuple(self.ids[p] for p in k), tuple(self.names[p] for p in k),
             self.active[k], self.weight[k], self.next_id, self.locked[k], self.radius[k],
@@ -227,8 +231,8 @@ class ControlPoints:
 
     def blended(self, strength: float) -> ControlPoints:
         """The same points dragged ``strength`` times as far: 0 not at all, 1 as now, 2 exaggerated, -1 opposite."""
-        if not np.isfinite(strength):
-            raise DeformError(f"strength must be a finite number, got {strength}.")
+        if not is_finite(strength):
+            raise DeformError(f"strength must be a finite number, got {shown_value(strength)}.")
         return replace(self, target=self.source + strength * (self.target - self.source))
 
     @property
@@ -241,18 +245,27 @@ class ControlPoints:
         return replace(self, target=self.source.copy())
 
 
+def _listed(value: Any, what: str) -> list[Any]:
+    if not isinstance(value, Iterable):
+        raise DeformError(f"the {what} of control points are a list, got {shown_value(value)}.")
+    return list(value)
+
+
 def _of_each(value: Any, kind: Any, what: str) -> NDArray[Any]:
     try:
-        return np.array(value, dtype=kind)
+        array = np.array(value, dtype=kind)
+        if array.ndim != 1:
+            raise ValueError
     except (TypeError, ValueError, OverflowError):
-        raise DeformError(f"the {what} of control points must be one for each, got {value!r:.60}.") from None
+        raise DeformError(f"the {what} of control points must be one for each, got {shown_value(value)}.") from None
+    return array
 
 
 def _one(value: Any, kind: Any, what: str) -> Any:
     try:
         return np.array(value, dtype=kind).reshape(())[()]
     except (TypeError, ValueError, OverflowError):
-        raise DeformError(f"the {what} of a control point cannot be {value!r:.60}.") from None
+        raise DeformError(f"the {what} of a control point cannot be {shown_value(value)}.") from None
 
 
 def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from deformnb.checks import is_finite, shown_value
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
 from deformnb.degenerate import default_support
@@ -31,6 +32,9 @@ from deformnb.staged import Fit, check_stages, fit_points
 from deformnb.trend import trend_named
 from deformnb.volume import Grid, Matrix3, Volume
 from deformnb.warp import warp
+
+MOST_STEPS = 500
+"""Steps of a deformation: composed fields call one another, and Python allows a depth of 1000 calls."""
 
 
 def lone_support(grid: Grid) -> float:
@@ -96,14 +100,17 @@ class Step:
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         kernel_named(self.kernel)
         trend_named(self.trend)
-        if self.extrusion not in EXTRUSIONS:
-            raise DeformError(f"unknown extrusion {self.extrusion!r}; choose one of {', '.join(EXTRUSIONS)}.")
-        if not np.isfinite(self.strength):
-            raise DeformError(f"strength must be a finite number, got {self.strength}.")
-        if self.support is not None and not (np.isfinite(self.support) and self.support > 0):
-            raise DeformError(f"the support radius must be a positive length, got {self.support}.")
-        if not (np.isfinite(self.smoothing) and self.smoothing >= 0):
-            raise DeformError(f"smoothing must be 0 or a positive number, got {self.smoothing}.")
+        if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
+            known = ", ".join(EXTRUSIONS)
+            raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
+        if not is_finite(self.strength):
+            raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
+        if self.support is not None and not (is_finite(self.support) and self.support > 0):
+            raise DeformError(f"the support radius must be a positive length, got {shown_value(self.support)}.")
+        if not (is_finite(self.smoothing) and self.smoothing >= 0):
+            raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
+        if not all(isinstance(m, ControlPoints) for m in self.maps):
+            raise DeformError(f"the maps of a step are sets of ControlPoints, got {shown_value(self.maps)}.")
         dim = 3 if self.plane is None else 2
         wanted = len(self.knots) if self.extrusion == "interpolate" else 1
         if len(self.maps) != wanted:
@@ -199,9 +206,9 @@ _LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cut
 def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
     try:
         return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         what = _LISTS.get(name, "numbers" if name == "knots" else "numbers or a formula")
-        raise DeformError(f"the {name} of a step must be {what}, got {value!r:.60}.") from None
+        raise DeformError(f"the {name} of a step must be {what}, got {shown_value(value)}.") from None
 
 
 @dataclass(frozen=True)
@@ -323,14 +330,24 @@ class Deformation:
     output: Grid | None = None
 
     def __post_init__(self) -> None:
-        for name in ("steps", "keyframes"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name, kind in (("steps", Step), ("keyframes", Keyframe)):
+            value = getattr(self, name)
+            parts = tuple(value) if isinstance(value, Iterable) else (None,)
+            if not all(isinstance(part, kind) for part in parts):
+                raise DeformError(f"the {name} of a deformation are a list of {kind.__name__}s, got "
+                                  f"{shown_value(value)}.")
+            object.__setattr__(self, name, parts)
+        longest = max(map(len, (self.steps, *(key.steps for key in self.keyframes))))
+        if longest > MOST_STEPS:
+            raise DeformError(f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. "
+                              "Apply it in parts.")
         if not isinstance(self.output, Grid | None):
-            raise DeformError(f"the output of a deformation is a Grid or None, got {self.output!r:.60}.")
+            raise DeformError(f"the output of a deformation is a Grid or None, got {shown_value(self.output)}.")
         for what, value, known in (("mode", self.mode, MODES), ("easing", self.easing, EASINGS),
                                    ("loop", self.loop, LOOPS)):
-            if value not in known:
-                raise DeformError(f"unknown {what} {value!r} of a deformation; choose one of {', '.join(known)}.")
+            if not isinstance(value, str) or value not in known:
+                raise DeformError(f"unknown {what} {shown_value(value)} of a deformation; choose one of "
+                                  f"{', '.join(known)}.")
         times = [key.time for key in self.keyframes]
         if any(late <= early for early, late in pairwise(times)):
             raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")

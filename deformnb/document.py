@@ -17,7 +17,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from deformnb.control_points import LARGEST_COORDINATE, ControlPoints
+from deformnb.checks import LARGEST_COORDINATE, shown_value
+from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document_reader import Reader, without_surrogates
 from deformnb.document_regions import cut_to_data, part_to_data, read_cut, read_part
@@ -102,6 +103,8 @@ def from_json(text: str | bytes) -> Deformation:
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:
+    if not isinstance(text, (str, bytes)):
+        raise DeformError(f"a document is read from text, got {shown_value(text)}.")
     if len(text) > LONGEST:
         raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST} are read.")
     try:

@@ -33,6 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
 from deformnb.compilation import float64
 from deformnb.errors import DeformError
 
@@ -60,8 +61,8 @@ class AbstractKernel(ABC):
     """phi as a function of s, with ``slope`` as its derivative: what the solver and the evaluation call."""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.support) and self.support > 0):
-            raise DeformError(f"the support radius must be a positive length, got {self.support}.")
+        if not (is_finite(self.support) and self.support >= SMALLEST_LENGTH):
+            raise DeformError(f"the support radius must be a positive length, got {shown_value(self.support)}.")
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -222,5 +223,5 @@ def kernel_named(name: str) -> type[AbstractKernel]:
     """The kernel class of a name; DeformError listing the names if there is none."""
     try:
         return KERNELS[name]
-    except KeyError:
-        raise DeformError(f"unknown kernel {name!r}; choose one of {', '.join(KERNELS)}.") from None
+    except (KeyError, TypeError):  # what has no hash is no name either
+        raise DeformError(f"unknown kernel {shown_value(name)}; choose one of {', '.join(KERNELS)}.") from None

@@ -10,11 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from deformnb.checks import shown_value
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 
 LONGEST_TEXT = 2**20
 """Characters that are read at most."""
+
+_LONGEST_ID = 15  # digits, which every program that reads tables keeps
 
 _AXES = {2: "ab", 3: "xyz"}
 _TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
@@ -55,6 +58,8 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
     >>> read.points.names, read.points.target.tolist(), read.changed, read.added
     (('tail', 'fin'), [[3.0, 4.0], [5.0, 6.0]], (0,), (1,))
     """
+    if not isinstance(text, str):
+        raise DeformError(f"points are read from text, got {shown_value(text)}.")
     if len(text) > LONGEST_TEXT:
         raise DeformError(f"the text has {len(text)} characters; at most {LONGEST_TEXT} are read.")
     rows = _rows(text)
@@ -110,7 +115,7 @@ def _named(number: int, names: list[str], row: list[str], dim: int) -> dict[str,
     if "name" in given:
         record["name"] = given["name"]
     if "id" in given:
-        if not given["id"].isdecimal():
+        if not given["id"].isdecimal() or len(given["id"]) > _LONGEST_ID:
             raise DeformError(f"the id of row {number} is no whole number: {given['id']:.20}.")
         record["id"] = int(given["id"])
     return record

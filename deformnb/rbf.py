@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import is_finite, shown_value
 from deformnb.compilation import compiled, float64
 from deformnb.control_points import ControlPoints
 from deformnb.degenerate import PreparedPoints, crossing_pairs, prepare
@@ -199,15 +200,15 @@ def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
                     support: float | None) -> tuple[type[AbstractKernel], float | None]:
     if isinstance(kernel, AbstractKernel):
         return type(kernel), kernel.support if support is None else support
-    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
+    kind = kernel if isinstance(kernel, type) else kernel_named(kernel)
     if support is not None:
         kind(support)  # checks it
     return kind, support
 
 
 def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
-    if not (np.isfinite(smoothing) and smoothing >= 0):
-        raise DeformError(f"smoothing must be 0 or a positive number, got {smoothing}.")
+    if not (is_finite(smoothing) and smoothing >= 0):
+        raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(smoothing)}.")
     if trend.order < kernel.order:
         able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
         raise DeformError(

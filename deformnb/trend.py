@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 
 # Below this share of the data's size a rotation has no angle (all handles share one source): keep the last one.
@@ -79,8 +80,8 @@ def trend_named(name: str) -> Trend:
     """The trend of a name; DeformError listing the names if there is none."""
     try:
         return TRENDS[name]
-    except KeyError:
-        raise DeformError(f"unknown trend {name!r}; choose one of {', '.join(TRENDS)}.") from None
+    except (KeyError, TypeError):  # what has no hash is no name either
+        raise DeformError(f"unknown trend {shown_value(name)}; choose one of {', '.join(TRENDS)}.") from None
 
 
 def nearest_rotation(h: Any, size: Any, previous: Any) -> Any:

@@ -6,6 +6,7 @@ Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.voxels import MappedFile, cast, not_finite_note, optional_package, pyvista_parts, three_axes
 
@@ -28,6 +30,13 @@ DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float
 # scanners print four to six decimals: four are off by at most 2 sqrt(3) 5e-5. A gantry tilt of 0.01 degrees passes.
 ORTHONORMAL_TOLERANCE = 2e-4
 
+SPACINGS = (1e-12, 1e12)
+"""Least and largest distance of voxels: the size of a voxel, a product of three, stays a normal float32 number, as
+pictures and other programs compute it. In metres this reaches below an atom, in nanometres to 1000 km."""
+
+# Sizes are Python integers, and NumPy counts voxels in 63 bits; no machine has memory for as many.
+_MOST_VOXELS = 2**60
+
 # From LPS to RAS and back: x and y change sign. NIfTI and nibabel speak RAS.
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -39,14 +48,15 @@ class Grid:
     Parameters
     ----------
     shape : (nz, ny, nx), the shape of the array.
-    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm); positive.
+    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm); from 1e-12 to 1e12,
+        so that the size of a voxel is a number that float32 holds.
     origin : (x, y, z) of the centre of voxel [0, 0, 0].
     direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
 
     Raises
     ------
     DeformError
-        Naming the field that is zero, negative, not finite or not orthonormal.
+        Naming the field that is zero, negative, not finite, beyond its limits or not orthonormal.
 
     Examples
     --------
@@ -61,23 +71,21 @@ class Grid:
     direction: Matrix3 = IDENTITY
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in self.shape)
-        if len(shape) != 3 or min(shape) < 1:
-            raise DeformError(f"a volume needs at least one voxel along each of z, y, x; its shape is {shape}.")
-        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "shape", checked_shape(self.shape))
         for name in ("spacing", "origin"):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise DeformError(f"{name} must be three finite numbers (x, y, z), got {getattr(self, name)!r}.")
-            object.__setattr__(self, name, tuple(float(v) for v in value))
+            value = finite_array(getattr(self, name), (3,), f"{name} must be three finite numbers (x, y, z)")
+            object.__setattr__(self, name, tuple(value.tolist()))
         if min(self.spacing) <= 0:
             raise DeformError(
                 f"spacing must be positive, got {self.spacing}; a flipped axis belongs into direction "
                 "(negate its column), an unknown spacing is 1."
             )
-        direction = np.asarray(self.direction, dtype=np.float64)
-        if direction.shape != (3, 3) or not np.isfinite(direction).all():
-            raise DeformError(f"direction must be 3 x 3 finite numbers, got {self.direction!r}.")
+        if min(self.spacing) < SPACINGS[0] or max(self.spacing) > SPACINGS[1]:
+            raise DeformError(f"spacing must be from {SPACINGS[0]:g} to {SPACINGS[1]:g}, got {self.spacing}: the size "
+                              "of a voxel would be no number in float32. Give it in another unit.")
+        if np.abs(self.origin).max() > LARGEST_COORDINATE:
+            raise DeformError(f"the origin is {self.origin}; coordinates must be below {LARGEST_COORDINATE:g}.")
+        direction = finite_array(self.direction, (3, 3), "direction must be 3 x 3 finite numbers")
         if not np.allclose(direction.T @ direction, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
             raise DeformError(
                 "direction must be orthonormal (unit columns at right angles); this one is sheared or scaled: "
@@ -104,9 +112,7 @@ class Grid:
         >>> Grid.from_affine((4, 5, 6), np.diag([-2.0, 1.0, 3.0, 1.0])).spacing
         (2.0, 1.0, 3.0)
         """
-        matrix = np.asarray(affine, dtype=np.float64)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise DeformError(f"the affine must be 4 x 4 finite numbers, got {matrix.tolist()}.")
+        matrix = finite_array(affine, (4, 4), "the affine must be 4 x 4 finite numbers")
         # Divided by the largest entry first: the square of a length of 1e-200 would vanish.
         largest = np.abs(matrix[:3, :3]).max(axis=0)
         scaled = matrix[:3, :3] / np.where(largest > 0, largest, 1.0)
@@ -159,11 +165,11 @@ class Grid:
 
     def index_to_point(self, index: ArrayLike) -> NDArray[np.float64]:
         """Points (..., 3) in space of (fractional) indices (..., 3) given as (i, j, k) along x, y, z."""
-        return np.asarray(index, dtype=np.float64) @ self.matrix.T + np.asarray(self.origin)
+        return _places(index) @ self.matrix.T + np.asarray(self.origin)
 
     def point_to_index(self, points: ArrayLike) -> NDArray[np.float64]:
         """Fractional indices (i, j, k) along x, y, z of points (..., 3) in space."""
-        return (np.asarray(points, dtype=np.float64) - np.asarray(self.origin)) @ np.linalg.inv(self.matrix).T
+        return (_places(points) - np.asarray(self.origin)) @ np.linalg.inv(self.matrix).T
 
     def corners(self, *, centres: bool = False) -> NDArray[np.float64]:
         """The 8 corners of the box in space, shape (8, 3); of the corner voxels' centres if ``centres``."""
@@ -191,12 +197,16 @@ class Grid:
 
     def crop(self, start: tuple[int, int, int], shape: tuple[int, int, int]) -> Grid:
         """The grid of ``shape`` (z, y, x) whose first voxel is ``start`` (z, y, x); may reach outside this one."""
-        origin = self.index_to_point(np.asarray(start[::-1], dtype=np.float64))
+        if not isinstance(start, Sequence | np.ndarray):
+            raise DeformError(f"the first voxel is (z, y, x), got {shown_value(start)}.")
+        origin = self.index_to_point(start[::-1])
         return replace(self, shape=shape, origin=tuple(origin))
 
     def covering(self, points: ArrayLike) -> Grid:
         """The same lattice with as many more voxels on each side as it takes to contain ``points`` (..., 3)."""
         index = self.point_to_index(points).reshape(-1, 3)
+        if not (np.abs(index) < _MOST_VOXELS).all():
+            raise DeformError(f"a grid that covers {shown_value(points)} would have more voxels than there can be.")
         low = np.floor(np.minimum(index.min(axis=0), 0) + 0.5 - 1e-6).astype(int)
         high = np.ceil(np.maximum(index.max(axis=0), np.array(self.shape[::-1]) - 1) - 0.5 + 1e-6).astype(int)
         count = high - low + 1
@@ -215,19 +225,48 @@ class Grid:
         """
         if spacing is not None and shape is not None:
             raise DeformError("give the spacing or the shape of the new grid, not both.")
-        lengths = np.asarray(self.lengths) + 2 * np.broadcast_to(np.asarray(margin, dtype=np.float64), (3,))
+        lengths = np.asarray(self.lengths) + 2 * _one_or_three(margin, "a margin")
         if not (np.isfinite(lengths).all() and (lengths > 0).all()):
-            raise DeformError(f"a margin of {margin!r} leaves nothing of a box of {self.lengths}.")
+            raise DeformError(f"a margin of {shown_value(margin)} leaves nothing of a box of {self.lengths}.")
         if shape is not None:
-            counts = np.asarray(shape[::-1], dtype=np.int64)
+            counts = np.asarray(checked_shape(shape)[::-1], dtype=np.int64)
             new = lengths / counts
         else:
-            new = np.broadcast_to(np.asarray(self.spacing if spacing is None else spacing, dtype=np.float64), (3,))
-            if not (np.isfinite(new).all() and (new > 0).all()):
-                raise DeformError(f"spacing must be positive, got {spacing!r}.")
+            new = _one_or_three(self.spacing if spacing is None else spacing, "spacing")
+            if not (new > 0).all():
+                raise DeformError(f"spacing must be positive, got {shown_value(spacing)}.")
+            if min(new) < SPACINGS[0] or (lengths / new).prod() >= _MOST_VOXELS:
+                raise DeformError(f"a spacing of {shown_value(spacing)} makes more voxels of a box of {self.lengths} "
+                                  "than there can be.")
             counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
         first = np.asarray(self.center) - np.asarray(self.direction) @ (new * (counts - 1) / 2)
         return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
+
+
+def checked_shape(shape: object) -> tuple[int, int, int]:
+    """(nz, ny, nx) of whole numbers from 1 on; DeformError for anything else."""
+    sizes = real_array(shape)
+    whole = sizes is not None and sizes.shape == (3,) and bool((sizes == np.floor(sizes)).all())
+    if sizes is None or not whole or not min(sizes) >= 1 or sizes.prod() >= _MOST_VOXELS:
+        raise DeformError("a volume needs at least one voxel along each of z, y, x, and below 2**60 in all; its shape "
+                          f"is {shown_value(shape)}.")
+    nz, ny, nx = (int(n) for n in sizes)
+    return nz, ny, nx
+
+
+def _places(value: ArrayLike) -> NDArray[np.float64]:
+    array = real_array(value)
+    if array is None or array.ndim < 1 or array.shape[-1] != 3:
+        raise DeformError(f"places in space are numbers (x, y, z) on the last axis, got {shown_value(value)}.")
+    return array
+
+
+def _one_or_three(value: object, what: str) -> NDArray[np.float64]:
+    array = real_array(value)
+    if array is None or array.shape not in ((), (1,), (3,)) or not (np.abs(array) <= LARGEST_COORDINATE).all():
+        raise DeformError(f"{what} must be one number below {LARGEST_COORDINATE:g} or three (x, y, z), got "
+                          f"{shown_value(value)}.")
+    return np.broadcast_to(array, (3,))
 
 
 class _CheckedVoxels:
@@ -266,6 +305,8 @@ class Volume:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        if not isinstance(self.values, np.ndarray):
+            raise DeformError(f"the voxels of a volume are an array, got {shown_value(self.values)}.")
         if tuple(self.values.shape) != self.grid.shape:
             raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
@@ -308,7 +349,11 @@ class Volume:
         """
         if isinstance(array, np.ma.MaskedArray):
             raise DeformError("masked arrays are not supported; choose what hidden voxels hold: array.filled(value).")
-        values, axis_notes = three_axes(np.asanyarray(array))
+        try:
+            given = np.asanyarray(array)
+        except ValueError as error:
+            raise DeformError(f"the voxels of a volume are an array of numbers, and this is none ({error}).") from None
+        values, axis_notes = three_axes(given)
         MappedFile.behind(values)  # which refuses a file that was cut short already
         values, cast_notes = cast(values)
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))

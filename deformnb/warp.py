@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb import sampling, warp_plan
 from deformnb.chain import Chain
+from deformnb.checks import shown_value
 from deformnb.cut_plan import CutPlan, plan_cut
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
@@ -83,13 +84,15 @@ class Warper:
 
     def __init__(self, volume: Volume, *, output: Grid | None = None, fill: float | None = None,
                  method: str | None = None, step: int = 1) -> None:
+        if not isinstance(volume, Volume) or not isinstance(output, Grid | None):
+            raise DeformError(f"a Volume is warped onto a Grid, got {shown_value(volume)} and {shown_value(output)}.")
         discrete = volume.is_labels or volume.dtype == np.bool_
         self.volume = volume
         self.output = output or volume.grid
         self.method = warp_plan.checked_method(method, discrete=discrete)
         self.fill = volume.background if fill is None else fill
-        if not (isinstance(step, int | np.integer) and step >= 1):
-            raise DeformError(f"step must be a whole number of voxels, at least 1, got {step!r}.")
+        if not (isinstance(step, int | np.integer) and 1 <= step < 2**31):
+            raise DeformError(f"step must be a whole number of voxels, at least 1, got {shown_value(step)}.")
         self.step = int(step)
         self._fill = warp_plan.as_voxel(self.fill, volume.dtype)
         self._compute = sampling.compute_type(volume.dtype)
@@ -99,6 +102,9 @@ class Warper:
 
     def __call__(self, field: AbstractField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
+        if not isinstance(field, AbstractField):
+            raise DeformError(f"a volume is deformed by a field, got {shown_value(field)}; a deformation has one for "
+                              "each grid: deformation.field(volume.grid).")
         if field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         _ = self.volume.values  # raises where its file has changed
@@ -106,7 +112,12 @@ class Warper:
         if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
             plan = warp_plan.extruded(field, self.volume.grid, self.output, self._compute)
             cut = None if plan else plan_cut(field, self.volume.grid, self.output, self._compute)
-        values = self._beside(cut, progress) if cut else self._planned(plan, field, progress)
+        try:
+            values = self._beside(cut, progress) if cut else self._planned(plan, field, progress)
+        except MemoryError:
+            nz, ny, nx = self.output.shape
+            raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
+                              "smaller or its spacing larger (output).") from None
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
         return Volume(values, self.output, self.volume.name, self.volume.is_labels)

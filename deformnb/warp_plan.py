@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import shown_value
 from deformnb.cuts import Decoupled
 from deformnb.errors import DeformError
 from deformnb.extrusion import Extrusion
@@ -55,8 +56,8 @@ def checked_method(method: str | None, *, discrete: bool) -> str:
     """The method, or its default; refused where it would make up labels."""
     if method is None:
         return "nearest" if discrete else "linear"
-    if method not in METHODS:
-        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    if not isinstance(method, str) or method not in METHODS:
+        raise DeformError(f"unknown method {shown_value(method)}; choose one of {', '.join(METHODS)}.")
     if discrete and METHODS[method].blends:
         raise DeformError(f"method {method!r} would invent values between labels; leave it at 'nearest'.")
     return method
@@ -66,12 +67,13 @@ def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
     """The fill value in the voxel type, refused where the type does not hold it; bool as uint8."""
     try:
         with np.errstate(all="ignore"):
-            voxel = np.asarray(value).astype(dtype)
+            voxel = np.asarray(value)
+            voxel = voxel.astype(dtype, casting="same_kind" if voxel.dtype.kind == "c" else "unsafe")
             same = voxel.shape == () and (voxel.item() == value or (dtype.kind == "f" and not np.isinf(voxel)))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         same = False
     if not same:
-        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {value!r}.")
+        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {shown_value(value)}.")
     return voxel.view(np.uint8)[()] if dtype == np.bool_ else voxel[()]
 
 

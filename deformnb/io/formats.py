@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
 from deformnb.io.atomic import check_target
-from deformnb.io.headers import Damage, Header, fail, human_bytes, regular_file, shown
+from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
 from deformnb.io.packing import Progress
 from deformnb.volume import Float3, Grid, Volume
@@ -139,11 +140,10 @@ def _writable() -> str:
 
 
 def _located(path: str | os.PathLike[str]) -> Path:
+    place = as_path(path)
     try:
-        place = Path(path).expanduser()
         place.stat()
     except FileNotFoundError as error:
-        place = Path(path).expanduser()
         raise fail(place, f"there is no such file in {shown(place.absolute().parent)}.") from error
     except (OSError, ValueError, RuntimeError) as error:  # permissions, a NUL, a name too long, a loop of links
         raise VolumeFileError(f"{shown(path)}: it cannot be opened ({shown(error)}).") from error
@@ -226,10 +226,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     VolumeFileError
         If the folder is missing or read-only, the disk is full, or the format cannot hold the volume.
     """
-    try:
-        place = Path(path).expanduser()
-    except RuntimeError as error:
-        raise VolumeFileError(f"{shown(path)}: it cannot be written ({shown(error)}).") from error
+    place = as_path(path)
     _, entry = format_of(place, writing=True)
     check_target(place, overwrite=overwrite)
     assert entry.write is not None
@@ -266,8 +263,8 @@ def _plain_name(path: Path, kind: str) -> str:
 
 
 def _checked_stride(stride: int) -> int:
-    if isinstance(stride, bool) or not isinstance(stride, (int, np.integer)) or stride < 1:
-        raise DeformError(f"stride must be a whole number from 1 on, got {stride!r}.")
+    if isinstance(stride, bool) or not isinstance(stride, (int, np.integer)) or not 1 <= stride < 2**63:
+        raise DeformError(f"stride must be a whole number from 1 on, got {shown_value(stride)}.")
     return int(stride)
 
 
@@ -289,6 +286,8 @@ def _memory(header: Header, stride: int) -> int:
 
 
 def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
+    if max_bytes is not None and not is_finite(max_bytes):
+        raise DeformError(f"max_bytes must be a number of bytes, got {shown_value(max_bytes)}.")
     limit = default_limit() if max_bytes is None else int(max_bytes)
     needed = _memory(header, stride)
     if needed <= limit:

@@ -113,7 +113,10 @@ def shown(text: object, limit: int = 120) -> str:
     >>> print(shown("a\x1b[31m b"))
     a\x1b[31m b
     """
-    plain = str(text)
+    try:
+        plain = str(text)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        plain = "a number of thousands of digits"
     if len(plain) > limit:
         plain = plain[:limit] + "..."
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in plain)
@@ -222,6 +225,14 @@ def volume_shape(path: Path, sizes: list[int], itemsize: int) -> tuple[tuple[int
     return (nz, ny, nx), notes
 
 
+def as_path(path: str | os.PathLike[str]) -> Path:
+    """The path that a name means, ``~`` included; VolumeFileError for what names no file."""
+    try:
+        return Path(path).expanduser()
+    except (TypeError, RuntimeError) as error:
+        raise VolumeFileError(f"{shown(path)}: this is not the path of a file ({shown(error)}).") from error
+
+
 def regular_file(path: Path) -> Path:
     """The path if it is a plain file; a pipe would wait for ever and a device has no end."""
     try:
@@ -229,7 +240,7 @@ def regular_file(path: Path) -> Path:
             return path
         exists = path.exists()
     except (OSError, ValueError) as error:
-        raise VolumeFileError(f"{shown(path)!r} is not a usable path ({error}).") from error
+        raise VolumeFileError(f"{shown(path)!r} is not a usable path ({shown(error)}).") from error
     raise fail(path, "this is not a plain file." if exists else
                f"there is no such file in {shown(path.absolute().parent)}.")
 

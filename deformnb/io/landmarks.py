@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import Damage, fail, regular_file, shown
+from deformnb.io.headers import Damage, as_path, fail, regular_file, shown
 from deformnb.landmarks import Landmarks
 
 _LONGEST = 1 << 26  # bytes: some hundred thousand landmarks
@@ -77,7 +77,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     >>> read_landmarks(file).names
     ('nose',)
     """
-    place = regular_file(Path(path).expanduser())
+    place = regular_file(as_path(path))
     row = check_landmark_target(place)
     with Damage(place, "leave out what is no landmark"):
         if place.stat().st_size > _LONGEST:
@@ -101,7 +101,7 @@ def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overw
 
     Slicer's files hold places in space (LPS is written) without the fixed ones; BigWarp's file holds both.
     """
-    place = Path(path).expanduser()
+    place = as_path(path)
     row = check_landmark_target(place)
     if row.suffix != ".csv" and landmarks.points.shape[1] != 3:
         raise fail(place, f"a {row.description} holds places in space, and these landmarks have two coordinates.")

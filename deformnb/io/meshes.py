@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import Damage, fail, human_bytes, regular_file, shown
+from deformnb.io.headers import Damage, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
 from deformnb.io.mesh_parsers import Polygons, read_obj, read_ply, read_stl, read_vtp
 from deformnb.surfaces import Mesh
@@ -79,7 +79,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
     >>> read_mesh(file).faces.tolist()
     [[0, 1, 2]]
     """
-    place = regular_file(Path(path).expanduser())
+    place = regular_file(as_path(path))
     row = _row(place)
     if row is None:
         raise fail(place, f"the end of its name says no kind of surface file; known are {mesh_suffixes()}.")
@@ -115,7 +115,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = Tr
     VolumeFileError
         If the folder is missing or read-only, the disk is full, or the suffix is unknown.
     """
-    place = Path(path).expanduser()
+    place = as_path(path)
     row = check_mesh_target(place)
     with atomic_write(place, overwrite=overwrite) as file:
         row.write(mesh, file)

@@ -1,0 +1,70 @@
+"""What callers pass as numbers: any type, any size and any text becomes an array, a number or one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+
+LARGEST_COORDINATE = 1e15
+"""Beyond this a coordinate squared loses all digits of its neighbours, and LAPACK routines were seen to hang on inf."""
+
+
+SMALLEST_LENGTH = 1e-150
+"""Below this the square of a length is no number any more."""
+
+
+def shown_value(value: object) -> str:
+    """A value for a message, cut to 60 characters; Python writes no whole number of more than 4300 digits.
+
+    Examples
+    --------
+    >>> shown_value(10**5000)
+    'a number of thousands of digits'
+    """
+    try:
+        return f"{value!r:.60}"
+    except ValueError:
+        return "a number of thousands of digits"
+
+
+def real_array(value: object) -> NDArray[np.float64] | None:
+    """The value as float64; None for texts, complex numbers, ragged lists and whole numbers that no float holds."""
+    try:
+        array = np.asarray(value)
+        return None if array.dtype.kind in "SUcMm" else array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def is_finite(value: object) -> bool:
+    """True for one real number that a float holds.
+
+    Examples
+    --------
+    >>> is_finite(2), is_finite("2"), is_finite(10**400), is_finite([1.0])
+    (True, False, False, False)
+    """
+    array = real_array(value) if value is not None else None
+    return array is not None and array.ndim == 0 and bool(np.isfinite(array))
+
+
+def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[np.float64]:
+    """The value as finite float64 of a shape.
+
+    Parameters
+    ----------
+    value : what somebody passed.
+    shape : of the array.
+    wanted : begins the message: "spacing must be three finite numbers (x, y, z)".
+
+    Raises
+    ------
+    DeformError
+        If it is anything else.
+    """
+    array = real_array(value)
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+    return array
