@@ -274,11 +274,12 @@ class _CheckedVoxels:
 
     def __get__(self, volume: Any, owner: type | None = None) -> NDArray[Any]:
         if volume is None:
-            raise AttributeError  # the field has no default
+            raise AttributeError("values is a field of a volume, not of the class.")
         mapped: MappedFile | None = volume.__dict__.get("_mapped")
         if mapped is not None:
             mapped.check()
-        return volume.__dict__["values"]  # type: ignore[no-any-return]
+        values: NDArray[Any] = volume.__dict__["values"]
+        return values
 
     def __set__(self, volume: Any, values: NDArray[Any]) -> None:
         volume.__dict__.update(values=values, _mapped=MappedFile.behind(values))
@@ -298,7 +299,7 @@ class Volume:
     notes : remarks made while loading ("12 voxels are not finite"), for a status line.
     """
 
-    values: _CheckedVoxels = _CheckedVoxels()
+    values: NDArray[Any]
     grid: Grid
     name: str = ""
     is_labels: bool = False
@@ -462,3 +463,6 @@ class Volume:
         if values.dtype.kind != "f" or np.isfinite(values).all():
             return None
         return np.where(np.isfinite(values), values, values.dtype.type(self.background))
+
+
+Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
