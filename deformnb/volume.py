@@ -272,14 +272,13 @@ def _one_or_three(value: object, what: str) -> NDArray[np.float64]:
 class _CheckedVoxels:
     """The field ``values`` of a volume: a memory map's file is checked before each use."""
 
-    def __get__(self, volume: Any, owner: type | None = None) -> NDArray[Any]:
+    def __get__(self, volume: Any, owner: type | None = None) -> Any:
         if volume is None:
-            raise AttributeError("values is a field of a volume, not of the class.")
+            return self
         mapped: MappedFile | None = volume.__dict__.get("_mapped")
         if mapped is not None:
             mapped.check()
-        values: NDArray[Any] = volume.__dict__["values"]
-        return values
+        return volume.__dict__["values"]
 
     def __set__(self, volume: Any, values: NDArray[Any]) -> None:
         volume.__dict__.update(values=values, _mapped=MappedFile.behind(values))
