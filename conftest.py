@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["browser_repeats"]
+
 # An environment variable, for child processes too; the folder goes when the run ends.
 _STATE = tempfile.TemporaryDirectory(prefix="deformnb-state-", ignore_cleanup_errors=True)
 os.environ["DEFORMNB_STATE"] = _STATE.name
