@@ -33,15 +33,24 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" i
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a table of cases that is marked ``sampled(n)`` all but every n-th are left to the nightly run."""
-    seen: Counter[str] = Counter()
+    """Of a table of cases that is marked ``sampled(n)`` each n-th and each with a word of its own is run at once.
+
+    The words of a case are the parts of its name: the values of its arguments. So each row of a registry, and each case
+    that is unlike the others, is tested at each change, and what is left to the nightly run are their combinations.
+    """
+    cases: Counter[str] = Counter()
+    words: dict[str, set[str]] = {}
     for item in items:
         marker = item.get_closest_marker("sampled")
-        if marker is not None:
-            name = item.nodeid.partition("[")[0]
-            if seen[name] % marker.args[0]:
-                item.add_marker(pytest.mark.nightly)
-            seen[name] += 1
+        if marker is None:
+            continue
+        name, _, case = item.nodeid.removesuffix("]").partition("[")
+        seen, own = words.setdefault(name, set()), set(case.split("-"))
+        if cases[name] % marker.args[0] and own <= seen:
+            item.add_marker(pytest.mark.nightly)
+        else:
+            seen |= own
+        cases[name] += 1
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

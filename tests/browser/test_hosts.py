@@ -159,7 +159,8 @@ def shift_by_the_core(x: float, y: float) -> NDArray[np.float64]:
     return np.argwhere(after > 190).mean(axis=0)[::-1] - 29.5
 
 
-@pytest.fixture(scope="module", params=[Lab, Notebook, Voila], ids=lambda host: host.__name__)
+@pytest.fixture(scope="module", ids=lambda host: host.__name__, params=[
+    Lab, pytest.param(Notebook, marks=pytest.mark.nightly), pytest.param(Voila, marks=pytest.mark.nightly)])
 def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
     host: type[Host] = request.param
     if host is Lab:

@@ -15,7 +15,7 @@ from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
 
-pytestmark = pytest.mark.needs_browser
+pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
 APP = """
 import marimo

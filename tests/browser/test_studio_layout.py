@@ -140,7 +140,8 @@ def voila(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Voila]:
         yield server
 
 
-@pytest.mark.parametrize("theme", [pytest.param("light", marks=pytest.mark.nightly), "dark"])
+@pytest.mark.nightly
+@pytest.mark.parametrize("theme", ["light", "dark"])
 def test_all_tabs_can_be_used_in_voila(voila: Voila, window: Any, theme: str) -> None:
     window.goto(f"{voila.url('/voila/render/studio.ipynb')}&theme={theme}", timeout=90_000)
     window.wait_for_function(READY, timeout=120_000)

@@ -1,0 +1,47 @@
+"""A plugin for pytest-xdist: not all processes drive browsers at a time, so that some compute while browsers are awaited.
+
+A test in a browser waits for a third of its time, and browsers that are many wait for one another. With files handed out
+in their order all processes did the one first and then the other, and of two processors 1.25 were busy.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import pytest
+from xdist.scheduler import LoadFileScheduling
+
+BROWSER = "tests/browser/"
+
+
+class BrowsersApart(LoadFileScheduling):
+    """Hands out files in their order, but those of browsers to ``limit`` processes at a time.
+
+    Parameters
+    ----------
+    config, log : as the scheduler of pytest-xdist takes them.
+    limit : how many processes may drive browsers while there is other work.
+    """
+
+    def __init__(self, config: pytest.Config, log: Any = None, *, limit: int) -> None:
+        super().__init__(config, log)
+        self.limit = limit
+
+    def _assign_work_unit(self, node: Any) -> None:
+        files = self.workqueue
+        others = sum(any(file.startswith(BROWSER) and not all(tests.values()) for file, tests in work.items())
+                     for owner, work in self.assigned_work.items() if owner is not node)
+        wants_browser = others < self.limit
+        chosen = next((file for file in files if file.startswith(BROWSER) == wants_browser), None)
+        if chosen is not None:
+            files.move_to_end(chosen, last=False)
+        super()._assign_work_unit(node)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    if config.getoption("dist") != "loadfile":
+        return None
+    processes = len(config.getoption("tx"))
+    return BrowsersApart(config, log, limit=max(1, min(os.cpu_count() or 1, processes - 1)))

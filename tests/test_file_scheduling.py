@@ -1,0 +1,79 @@
+"""How files of tests are shared out among processes: the scheduler with processes that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from file_scheduling import BrowsersApart, pytest_xdist_make_scheduler
+
+BROWSERS = [f"tests/browser/test_{name}.py::test_{k}" for name in "abcde" for k in range(4)]
+OTHERS = [f"tests/test_{name}.py::test_{k}" for name in "fghij" for k in range(4)]
+
+
+class Process:
+    """What the scheduler knows of a process; ``files`` are those handed to it, in order."""
+
+    def __init__(self, name: str, tests: Sequence[str]) -> None:
+        self.gateway, self.shutting_down, self.tests = SimpleNamespace(id=name), False, tests
+        self.waiting: list[int] = []
+
+    def send_runtest_some(self, indices: list[int]) -> None:
+        self.waiting += indices
+
+    def shutdown(self) -> None:
+        self.shutting_down = True
+
+    @property
+    def file(self) -> str:
+        """Of the test that it runs now."""
+        return self.tests[self.waiting[0]].partition("::")[0] if self.waiting else ""
+
+
+def config(processes: int, dist: str = "loadfile") -> Any:
+    options = {"tx": ["popen"] * processes, "dist": dist, "loadscopereorder": False}
+    return SimpleNamespace(getvalue=options.get, getoption=options.get, option=SimpleNamespace(**options))
+
+
+def run(limit: int, processes: int, tests: Sequence[str]) -> list[set[str]]:
+    """Which files are run side by side, moment after moment; each test is run once, and each file in one process."""
+    scheduler = BrowsersApart(config(processes), limit=limit)
+    nodes = [Process(f"gw{k}", tests) for k in range(processes)]
+    for node in nodes:
+        scheduler.add_node(node)
+        scheduler.add_node_collection(node, tests)
+    scheduler.schedule()
+    moments, done = [], []
+    while any(node.waiting for node in nodes):
+        moments.append({node.file for node in nodes if node.waiting})
+        assert len(moments[-1]) == sum(bool(node.waiting) for node in nodes), "a file is in two processes"
+        for node in nodes:
+            if node.waiting:
+                done.append(node.waiting.pop(0))
+                scheduler.mark_test_complete(node, done[-1])
+    assert sorted(done) == list(range(len(tests)))
+    return moments
+
+
+@pytest.mark.parametrize(("limit", "processes"), [(1, 2), (2, 3), (1, 3)])
+def test_one_process_computes_while_others_wait_for_browsers(limit: int, processes: int) -> None:
+    moments = run(limit, processes, BROWSERS + OTHERS)
+    left = {test.partition("::")[0] for test in OTHERS}
+    for files in moments:
+        left -= files
+        if len(left) > processes:  # the next file of each process is chosen before its last tests are done
+            assert sum(file.startswith("tests/browser/") for file in files) == limit
+    assert moments[0] == {*(f"tests/browser/test_{name}.py" for name in "abc"[:limit]),
+                     *(f"tests/test_{name}.py" for name in "fgh"[:processes - limit])}
+
+
+@pytest.mark.parametrize("tests", [BROWSERS, OTHERS, BROWSERS[:4] + OTHERS])
+def test_none_is_idle_where_all_are_of_one_kind(tests: list[str]) -> None:
+    assert len(run(1, 2, tests)[0]) == 2
+
+
+def test_another_way_to_share_out_is_left_alone() -> None:
+    assert pytest_xdist_make_scheduler(config(3, "load"), None) is None
+    assert pytest_xdist_make_scheduler(config(2), None).limit == 1
