@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -32,31 +31,7 @@ hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev"))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a table of cases that is marked ``sampled(n)`` each n-th and each with a word of its own is run at once.
-
-    The words of a case are the parts of its name: the values of its arguments. So each row of a registry, and each case
-    that is unlike the others, is tested at each change, and what is left to the nightly run are their combinations.
-    """
-    cases: Counter[str] = Counter()
-    words: dict[str, set[str]] = {}
-    for item in items:
-        marker = item.get_closest_marker("sampled")
-        if marker is None:
-            continue
-        name, _, case = item.nodeid.removesuffix("]").partition("[")
-        seen, own = words.setdefault(name, set()), set(case.split("-"))
-        if cases[name] % marker.args[0] and own <= seen:
-            item.add_marker(pytest.mark.nightly)
-        else:
-            seen |= own
-        cases[name] += 1
-
-
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    is_left = os.environ.get("CI") and os.environ.get("HYPOTHESIS_PROFILE") != "nightly"
-    if is_left and item.get_closest_marker("nightly") is not None:
-        pytest.skip("it takes long: HYPOTHESIS_PROFILE=nightly runs all")
     if item.get_closest_marker("needs_gl") is None:
         return
     from deformnb.render import gl_status
@@ -67,11 +42,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Programs that JAX has compiled go when there are very many: Linux gives a process 65530 pieces of memory."""
+    """Programs that JAX has compiled go when there are many: they are gigabytes, in thousands of pieces of memory."""
     maps = Path("/proc/self/maps")
     if nextitem is not None and nextitem.path != item.path and maps.exists() and "jax" in sys.modules:
         with maps.open() as lines:
-            if sum(1 for _ in lines) > 30_000:
+            if sum(1 for _ in lines) > 15_000:
                 sys.modules["jax"].clear_caches()
 
 

@@ -1,6 +1,6 @@
-"""A plugin for pytest-xdist: not all processes drive browsers at a time, so that some compute while browsers are awaited.
+"""A plugin for pytest-xdist: not all processes drive browsers at a time, so that one computes while others wait.
 
-A test in a browser waits for a third of its time, and browsers that are many wait for one another. With files handed out
+A test in a browser waits for much of its time, and browsers that are many wait for one another. With files handed out
 in their order all processes did the one first and then the other, and of two processors 1.25 were busy.
 """
 

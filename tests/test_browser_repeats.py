@@ -66,8 +66,9 @@ def run_suite(folder: Path, *options: str) -> tuple[int, str]:
     (folder / "attempts").mkdir(exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment |= {"ATTEMPTS": str(folder / "attempts"), "PYTHONPATH": str(HERE)}
-    done = subprocess.run([sys.executable, "-m", "pytest", "-q", "--strict-markers", "-p", "no:cacheprovider",
-                           "-p", "browser_repeats", *options], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", "-p", "no:cacheprovider",
+               "-p", "browser_repeats", *options]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout + done.stderr
 
 

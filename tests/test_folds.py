@@ -139,6 +139,7 @@ def test_on_rasters_as_at_points(kernel: str) -> None:
     oracle.assert_close(jacobian_determinant(field, RASTER), at_points(field, RASTER.points()), atol=10 * SINGLE)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("grid", [GRID, TILTED])
 @pytest.mark.parametrize("view", ["+x", "-y", "+z", "oblique"])
 @pytest.mark.parametrize("rule", RULES)
@@ -188,6 +189,7 @@ def test_compositions_sums_samples_parts_and_cuts() -> None:
     oracle.assert_close(two, one * there, atol=1e-12)  # determinants multiply
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", CUT_RULES)
 @pytest.mark.parametrize("name", CUTS)
 def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:

@@ -169,6 +169,7 @@ RULES = {"replicate": replicate(), "modulate": modulate("sin(pi * z)"), "samples
          "interpolate": interpolate([0.1, 0.5, 0.8])}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("view", ["oblique", "+x", "-y", "+z"])
 @pytest.mark.parametrize("rule", RULES)
 def test_extrusions_by_every_rule_and_view(rule: str, view: str) -> None:
@@ -199,6 +200,7 @@ def test_the_derivative_along_the_depth_is_that_of_the_weight() -> None:
 # ---- cuts and parts --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", CUT_RULES)
 @pytest.mark.parametrize("name", CUTS)
 def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
@@ -223,6 +225,7 @@ PARTS = {"fixed": [RigidPart(BOX)], "turned": [RigidPart(BOX, TURN)], "mask": [R
          "all": [RigidPart(BOX, TURN), RigidPart(WALL), RigidPart(DISC)], "reach": [RigidPart(WALL, reach=20.0)]}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("weight", WEIGHTS)
 @pytest.mark.parametrize("name", PARTS)
 def test_beside_rigid_parts(name: str, weight: str) -> None:

@@ -48,6 +48,7 @@ def test_slope_is_the_derivative_in_the_square(name: str) -> None:
             assert float(KERNELS[name].slope(jnp.float64(s))) == pytest.approx(wanted, rel=1e-12, abs=1e-13)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", KERNELS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_value_and_gradients_are_finite_at_and_next_to_the_point(name: str, dtype: type) -> None:

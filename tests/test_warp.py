@@ -262,6 +262,7 @@ def test_every_rule_is_tested() -> None:
     assert set(RULES) == set(EXTRUSIONS)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("grid", [STRAIGHT, OBLIQUE, FLIPPED])
@@ -418,6 +419,7 @@ def test_the_input_is_never_written() -> None:
     assert (volume.values == before).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shape", [(1, 9, 11), (7, 1, 11), (7, 9, 1), (1, 1, 11), (1, 1, 1)])
 @pytest.mark.parametrize(("method", "step"), [(m, s) for m in METHODS for s in (1, 4)])
 def test_one_slice(shape: tuple[int, int, int], method: str, step: int) -> None:

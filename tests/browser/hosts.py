@@ -267,7 +267,19 @@ AT_REST = """() => {
 
 def resting(element: Any) -> Any:
     """The box of an element that does not move any more: a page that has just come is still laid out."""
-    box: Any = None
-    while box != (box := element.bounding_box()):
-        time.sleep(0.5)
-    return box
+    element.evaluate("""async (element) => {
+      const place = () => JSON.stringify([element.getBoundingClientRect(), scrollX, scrollY]);
+      for (let still = 0, since = performance.now(), last = place(); still < 10 || performance.now() - since < 200;) {
+        await new Promise(requestAnimationFrame);
+        if (place() === last) still += 1; else [still, since, last] = [0, performance.now(), place()];
+      }
+    }""")
+    return element.bounding_box()
+
+
+def quiet(host: Host, page: Any) -> None:
+    """Until page and kernel have heard all that the other has said, and picture and volume are drawn in full."""
+    page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.sender.isBehind()", timeout=60_000)
+    if isinstance(host, _Application):
+        host.run(page, "")  # behind all messages of the page, and answered behind all of the kernel's
+    page.wait_for_function(AT_REST, timeout=60_000)

@@ -167,6 +167,11 @@ class LivePage:
         """Until Python has read all that the page has said so far, and the page has heard the answers."""
         self.wait("true")
 
+    def frames(self) -> None:
+        """Two frames of the page: in the first sizes are observed, in the second it is drawn with them."""
+        self.page.evaluate("""async () => {
+            for (const _ of [1, 2]) await new Promise(requestAnimationFrame); }""")
+
     def loaded(self) -> None:
         """Until the volume is on the card and all that was sent is applied."""
         self.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && "

@@ -50,6 +50,6 @@ def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app
     assert session.output is not None
     assert session.sides_left() == ()
     if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
-        tab.page.wait_for_timeout(1500)
+        tab.drawn()
         tab.page.screenshot(path=str(Path(folder) / "app-larger.png"))
     tab.close()

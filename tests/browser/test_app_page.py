@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -177,7 +178,9 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     assert tab.app.desk.session.step.strength == -1.0
 
 
-def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
+def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 1e6
+    monkeypatch.setattr("deformnb.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     thumb = tab.page.get_by_role("slider", name="Strength")
     mouse, session = tab.page.mouse, tab.app.desk.session
     for toward in (-20, 25):
@@ -191,7 +194,7 @@ def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab) -> None:
             mouse.move(x + share * toward, y)
             eventually(lambda: session.step.strength != before)  # noqa: B023
             before = session.step.strength
-            time.sleep(1.0)  # longer than what joins edits by itself
+            now += 2.0  # longer than what joins edits by itself
         mouse.up()
     undone = []
     for _ in range(2):

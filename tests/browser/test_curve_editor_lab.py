@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from browser.hosts import Lab
+from browser.hosts import Lab, resting
 
 pytestmark = pytest.mark.needs_browser
 
@@ -46,12 +46,7 @@ def settled(lab: Lab, page: Any, reached: Callable[[Any], bool]) -> Any:
 
 def drag(page: Any, node: Any, dx: float, dy: float, mark: str = ".dnb-cv-dot") -> None:
     node.locator(mark).scroll_into_view_if_needed()
-    box = None
-    for _ in range(40):  # until Lab has come to rest
-        before, box = box, node.locator(mark).bounding_box()
-        if box is not None and box == before:
-            break
-        page.wait_for_timeout(250)
+    box = resting(node.locator(mark))
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()

@@ -396,7 +396,7 @@ def test_it_leaves_nothing_behind(drawn: Any, kind: str) -> None:
     page.page.evaluate("models.w0.cleanups.forEach((f) => f())")
     assert page.page.locator(".dnb-curves").count() == 0
     page.widget.theme = "dark"
-    page.page.wait_for_timeout(50)
+    page.frames()
 
 
 # ---- transfer functions ----------------------------------------------------------------------------------------------
@@ -548,7 +548,6 @@ def test_a_style_sheet_may_come_late_and_the_page_may_change_its_width(drawn: An
     page = drawn(width=700)
     page.add(made(kind), "late", draw=False)
     page.page.evaluate("([n, s]) => draw(n, s)", ["late", page.widgets["late"]._esm])
-    page.page.wait_for_timeout(100)
     page.page.add_style_tag(content=page.widgets["late"]._css)
     for width in (700, 500):
         page.page.set_viewport_size({"width": width, "height": 900})

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from browser.hosts import Lab
+from browser.hosts import Lab, resting
 
 pytestmark = pytest.mark.needs_browser
 
@@ -34,13 +34,7 @@ STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(edit
 
 def middle(page: Any, point: int) -> tuple[float, float]:
     """Where a point is on the screen, once Lab has come to rest."""
-    box = None
-    for _ in range(40):
-        before, box = box, page.locator(f"[data-id='{point}'] .dnb-ed-disc").bounding_box()
-        if box is not None and box == before:
-            break
-        page.wait_for_timeout(250)
-    assert box is not None
+    box = resting(page.locator(f"[data-id='{point}'] .dnb-ed-disc"))
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
@@ -89,7 +83,7 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
         page.keyboard.press(key)
     undone, ids, _ = settled(lab, page, lambda now, ids, ends: now == targets)
     assert (undone, ids) == (targets, [0, 1, 2, 3])
-    page.wait_for_timeout(500)
+    page.wait_for_function(f"!{PAGE}.sender.isBehind()")
     assert json.loads(lab.run(page, STATE))[:2] == [targets, [0, 1, 2, 3]]
     assert page.evaluate(f"() => {PAGE}.points.map((p) => p.target)") == targets
 

@@ -331,8 +331,10 @@ def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture,
     page = opened(Editor(picture, points, show_net=False))
     k = page.js(f"{PAGE}.view.k")
     page.page.mouse.move(*page.on_screen(points.target[4]))
+    page.page.evaluate("() => addEventListener('wheel', () => { window.turned = true; })")
     page.page.mouse.wheel(0, -300)
-    page.page.wait_for_timeout(50)
+    page.wait("window.turned")
+    page.settled()
     assert page.js(f"{PAGE}.view.k") == k
     page.page.locator(".dnb-ed-stage").focus()
     held = page.on_screen(points.target[4])
@@ -450,7 +452,8 @@ def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Pictur
     assert page.js("models.editor.deformnb.latest") is None
     page.editor.points = points.move(4, [60, 20])  # nobody is left to hear of it, and nothing breaks
     page.page.set_viewport_size({"width": 500, "height": 500})
-    page.page.wait_for_timeout(200)
+    page.wait("innerWidth === 500")
+    page.frames()
 
 
 def test_a_broken_picture_is_said_and_the_points_still_work(opened: Any, picture: Picture,

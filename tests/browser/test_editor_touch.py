@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.hosts import resting
 from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE as SPACE
 from browser.test_space_editor_page import Opened, waves
@@ -52,13 +53,13 @@ class Fingers:
             self.touch("touchMove", (x + by[0] * step / 6, y + by[1] * step / 6))
             self.page.wait_for_timeout(60)
         self.touch("touchEnd")
-        self.page.wait_for_timeout(200)
+        resting(self.page.locator("body"))
 
 
 def tall(page: Any) -> None:
     """A page with something to scroll, as notebooks are."""
     page.evaluate("() => { document.body.style.height = '4000px'; }")
-    page.wait_for_timeout(300)  # a bar beside it may make the editor narrower
+    resting(page.locator(".dnb-editor").first)  # a bar beside it may make the editor narrower
 
 
 def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:

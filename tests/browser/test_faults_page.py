@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.hosts import resting
 
 from deformnb.control_points import ControlPoints
 from deformnb.picture import Picture
@@ -20,9 +21,9 @@ def test_a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged(
         browser: Any, picture: Picture, points: ControlPoints, size: tuple[int, int], direction: str) -> None:
     page = EditorOnPage(browser, Editor(picture, points), size)  # 1280 x 1040 at 400 % has room for 320 x 260
     page.page.evaluate("(direction) => { document.documentElement.dir = direction; }", direction)
-    page.settled()
-    page.page.wait_for_timeout(300)
     page.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
+    resting(page.page.locator(".dnb-ed-stage"))
+    page.settled()
     here, there = page.on_screen(points.target[4]), page.on_screen(points.target[4] + [3.0, -2.0])
     page.page.mouse.move(*here)
     page.page.mouse.down()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import AT_REST, Host, Lab, Notebook, Voila, running, told
+from browser.hosts import Host, Lab, Notebook, Voila, quiet, resting, running, told
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -92,9 +92,7 @@ class Shown:
         self.page.wait_for_function(f"{EDITOR}.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar",
                                     timeout=60_000)
         self.page.locator(".dnb-editor").first.scroll_into_view_if_needed()
-        before = None
-        while before != (before := self.page.locator(".dnb-view").first.bounding_box()):
-            self.page.wait_for_timeout(300)
+        resting(self.page.locator(".dnb-view").first)
 
     def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
         """What the kernel knows, once it is as wanted, or after a minute."""
@@ -132,8 +130,7 @@ class Shown:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        self.page.wait_for_timeout(400)  # an edit of the kernel's may be on its way
-        self.page.wait_for_function(AT_REST, timeout=60_000)
+        quiet(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[16:-16, 16:-16]  # the box has round corners
 

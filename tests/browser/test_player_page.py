@@ -54,8 +54,8 @@ def shown(page: LivePage, **traits: Any) -> Player:
 
 
 def settled(page: LivePage) -> None:
+    page.frames()
     page.wait(f"!{PAGE}.frame")
-    page.page.wait_for_timeout(50)
 
 
 def read_out(page: LivePage) -> str:
@@ -219,7 +219,7 @@ def test_a_view_follows_the_player_and_its_pixels_are_the_cores(page: LivePage) 
     page.wait(f"!{VIEW}.times.frames && !{VIEW}.field.planar")
     still = page.pixels()
     player.time = 2.0
-    page.page.wait_for_timeout(100)
+    page.frames()
     assert (page.pixels() == still).all()
     assert page.errors == []
 

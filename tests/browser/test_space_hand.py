@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser.app_tab import eventually
 from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
@@ -259,9 +260,9 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     lets.set()
     page.wait(f"{PAGE}.shownCount > 0")
     page.wait(f"{said} === ''")
-    count = -1
-    while count != (count := page.page.evaluate(f"() => {PAGE}.shownCount")):  # finer ones may come later
-        page.page.wait_for_timeout(1000)
+    eventually(lambda: not editor._worker.is_wanted)  # finer ones may come later
+    editor._worker.call(lambda: None).result(60)
+    page.answered()
     lets.clear()
     page.page.get_by_label("What the pictures show").select_option("mip")
     page.wait(f"{said} === 'Making the pictures'")

@@ -350,11 +350,12 @@ def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) ->
     editor, _ = pair()
     page = opened(editor)
     page.settled()
-    page.page.evaluate("""() => { const image = new Image(); image.src = "https://example.org/a.png";
+    page.page.evaluate("""() => { window.refused = [];
+        document.addEventListener("securitypolicyviolation", (event) => window.refused.push(event.blockedURI));
+        const image = new Image(); image.src = "https://example.org/a.png";
         return fetch("https://example.org/").catch(() => null); }""")
-    page.page.wait_for_timeout(300)
-    refused = [text for text in page.errors if "Content Security Policy" in text]
-    assert len(refused) >= 2
+    page.wait("window.refused.length >= 2")
+    assert sum("Content Security Policy" in text for text in page.errors) >= 2
     page.errors.clear()
     page.requests[:] = [url for url in page.requests if "example.org" not in url]
 
@@ -416,7 +417,7 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
             model.update({{ points: model.get("points").map((p) => ({{ ...p,
               ...moved.find((m) => m.id === p.id) }})) }}); }}""")
         opened.wait(f"{VIEW}.link.count > 1")
-        opened.page.wait_for_timeout(500)
+        opened.settled()
         gap = _lit(opened)
         columns = np.flatnonzero(gap.any(axis=0))
         dark = ~gap[:, columns[0] : columns[-1]].any(axis=0)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import AT_REST, Lab, resting, told
+from browser.hosts import Lab, quiet, resting, told
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -102,8 +102,7 @@ class StudioInLab:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        self.page.wait_for_timeout(1000)  # an edit of the kernel's may be on its way
-        self.page.wait_for_function(AT_REST, timeout=60_000)
+        quiet(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 

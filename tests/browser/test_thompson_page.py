@@ -28,7 +28,7 @@ def three(opened: Any, picture: Picture, points: ControlPoints) -> EditorOnPage:
     """The main editor above, the original and the grid below."""
     page = opened(Editor(picture, points, density=CELLS, height=240), size=(900, 900), draws=3)
     page.js(SIDES)
-    page.page.wait_for_timeout(100)
+    page.wait(f"{VIEWS}.every((view) => !view.isMoving && !view.frame)")
     return page
 
 

@@ -77,7 +77,6 @@ class Drawn(LivePage):
     def key(self, *keys: str) -> None:
         for key in keys:
             self.page.keyboard.press(key)
-        self.page.wait_for_timeout(20)
         self.js("w.settle()")
         self.settled()
 

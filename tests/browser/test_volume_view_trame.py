@@ -84,7 +84,8 @@ def full(page: LivePage, after: int = 0) -> int:
         return number > after
 
     until(page, reached)
-    page.page.wait_for_timeout(300)  # the area puts the picture on the screen
+    inner(page).evaluate("""async () => { // the area puts the picture on the screen
+        for (const _ of [1, 2]) await new Promise(requestAnimationFrame); }""")
     return number
 
 
