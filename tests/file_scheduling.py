@@ -13,6 +13,8 @@ import pytest
 from xdist.scheduler import LoadFileScheduling
 
 BROWSER = "tests/browser/"
+# Each of its tests runs a notebook in a kernel of its own, for minutes: they are handed out one by one and first.
+ONE_BY_ONE = "tests/test_notebooks.py"
 
 
 class BrowsersApart(LoadFileScheduling):
@@ -33,10 +35,13 @@ class BrowsersApart(LoadFileScheduling):
         others = sum(any(file.startswith(BROWSER) and not all(tests.values()) for file, tests in work.items())
                      for owner, work in self.assigned_work.items() if owner is not node)
         wants_browser = others < self.limit
-        chosen = next((file for file in files if file.startswith(BROWSER) == wants_browser), None)
-        if chosen is not None:
-            files.move_to_end(chosen, last=False)
+        fitting = [file for file in files if file.startswith(BROWSER) == wants_browser]
+        if fitting:
+            files.move_to_end(min(fitting, key=lambda file: not file.startswith(ONE_BY_ONE)), last=False)
         super()._assign_work_unit(node)
+
+    def _split_scope(self, nodeid: str) -> str:
+        return nodeid if nodeid.startswith(ONE_BY_ONE) else super()._split_scope(nodeid)
 
 
 @pytest.hookimpl(optionalhook=True)

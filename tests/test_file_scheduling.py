@@ -74,6 +74,18 @@ def test_none_is_idle_where_all_are_of_one_kind(tests: list[str]) -> None:
     assert len(run(1, 2, tests)[0]) == 2
 
 
+def test_notebooks_are_shared_out_one_by_one_and_first() -> None:
+    notebooks = [f"tests/test_notebooks.py::test_it_runs[{k}]" for k in range(4)]
+    scheduler = BrowsersApart(config(2), limit=1)
+    nodes = [Process(f"gw{k}", [*BROWSERS, *OTHERS, *notebooks]) for k in range(2)]
+    for node in nodes:
+        scheduler.add_node(node)
+        scheduler.add_node_collection(node, node.tests)
+    scheduler.schedule()
+    assert [nodes[0].tests[k] for k in nodes[0].waiting] == BROWSERS[:4]
+    assert [nodes[1].tests[k] for k in nodes[1].waiting] == notebooks[:2]  # and the others wait for whoever is free
+
+
 def test_another_way_to_share_out_is_left_alone() -> None:
     assert pytest_xdist_make_scheduler(config(3, "load"), None) is None
     assert pytest_xdist_make_scheduler(config(2), None).limit == 1

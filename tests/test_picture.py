@@ -25,6 +25,7 @@ from deformnb.volume import Grid, Volume
 # ---- along the voxels ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("view", VIEWS)
 def test_maximum_mean_and_slice_are_those_of_the_voxels_under_each_pixel(view: str, direction: str) -> None:
@@ -58,6 +59,7 @@ def test_composite_and_shading_follow_the_formula(view: str, direction: str) -> 
     assert np.abs(wanted - composite(layers, dn, RAMP))[..., :3].max() > 0.1  # shading does something
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("layers", [32, 33, 70])
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_blocks_of_layers_do_not_show(method: str, layers: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,6 +190,7 @@ def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:
         oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("degrees", [0.0, 0.005, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("about", [0, 1, 2])
 def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: float) -> None:
@@ -201,6 +204,7 @@ def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: f
     oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.05)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_lattice_without_rotation_gives_the_view_along_the_axis(view: str, method: str) -> None:
@@ -286,6 +290,7 @@ def test_finer_sampling_makes_nothing_darker(method: str) -> None:
 # ---- odd volumes -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 5, 6), (5, 1, 6), (5, 6, 1), (40, 1, 1)])
 def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int]) -> None:
@@ -354,6 +359,7 @@ def test_voxels_that_are_not_finite_count_as_background(method: str) -> None:
         assert found.window == wanted.window
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("value", [0, 7, -1000, 1e-30, 1e30, np.nan])
 def test_a_constant_volume_is_an_even_picture(method: str, value: float) -> None:

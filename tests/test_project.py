@@ -34,6 +34,7 @@ DISTRIBUTION = {
     "skimage": "scikit-image",
     "trame_rca": "trame-rca",
     "trame_vuetify": "trame-vuetify",
+    "xdist": "pytest-xdist",
     "yaml": "pyyaml",
 }
 # VTK's version is pyvista's business: asking for a second bound here could only contradict it.
