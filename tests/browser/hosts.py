@@ -279,7 +279,8 @@ def resting(element: Any) -> Any:
 
 def quiet(host: Host, page: Any) -> None:
     """Until page and kernel have heard all that the other has said, and picture and volume are drawn in full."""
-    page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.sender.isBehind()", timeout=60_000)
+    heard = "document.querySelector('.dnb-editor')?.deformnb?.sender.isBehind() === false"
+    page.wait_for_function(heard, timeout=60_000)
     if isinstance(host, _Application):
         host.run(page, "")  # behind all messages of the page, and answered behind all of the kernel's
     page.wait_for_function(AT_REST, timeout=60_000)
