@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.plane import Plane, Raster
 from deformnb.regions import AbstractRegion
@@ -21,6 +22,10 @@ from deformnb.volume import Grid, Volume
 
 # Masks of more voxels are measured at half the resolution: 256^3 takes 0.7 s instead of 6 s. The mask only grows by it.
 _MOST_VOXELS = 4_000_000
+
+# The distance of what is nowhere. Infinity itself would become NaN in interpolations (0 inf) and in the scales of rigid
+# parts (inf / inf); this is the largest coordinate that a point may have, and its square is still a float32.
+_NOWHERE = LARGEST_COORDINATE
 
 
 @jax.tree_util.register_pytree_node_class
@@ -38,7 +43,8 @@ class Mask(AbstractRegion):
     Distances of the centres are those to the faces of the voxel with the nearest centre, at most half its diagonal
     more than to the nearest face; between the centres they are interpolated. Beyond the lattice the way to it is added:
     a mask that reaches the lattice's edge goes on there, as far as it is deep. A mask of more than 4 million voxels is
-    measured at half the resolution, which shifts its boundary by up to a voxel.
+    measured at half the resolution, which shifts its boundary by up to a voxel. A mask in which nothing is set lies at
+    1e15, farther than any point may be, and one in which all is set is around every place, as deep.
 
     Examples
     --------
@@ -166,9 +172,9 @@ def _halved(values: NDArray[np.bool_], grid: Grid) -> tuple[NDArray[np.bool_], G
 
 
 def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of every centre to the nearest voxel that is set, measured to its faces; far away if there is none."""
+    """Distance of every centre to the nearest voxel that is set, measured to its faces; 1e15 if there is none."""
     if not values.any():  # SciPy would return a plausible ramp
-        return np.full(values.shape, 2 * float(np.linalg.norm(spacing * values.shape)))
+        return np.full(values.shape, _NOWHERE)
     nearest = ndimage.distance_transform_edt(~values, sampling=spacing, return_distances=False, return_indices=True)
     square = np.zeros(values.shape)
     for axis, (at, h) in enumerate(zip(nearest, spacing, strict=True)):

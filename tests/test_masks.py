@@ -15,9 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from deformnb import masks
 from deformnb.compilation import float64
+from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.masks import Mask
 from deformnb.plane import VIEWS, Plane, Raster
+from deformnb.rigid_motion import RigidMotion
+from deformnb.rigid_parts import RigidPart, fit_rigid
 from deformnb.volume import Grid, Volume
 
 AXES = tuple(map(tuple, Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix().tolist()))
@@ -100,12 +103,28 @@ def test_beyond_the_lattice_there_is_nothing_of_a_mask_inside_it(dim: int) -> No
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_empty_and_full_masks_are_far_away_and_all_around(dim: int) -> None:
+def test_an_empty_mask_is_nowhere_and_a_full_one_all_around(dim: int) -> None:
     lattice = lattice_of(dim)
-    size = np.linalg.norm(np.array(lattice.spacing)[::-1] * lattice.shape)
     empty, full = (Mask(np.full(lattice.shape, value), lattice) for value in (False, True))
-    assert (empty.signed_distance(centres(lattice)) >= size).all()
-    assert (full.signed_distance(centres(lattice)) <= -size).all()
+    places = np.concatenate([centres(lattice).reshape(-1, dim), np.full((1, dim), 1e4)])
+    for mask, sign in ((empty, 1), (full, -1)):
+        for measured in (mask.signed_distance(places), np.asarray(mask(places))):
+            np.testing.assert_allclose(measured, sign * 1e15, rtol=1e-6)
+
+
+@pytest.mark.parametrize("weight", ["saturated", "distance"])
+def test_an_empty_part_is_not_felt_beside_another(weight: str) -> None:
+    """At twice the diagonal its motion had a share in the other part's surroundings."""
+    raster = Raster((20, 30), (1.0, 1.0), (0.0, 0.0))
+    values = np.zeros(raster.shape, dtype=bool)
+    values[8:12, 10:14] = True
+    bone = RigidPart(Mask(values, raster), RigidMotion.turn(20.0, (12.0, 10.0)), weight=weight)
+    nothing = RigidPart(Mask(np.zeros_like(values), raster), RigidMotion.turn(0.0, (0.0, 0.0), (500.0, 0.0)),
+                        weight=weight)
+    points = ControlPoints.from_arrays([[0.0, 0], [29, 0], [0, 19], [29, 19]], [[0.0, 0], [29, 0], [0, 19], [29, 19]])
+    places = centres(raster).reshape(-1, 2)
+    alone, both = (fit_rigid(points, parts, trend="none")(places) for parts in ((bone,), (bone, nothing)))
+    np.testing.assert_allclose(both, alone, atol=1e-3)
 
 
 def test_a_mask_at_the_edge_goes_on_beyond_it() -> None:

@@ -74,6 +74,15 @@ def test_masks_are_those_of_the_package() -> None:
     assert np.abs(found - oracle).max() < 2  # farther away several pixels are equally near, and either may be taken
 
 
+@pytest.mark.parametrize("value", [False, True])
+def test_empty_and_full_masks_are_those_of_the_package(value: bool) -> None:
+    raster = Raster((3, 4), (1.0, 2.0), (0.0, 0.0))
+    mask = Mask(np.full(raster.shape, value), raster)
+    found = run_script(FILES, "({ data, at }) => at.map((p) => regionDistance(data)(...p))",
+                       {"data": region_data(mask), "at": places().tolist()})
+    np.testing.assert_allclose(found, mask.signed_distance(places()), rtol=1e-6)
+
+
 def test_masks_of_every_packing_are_read() -> None:
     rng = np.random.default_rng(0)
     noise = rng.random((300, 211)) < 0.5

@@ -23,10 +23,11 @@ function maskPixels({ shape: [nv, nu], bits }) {
   return out;
 }
 
-// Distance of every centre to the nearest pixel that is set, measured to its faces; far away if there is none.
+// Distance of every centre to the nearest pixel that is set, measured to its faces; 1e15 if there is none, for infinity
+// would become NaN where it is interpolated.
 function boxDistances(isSet, nv, nu, du, dv) {
   const found = new Float32Array(nv * nu);
-  if (!isSet.includes(1)) return found.fill(2 * Math.hypot(nu * du, nv * dv));
+  if (!isSet.includes(1)) return found.fill(1e15);
   const above = new Int32Array(nv * nu); // the row of the nearest set pixel in the same column, -1 for none
   for (let j = 0; j < nu; j++) {
     let last = -1;
