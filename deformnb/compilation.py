@@ -15,6 +15,8 @@ from typing import Any
 import jax
 import platformdirs
 
+from deformnb.errors import DeformError
+
 # Measured (design notes, speed of XLA on CPU): 512-bit vectors make kernel evaluation 1.9 times and byte gathers 1.1
 # times faster where the processor has them; XLA falls back to what there is elsewhere.
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
@@ -48,6 +50,37 @@ def _accepted_options() -> dict[str, Any] | None:
     return _CPU_OPTIONS
 
 
+_is_forked = False  # from a process that had computed before
+
+
+def _in_child() -> None:
+    """What a forked child does first: it has JAX's locks, but none of the threads that would release them."""
+    global _is_forked  # noqa: PLW0603
+    _is_forked = True
+
+
+@cache
+def _watch_forks() -> None:
+    """Mark, from the first use of JAX on, the children that this process makes by fork."""
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_in_child)
+
+
+def refuse_forked() -> None:
+    """Refuse to compute in a child made by ``fork`` after its parent has computed: JAX would wait there for ever.
+
+    Raises
+    ------
+    DeformError
+        That says what to do instead.
+    """
+    _watch_forks()
+    if _is_forked:
+        raise DeformError("this process was made by fork from one that had deformed something already, and computing "
+                          "here would hang for ever; start processes with multiprocessing.get_context(\"spawn\"), or "
+                          "ProcessPoolExecutor(mp_context=multiprocessing.get_context(\"spawn\")).")
+
+
 def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import."""
 
@@ -58,6 +91,7 @@ def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        refuse_forked()
         return executable()(*args, **kwargs)
 
     call.executable = executable  # type: ignore[attr-defined]
@@ -66,4 +100,5 @@ def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
 
 def float64() -> Any:
     """A context in which JAX computes in 64 bits, for this thread only."""
+    refuse_forked()
     return jax.enable_x64(True)

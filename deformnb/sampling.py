@@ -22,7 +22,7 @@ import numpy as np
 from jax import lax
 from numpy.typing import NDArray
 
-from deformnb.compilation import compiled, float64
+from deformnb.compilation import compiled, float64, refuse_forked
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -62,6 +62,7 @@ def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
 
     ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
     """
+    refuse_forked()
     if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
         copy = aligned_empty(array.shape, array.dtype)
         np.copyto(copy, array)

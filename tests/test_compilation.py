@@ -71,3 +71,44 @@ def test_float64_is_local() -> None:
 def test_compiled_takes_the_options_of_jit() -> None:
     power = compiled(lambda x, n: x**n, static_argnames="n")
     assert float(power(3.0, n=2)) == 9.0
+
+
+FORKED = """
+import multiprocessing, sys, warnings
+import numpy as np
+from deformnb import ControlPoints, Deformation, Volume
+
+def work(pipe=None):
+    volume = Volume.from_array(np.arange(512.0).reshape(8, 8, 8))
+    points = ControlPoints.from_arrays([[1.0, 1, 1], [6, 2, 3]], [[2.0, 1, 1], [6, 3, 3]])
+    try:
+        said = str(Deformation.in_space(points).apply(volume).shape)
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+    if pipe is not None:
+        pipe.send(said)
+    return said
+
+warnings.simplefilter("ignore")  # Python and JAX warn of forks beside threads, and what they warn of is tested here
+if sys.argv[1] == "used":
+    work()
+mine, other = multiprocessing.Pipe()
+child = multiprocessing.get_context("fork").Process(target=work, args=(other,))
+child.start()
+print(mine.recv() if mine.poll(60) else "hangs")
+child.kill()
+child.join()
+print(work())  # the parent goes on
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.parametrize(("parent", "wanted"), [("used", "DeformError: this process was made by fork"),
+                                                ("fresh", "(8, 8, 8)")])
+def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hanging(parent: str, wanted: str) -> None:
+    done = subprocess.run([sys.executable, "-c", FORKED, parent], capture_output=True, text=True, timeout=180,
+                          check=True)
+    child, own = done.stdout.splitlines()
+    assert child.startswith(wanted)
+    assert ("spawn" in child) == (parent == "used")
+    assert own == "(8, 8, 8)"
