@@ -17,6 +17,7 @@ from deformnb.errors import DeformError, FileChangedError, VolumeFileError
 from deformnb.io.atomic import writing_held_by
 from deformnb.io.documents import describe_document, read_deformation, write_deformation
 from deformnb.plane import Plane
+from deformnb.session import Session
 from deformnb.volume import Grid, Volume
 
 FLAT = ControlPoints.from_arrays([[0, 0], [5, 0], [2, 4]], [[0, 0], [6, 0], [2, 5]])
@@ -212,3 +213,24 @@ def test_rigid_parts_cuts_and_key_frames_are_described() -> None:
     assert "2 cut(s) by the rule paper (midline, a line; a polygon, switched off)" in rows["step 1"]
     assert rows["mode"].startswith("blend: ")
     assert rows["animation"] == "2 key frames at 0, 1.5 s"
+
+
+@pytest.mark.parametrize(("name", "wanted"), [
+    ("drag.tfm", "drag.json"), ("drag.h5", "drag.json"), ("a.b.XFM", "a.b.json"), ("points.mrk.json", "points.json"),
+    ("v.npy.json", "v.json"), ("out.nii.gz", "out.json"), ("out.NRRD", "out.json"), ("drag.json.gz", "drag.json"),
+])
+def test_no_document_is_written_under_the_suffix_of_another_kind_of_file(name: str, wanted: str,
+                                                                         tmp_path: Path) -> None:
+    with pytest.raises(VolumeFileError, match=f"name it {wanted}") as caught:
+        write_deformation(Deformation(), tmp_path / name)
+    assert ("write_volume" in str(caught.value)) == name.startswith("out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_and_its_studio_write_no_document_under_another_suffix(tmp_path: Path) -> None:
+    session = Session(Volume.from_array(np.arange(64.0).reshape(4, 4, 4)))
+    with pytest.raises(VolumeFileError, match=r"name it drag\.json"):
+        session.save(tmp_path / "drag.h5")
+    assert session.saved is None
+    assert session.file is None
+    assert not list(tmp_path.iterdir())

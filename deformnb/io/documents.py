@@ -11,11 +11,15 @@ from deformnb.deformation import Deformation, Step
 from deformnb.document import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import shown
+from deformnb.io.formats import FORMATS
+from deformnb.io.headers import fail, shown
 from deformnb.io.known_files import KnownFiles
 from deformnb.rigid_parts import RigidPart
 
 _HERE = KnownFiles()  # of all that belongs to no session
+
+# The markups of 3D Slicer, and the side files of arrays.
+_OTHER_JSON = (".mrk.json", ".npy.json", ".raw.json")
 
 
 def read_deformation(path: str | PathLike[str]) -> Deformation:
@@ -55,15 +59,27 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
 
     Parameters
     ----------
+    path : ends in ``.json`` or has no suffix; any other says a kind of file that this is not.
     known : files that may be replaced while they hold what they held when they were last read or written; default are
         those of :func:`read_deformation` and of this function in this process. This one is known afterwards.
     overwrite : whether any file may be replaced.
 
     Raises
     ------
+    VolumeFileError
+        If the path ends otherwise.
     FileChangedError
         If the file is there and is not known, or was changed since.
+
+    Examples
+    --------
+    >>> write_deformation(Deformation(), "drag.tfm")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.VolumeFileError: drag.tfm: a deformation is written as JSON, and .tfm says another kind of file;
+    name it drag.json.
     """
+    check_json_target(path, "a deformation")
     data = to_json(deformation).encode("utf-8")
     files = _HERE if known is None else known
     if overwrite:
@@ -74,6 +90,26 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
     with writing as stream:
         stream.write(data)
     files.remember(path, data)
+
+
+def check_json_target(path: str | PathLike[str], what: str) -> None:
+    """Refuse to write JSON to a path with another suffix than ``.json``, or with that of another kind of JSON.
+
+    Raises
+    ------
+    VolumeFileError
+        With a name that would do, and what writes a volume if the end of the path is that of one.
+    """
+    place = Path(path)
+    name, suffix = place.name, "".join(place.suffixes[-2:]).lower()
+    if place.suffix.lower() in ("", ".json") and suffix not in _OTHER_JSON:
+        return
+    said = suffix if suffix in _OTHER_JSON or suffix == ".nii.gz" else place.suffix
+    stem = name[:len(name) - len(said)].removesuffix(".json")
+    volume = (" (write_volume(deformation.apply(volume), path) writes the deformed volume)"
+              if any(name.lower().endswith(row.suffixes) for row in FORMATS.values()) else "")
+    raise fail(place, f"{what} is written as JSON, and {said} says another kind of file; "
+                      f"name it {shown(stem)}.json{volume}.")
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:

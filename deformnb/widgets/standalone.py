@@ -17,6 +17,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,8 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
     editor, view, options : as in :func:`standalone_html`.
     overwrite : whether an existing file may be replaced.
     """
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
     check_target(path, overwrite=overwrite)  # before the work
     text = standalone_html(editor, view, **options).encode("utf-8")
     with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
