@@ -54,12 +54,31 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "tested"
 
 
+# What a notebook's text says of its numbers, as the numbers must say it.
+SAID = {
+    "01_quickstart": [r"128 x 256 x 128 voxels \(x, y, z\)"],
+    "02_bend_and_cut_a_bar": [r"together +rule source +gap +0\.00 mm", r"together +rule paper +gap +16\.00 mm"],
+    "04_bend_a_knee": [r"rigid parts +40\.0 deg +100\.0% +100\.0% +100% and 100%, at 100% of its places"],
+    "06_cut_an_abdomen": [r"spine that changed: 0 of \d",
+                          r"outside the support: 0\.0e\+00 mm; smallest determinant: 0\."],
+    "07_heads_and_horses": [r"nothing folds: True[^$]*nothing folds: True", r"legs move by 0\.0 voxels"],
+    "08_a_map_you_can_believe": [r"suspect: nape, first ray\n", r"as far as is safe .* folded 0\.0 %",
+                                 r"in \d+ stages .* folded 0\.0 %", r"at worst, 100\.0 % of the places"],
+}
+
+
 # The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
 @pytest.mark.filterwarnings("default")
 @every_notebook
 def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:
     outputs = executed(path, kernel, tmp_path)
     assert any(kind.startswith("image/") for output in outputs[-1] for kind in output.get("data", {}))
+    texts = "".join(output.get("text", "") for cell in outputs for output in cell)
+    assert not re.search(r"\b(nan|inf)\b", texts), texts
+    shares = [float(number) for number in re.findall(r"(-?\d+(?:\.\d+)?) ?%", texts)]
+    assert [share for share in shares if not -100 <= share <= 1000] == [], "a share of what was not found"
+    for wanted in SAID.get(path.stem, ()):
+        assert re.search(wanted, texts), texts
 
 
 def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
