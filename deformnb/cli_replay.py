@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deformnb.cli_stages import Stage, note, stages
-from deformnb.cli_warp import add_spacing, read_input
+from deformnb.cli_warp import add_spacing, read_grid, read_input
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def add_replay(commands: Any) -> None:
 
 def _replay(options: argparse.Namespace) -> None:
     from deformnb.io.atomic import atomic_write, check_target
-    from deformnb.io.documents import read_deformation
+    from deformnb.io.documents import check_json_target, read_deformation
     from deformnb.replay import as_rows, replay, summary
 
     _check(options)
@@ -54,6 +54,7 @@ def _replay(options: argparse.Namespace) -> None:
     if options.strength != 1:
         document = document.blended(options.strength)
     if options.summary:
+        check_json_target(options.summary, "a summary")
         check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
     with stages() as stage:
         results = replay(document, options.inputs, options.out, work=_Work(options, stage),
@@ -121,14 +122,14 @@ class _Work:
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
             document = placed(document, grid, self._options.place)
+            grid = document.own_grid(grid)
             facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
             return facts
-        volume = read_input(str(path), self._options.spacing, self._stage)
-        if self._options.labels:
-            volume = replace(volume, is_labels=True)
+        volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
         document = placed(document, volume.grid, self._options.place)
-        facts = _facts(document, volume.grid)  # first: what is written must be remembered at once, or counts as foreign
+        # First: what is written must be remembered at once, or counts as foreign.
+        facts = _facts(document, document.own_grid(volume.grid))
         self._write(document, volume, target)
         return facts
 
@@ -137,15 +138,14 @@ class _Work:
 
         warped = document.apply(volume, fill=self._options.fill, method=self._options.method,
                                 progress=self._stage(f"deform {target.name}"))
+        note(*(text for text in warped.notes if text not in volume.notes))
         write_volume(warped, target, progress=self._stage(f"write {target.name}"))
 
     def _space(self, path: Path) -> Grid:
-        from deformnb.io import describe_file
-
         if self._options.volume is None:
             raise DeformError(f"{path.name} does not say where its volume lies; name that with --volume FILE.")
         if self._grid is None:
-            self._grid = describe_file(self._options.volume).grid
+            self._grid = read_grid(self._options.volume, self._options.spacing)
         return self._grid
 
     def _mesh(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:

@@ -76,17 +76,15 @@ def _warp(options: argparse.Namespace) -> None:
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
-    from dataclasses import replace
-
     from deformnb.io import write_volume
 
     target = Path(options.output)
-    volume = read_input(options.input, options.spacing, stage)
-    if options.labels:
-        volume = replace(volume, is_labels=True)
-    note(*_differences(document, volume), *document.notes(volume.grid))
+    volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
+    note(*_differences(document, volume))
     output = _output_grid(document, volume, options)
-    warped = document.apply(volume, output=output, fill=options.fill, method=options.method, progress=stage("deform"))
+    given = {} if output is None else {"output": output}
+    warped = document.apply(volume, fill=options.fill, method=options.method, progress=stage("deform"), **given)
+    note(*(text for text in warped.notes if text not in volume.notes))
     write_volume(warped, target, progress=stage(f"write {target.name}"))
 
 
@@ -135,24 +133,23 @@ def _check_follower(options: argparse.Namespace, target: Path) -> None:
 
 def _space(document: Deformation, options: argparse.Namespace) -> Grid:
     """The grid of the volume of a session, from the header of its file."""
-    from deformnb.datasets.registry import recognised
+    grid = read_grid(options.volume, options.spacing)
+    if document.volume is not None and document.volume.shape != grid.shape:
+        note(f"the session was made on another volume ({document.volume.name or 'unnamed'}).")
+    note(*document.notes(grid))
+    return document.own_grid(grid)
+
+
+def read_grid(path: str, spacing: Sequence[float] | None) -> Grid:
+    """Where a volume lies, from the header of its file; of a mesh, where the volume lies that is made of it."""
+    from dataclasses import replace
+
     from deformnb.io import describe_file
     from deformnb.io.meshes import is_mesh, read_mesh
     from deformnb.surfaces import grid_around
 
-    if is_mesh(options.volume):  # a session made on a mesh is one on the volume that was made of it
-        grid, known = grid_around(read_mesh(options.volume)), None
-    else:
-        grid, known = describe_file(options.volume).grid, recognised(options.volume)
-    spacing = options.spacing or (known.spacing if known is not None else None)
-    if spacing is not None:
-        from dataclasses import replace
-
-        grid = replace(grid, spacing=tuple(spacing))
-    if document.volume is not None and document.volume.shape != grid.shape:
-        note(f"the session was made on another volume ({document.volume.name or 'unnamed'}).")
-    note(*document.notes(grid))
-    return grid
+    grid = grid_around(read_mesh(path)) if is_mesh(path) else describe_file(path).grid
+    return grid if spacing is None else replace(grid, spacing=(spacing[0], spacing[1], spacing[2]))
 
 
 def _check_output(target: Path, *, force: bool) -> None:
@@ -177,14 +174,16 @@ def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
         return
     if not (made.matches(volume) or made.has_labels(volume)):
         yield f"the session was made on another volume ({made.name or 'unnamed'})."
-    elif any(abs(a - b) > 1e-5 * a for a, b in zip(made.spacing, volume.grid.spacing, strict=True)):
+    elif any(abs(a - b) > 1e-5 * a for a, b in
+             zip(made.spacing, document.own_grid(volume.grid).spacing, strict=True)):
         was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))
         yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
 
 
 def _output_grid(document: Deformation, volume: Volume, options: argparse.Namespace) -> Grid | None:
     if options.resolution is None and options.margin is None:
-        return _affordable(document.output, volume)
+        _affordable(document.output, volume)
+        return None  # the document's own
     spacing = options.resolution
     if spacing is not None and len(spacing) not in (1, 3):
         raise DeformError(f"--resolution takes one length or three (x y z), got {len(spacing)}.")
@@ -229,9 +228,8 @@ def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
     return output
 
 
-def read_input(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volume:
-    """A volume of a file, with its true spacing where its file is known to be wrong; a mesh becomes a body."""
-    from deformnb.datasets.registry import recognised
+def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
+    """A volume of a file; a mesh becomes a body. What is to be said of it is printed."""
     from deformnb.io import read_volume
     from deformnb.io.meshes import is_mesh, read_mesh
     from deformnb.opening import body_of
@@ -241,10 +239,6 @@ def read_input(path: str, spacing: Sequence[float] | None, stage: Stage) -> Volu
             raise DeformError(f"--spacing is for volumes, and {Path(path).name} is none.")
         return body_of(read_mesh(path), stage(f"fill {Path(path).name}"))
     given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
-    known = recognised(path) if given is None else None
-    if known is not None and known.spacing is not None:
-        given = known.spacing
-        note(f"this is the {known.title}; its true spacing {given} is used (--spacing overrides it)")
-    volume = read_volume(path, spacing=given, progress=stage(f"read {Path(path).name}"))
+    volume = read_volume(path, spacing=given, is_labels=is_labels, progress=stage(f"read {Path(path).name}"))
     note(*volume.notes)
     return volume

@@ -7,7 +7,6 @@ document can be applied to another volume. ``document.py`` turns it into JSON an
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,12 +24,13 @@ from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.fields import AbstractField, Identity, blend, compose
 from deformnb.kernels import kernel_named
+from deformnb.known_spacings import KnownSpacing, older_document
 from deformnb.plane import Plane
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_parts import RigidPart
 from deformnb.staged import Fit, check_stages, fit_points
 from deformnb.trend import trend_named
-from deformnb.volume import Grid, Matrix3, Volume
+from deformnb.volume import Grid, Matrix3, Volume, voxel_checksum
 from deformnb.warp import warp
 
 MOST_STEPS = 500
@@ -98,6 +98,7 @@ class Step:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
             if not isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
+        self._check_kinds()
         kernel_named(self.kernel)
         trend_named(self.trend)
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
@@ -109,8 +110,6 @@ class Step:
             raise DeformError(f"the support radius must be a positive length, got {shown_value(self.support)}.")
         if not (is_finite(self.smoothing) and self.smoothing >= 0):
             raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
-        if not all(isinstance(m, ControlPoints) for m in self.maps):
-            raise DeformError(f"the maps of a step are sets of ControlPoints, got {shown_value(self.maps)}.")
         dim = 3 if self.plane is None else 2
         wanted = len(self.knots) if self.extrusion == "interpolate" else 1
         if len(self.maps) != wanted:
@@ -124,6 +123,15 @@ class Step:
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
+
+    def _check_kinds(self) -> None:
+        for given in self.maps:
+            if not isinstance(given, ControlPoints):
+                raise DeformError(f"the maps of a step are ControlPoints, got {_kind(given)}; "
+                                  "make some with ControlPoints.from_arrays(sources, targets).")
+        if not isinstance(self.plane, Plane | None):
+            raise DeformError(f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
+                              "Plane.along(volume.grid, \"+y\") makes one.")
 
     def _check_shapes(self, dim: int) -> None:
         if self.cut_rule not in CUT_RULES:
@@ -179,9 +187,14 @@ class Step:
         return fit_points(dragged, parts, stages=self.stages, kernel=self.kernel, support=support, trend=self.trend,
                           smoothing=self.smoothing)
 
-    def field(self, grid: Grid) -> AbstractField:
-        """The backward displacement in space of this step on a volume's grid."""
-        regions, found = self.cut_regions, self.fits_of_regions(grid)
+    def field(self, grid: Grid, found: list[dict[Sides, Fit]] | None = None) -> AbstractField:
+        """The backward displacement in space of this step on a volume's grid.
+
+        Parameters
+        ----------
+        found : its :meth:`fits_of_regions` on that grid, if they are solved already.
+        """
+        regions, found = self.cut_regions, self.fits_of_regions(grid) if found is None else found
         sides = sorted({side for fits in found for side in fits})
         nothing = Identity(2 if self.plane else 3)
         maps = [[fits.get(side, nothing) for fits in found] for side in sides]
@@ -198,6 +211,31 @@ def _pixel(grid: Grid, plane: Plane | None) -> float:
         return float(spacing.mean())
     along = np.abs(plane.frame[:2] @ np.asarray(grid.direction)) ** 2  # [u v, axis x y z], rows add up to 1
     return float((along @ spacing).mean())
+
+
+def _kind(given: Any) -> str:
+    """What something is, for messages."""
+    kind = type(given).__name__
+    return f"{kind} {shown_value(given)}" if isinstance(given, str | int | float) else kind
+
+
+def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
+    """Steps as a tuple, or what to give instead."""
+    if isinstance(given, Step):
+        raise DeformError(f"the steps of {whose} are a list; write [step], or (step,) with its comma.")
+    try:
+        steps = tuple(given)
+    except TypeError:
+        raise DeformError(f"the steps of {whose} are a list of Step, got {_kind(given)}.") from None
+    if all(isinstance(step, Step) for step in steps):
+        return steps
+    wrong = next(step for step in steps if not isinstance(step, Step))
+    way = "Deformation.on_picture and Deformation.in_space make one of points"
+    if isinstance(wrong, Deformation):
+        way = "first.then(second) joins two deformations"
+    elif isinstance(wrong, AbstractField):
+        way = "a document keeps control points and no fields; warp(volume, field) applies one"
+    raise DeformError(f"the steps of {whose} are of type Step, got {_kind(wrong)}; {way}.")
 
 
 _LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cuts"}
@@ -233,11 +271,8 @@ class VolumeReference:
     @classmethod
     def of(cls, volume: Volume) -> VolumeReference:
         """The reference of a volume."""
-        digest = hashlib.sha256(f"{volume.dtype.name} {volume.shape} ".encode())
-        for plane in volume.values:  # slice by slice: a strided or mapped array is never copied whole
-            digest.update(np.ascontiguousarray(plane).data)
-        grid = volume.grid
-        return cls(volume.name, volume.shape, grid.spacing, digest.hexdigest(), grid.origin, grid.direction)
+        grid, checksum = volume.grid, voxel_checksum(volume.dtype, volume.shape, volume.values)
+        return cls(volume.name, volume.shape, grid.spacing, checksum, grid.origin, grid.direction)
 
     @property
     def grid(self) -> Grid | None:
@@ -285,7 +320,7 @@ class Keyframe:
     steps: tuple[Step, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", tuple(self.steps))
+        object.__setattr__(self, "steps", _checked_steps(self.steps, "a key frame"))
         if not (np.isfinite(self.time) and self.time >= 0):
             raise DeformError(f"the time of a key frame must be seconds from 0 on, got {self.time}.")
 
@@ -330,13 +365,13 @@ class Deformation:
     output: Grid | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("steps", Step), ("keyframes", Keyframe)):
-            value = getattr(self, name)
-            parts = tuple(value) if isinstance(value, Iterable) else (None,)
-            if not all(isinstance(part, kind) for part in parts):
-                raise DeformError(f"the {name} of a deformation are a list of {kind.__name__}s, got "
-                                  f"{shown_value(value)}.")
-            object.__setattr__(self, name, parts)
+        object.__setattr__(self, "steps", _checked_steps(self.steps, "a deformation"))
+        keys = tuple(self.keyframes) if isinstance(self.keyframes, Iterable) else (self.keyframes,)
+        for key in keys:
+            if not isinstance(key, Keyframe):
+                raise DeformError(f"the key frames of a deformation are of type Keyframe, got {_kind(key)}; "
+                                  "Keyframe(seconds, steps) makes one.")
+        object.__setattr__(self, "keyframes", keys)
         longest = max(map(len, (self.steps, *(key.steps for key in self.keyframes))))
         if longest > MOST_STEPS:
             raise DeformError(f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. "
@@ -371,9 +406,38 @@ class Deformation:
         """One step with control points (x, y, z) in space."""
         return cls((Step((points,), None, **options),))
 
-    def then(self, step: Step) -> Deformation:
-        """One more step at the end."""
-        return replace(self, steps=(*self.steps, step))
+    def then(self, following: Step | Deformation) -> Deformation:
+        """One more step at the end, or all steps of another deformation.
+
+        Parameters
+        ----------
+        following : done after this one. A deformation brings its steps, and its ``output`` if it has one; all else
+            (name, volume, how it is played) stays that of this one.
+
+        Raises
+        ------
+        DeformError
+            If two deformations do not make one: with key frames, or with several steps that are added up ("blend").
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
+        >>> first = second = Deformation.in_space(points)
+        >>> len(first.then(second).steps)
+        2
+        """
+        if not isinstance(following, Deformation):
+            return replace(self, steps=(*self.steps, following))
+        for one in (self, following):
+            if one.keyframes:
+                raise DeformError("deformations with key frames cannot be joined; join their steps: "
+                                  "Deformation((*first.steps, *second.steps)).")
+            if one.mode != "compose" and len(one.steps) > 1:
+                raise DeformError(f"one of these deformations adds up its {len(one.steps)} steps (mode {one.mode!r}), "
+                                  "and a document has one mode; apply one after the other: "
+                                  "second.apply(first.apply(volume)).")
+        return replace(self, steps=(*self.steps, *following.steps), mode="compose",
+                       output=self.output if following.output is None else following.output)
 
     def with_step(self, index: int, step: Step) -> Deformation:
         """Another step in the place of an old one."""
@@ -402,15 +466,57 @@ class Deformation:
 
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
-        return MODES[self.mode](*(step.field(grid) for step in self.steps if step.enabled))
+        return self._solved(grid)[0]
+
+    def _solved(self, grid: Grid) -> tuple[AbstractField, tuple[str, ...]]:
+        """The field and the remarks of all fits, each solved once."""
+        found = [(step, step.fits_of_regions(grid)) for step in self.steps if step.enabled]
+        notes = (note for _, fits in found for regions in fits for fit in regions.values() for note in fit.notes)
+        return MODES[self.mode](*(step.field(grid, fits) for step, fits in found)), tuple(dict.fromkeys(notes))
 
     def notes(self, grid: Grid) -> tuple[str, ...]:
-        """Remarks of all fits ("points on one line ..."), each once."""
-        found = (note for step in self.steps if step.enabled for fit in step.fits(grid) for note in fit.notes)
-        return tuple(dict.fromkeys(found))
+        """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
+
+        Parameters
+        ----------
+        grid : of the volume that the document is applied to.
+        """
+        known = self.older_spacing(grid)
+        found = self._solved(self.own_grid(grid))[1]
+        return found if known is None else (known.older_note, *found)
+
+    def older_spacing(self, grid: Grid) -> KnownSpacing | None:
+        """The volume, if this was made on a known one with the wrong spacing of its file and ``grid`` has the true one.
+
+        See :mod:`deformnb.known_spacings`.
+        """
+        made = self.volume
+        return None if made is None else older_document(made.sha256, made.spacing, grid)
+
+    def own_grid(self, grid: Grid) -> Grid:
+        """Where a volume lies in the coordinates of this document: on its own grid, but for :meth:`older_spacing`."""
+        known = self.older_spacing(grid)
+        return grid if known is None else known.as_in_file(grid)
 
     def apply(self, volume: Volume, **options: Any) -> Volume:
-        """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warp.warp`."""
-        return warp(volume, self.field(volume.grid), **{"output": self.output, **options})
+        """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warp.warp`.
+
+        The result has the notes of the volume, and those of this document. One that was made on a known volume with the
+        wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
+        """
+        known, grid = self.older_spacing(volume.grid), self.own_grid(volume.grid)
+        output = self.output or grid
+        if known is not None and (options.get("output") is not None or output.direction != grid.direction):
+            raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
+                              f"studio on this volume and save it anew, or read the volume with "
+                              f"spacing={known.header_spacing}.")
+        field, notes = self._solved(grid)
+        if known is None:
+            warped = warp(volume, field, **{"output": self.output, **options})
+        else:
+            as_then = warp(replace(volume, grid=grid), field, **{**options, "output": output})
+            warped = replace(as_then, grid=known.corrected(output, volume.grid))
+            notes = (known.older_note, *notes)
+        return replace(warped, notes=tuple(dict.fromkeys((*volume.notes, *notes))))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Keyframe, Step
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.masks import Mask
 from deformnb.plane import Plane, Raster
 from deformnb.regions import AbstractRegion, HalfSpace, Line, Polygon
@@ -78,6 +78,37 @@ def placed(deformation: Deformation, grid: Grid, place: str = "as it is") -> Def
     if place not in PLACES:
         raise DeformError(f"unknown place {place!r}; choose one of {', '.join(PLACES)}.")
     return PLACES[place](deformation, grid)
+
+
+def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation, str]:
+    """A document for a volume whose file says a wrong spacing, and what to say; any other document as it is, and "".
+
+    One that was made with the spacing of the file (see :meth:`Deformation.older_spacing`) is laid "by the box" on the
+    same voxels with the true spacing, to be edited further: at its points the map is the same, between them it is not.
+
+    Parameters
+    ----------
+    grid : of the volume on which it shall be edited.
+
+    Raises
+    ------
+    OtherVolumeError
+        If it holds what cannot be laid there.
+    """
+    known, made = deformation.older_spacing(grid), deformation.volume
+    if known is None or made is None:
+        return deformation, ""
+    there = made.grid or known.as_in_file(grid)
+    was = replace(made, origin=there.origin, direction=there.direction)
+    try:
+        moved = placed(replace(deformation, volume=was), grid, "by the box")
+    except DeformError as error:
+        raise OtherVolumeError(f"{known.older_note}, and cannot be laid on the true one: {error} To go on, read "
+                               f"the volume with spacing={known.header_spacing}.") from None
+    now = replace(made, spacing=grid.spacing, origin=grid.origin, direction=grid.direction)
+    return replace(moved, volume=now), (
+        f"{known.older_note}. Its points were laid on the same voxels; between them the map differs a little. "
+        "Deformation.apply and deformnb warp still give the voxels of then, from the document as it was saved.")
 
 
 class _Box:

@@ -29,6 +29,7 @@ from deformnb.io.known_files import KnownFiles
 from deformnb.io.memory import available_memory
 from deformnb.look import Look, without_look
 from deformnb.picture import PROJECTIONS, Picture, project
+from deformnb.placing import with_true_spacing
 from deformnb.plane import VIEWS, Plane
 from deformnb.script import UNKNOWN_VOLUME, as_python
 from deformnb.step_changes import turned
@@ -58,7 +59,8 @@ class Session(EditedSteps):
     depth : where a "slice" lies along the normal, from the middle of the volume.
     transfer : colours and opacities, a :class:`~deformnb.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
-    notice : the last thing worth saying, such as a trend that was changed along with a kernel.
+    notice : the last thing worth saying, such as a trend that was changed along with a kernel; first the notes of the
+        volume.
     saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
     output : the grid of the result, which is what can be seen of it too (the field of view); None is the volume's own.
         It is part of the document: setting it is an edit that can be undone, and it is saved, restored and written as
@@ -91,6 +93,7 @@ class Session(EditedSteps):
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  output: Grid | None = None, **traits: Any) -> None:
         deformation, look = Look.parted(deformation or Deformation())
+        deformation, laid = with_true_spacing(deformation, volume.grid)
         if output is not None:
             deformation = replace(deformation, output=output)
         self._matter: Matter | None = None
@@ -103,6 +106,7 @@ class Session(EditedSteps):
         self.volume = volume
         home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(volume, deformation, home, **traits)
+        self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
         self._look_as(look, besides=traits, is_other=made_on is not None and made_on.shape != volume.shape)
 
@@ -329,8 +333,9 @@ class Session(EditedSteps):
         """
         document, content = read_document(path)
         self.take(document, allow_other_volume=allow_other_volume)
-        self.files.remember(path, content)
-        self.file = Path(path)
+        if self.saved is not None:  # else it was changed to fit, and the file keeps what it was
+            self.files.remember(path, content)
+            self.file = Path(path)
 
     def take(self, deformation: Deformation, label: str = "open a document", *,
              allow_other_volume: bool = False) -> None:
@@ -339,15 +344,21 @@ class Session(EditedSteps):
         See :meth:`open`.
         """
         deformation, look = Look.parted(deformation)
+        laid = ""
+        try:
+            deformation, laid = with_true_spacing(deformation, self.volume.grid)
+        except OtherVolumeError:
+            if not allow_other_volume:
+                raise
         difference = self.difference(deformation)
         if difference and not allow_other_volume:
             raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it all the same.")
         with self._lock:
             self._become(deformation, label, index=max(0, len(deformation.steps) - 1), key=0)
-            self.file, self.saved = None, self.deformation
+            self.file, self.saved = None, None if laid else self.deformation
         self._look_as(look, is_other=bool(difference))
-        if difference:
-            self.notice = difference
+        if difference or laid:
+            self.notice = difference or laid
 
     def difference(self, deformation: Deformation) -> str:
         """What is to be said of a document that was made on another volume; empty if it was made on this one.

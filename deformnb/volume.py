@@ -6,7 +6,8 @@ Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
 from deformnb.errors import DeformError
-from deformnb.voxels import MappedFile, cast, not_finite_note, optional_package, pyvista_parts, three_axes
+from deformnb.voxels import (
+    MappedFile,
+    cast,
+    label_note,
+    optional_package,
+    pyvista_parts,
+    three_axes,
+    value_notes,
+)
 
 Float3 = tuple[float, float, float]
 Matrix3 = tuple[Float3, Float3, Float3]
@@ -334,7 +343,8 @@ class Volume:
         array : [z, y, x] or [y, x].
         spacing, origin, direction : see :class:`Grid`.
         name : shown to people.
-        is_labels : voxels are names, not amounts; by default only bool voxels are.
+        is_labels : voxels are names, not amounts; by default only bool voxels are, and a note asks where whole numbers
+            look like labels.
 
         Raises
         ------
@@ -358,7 +368,7 @@ class Volume:
         values, cast_notes = cast(values)
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels
-        notes = axis_notes + cast_notes + not_finite_note(values)
+        notes = axis_notes + cast_notes + value_notes(values) + (label_note(values) if is_labels is None else ())
         return cls(values, Grid(shape, spacing, origin, direction), name, bool(labels), notes)
 
     @classmethod
@@ -465,3 +475,24 @@ class Volume:
 
 
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
+
+
+def voxel_checksum(dtype: np.dtype[Any], shape: tuple[int, int, int], slices: Iterable[NDArray[Any]]) -> str:
+    """SHA-256 of a volume's type, shape and voxels, in 64 hexadecimal digits: the same wherever it lies.
+
+    Parameters
+    ----------
+    dtype : native type of the voxels.
+    shape : (nz, ny, nx).
+    slices : the voxels [z, y, x], one or several slices at a time: what is mapped or strided is never copied whole.
+
+    Examples
+    --------
+    >>> voxels = np.zeros((2, 3, 4), np.uint8)
+    >>> voxel_checksum(voxels.dtype, (2, 3, 4), voxels)[:12]
+    'c969b47f3d92'
+    """
+    digest = hashlib.sha256(f"{dtype.name} {shape} ".encode())
+    for part in slices:
+        digest.update(np.ascontiguousarray(part).data)
+    return digest.hexdigest()

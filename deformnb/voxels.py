@@ -136,8 +136,15 @@ def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
     return np.dtype(np.float64)
 
 
-def not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
-    """A note that counts the voxels that are NaN or infinite, if any."""
+def value_notes(array: NDArray[Any]) -> tuple[str, ...]:
+    """Notes on voxels that are NaN or infinite, and on an array [z, y, x] that holds one value only."""
+    first = array[0, 0, 0]
+    if (array[0] == first).all() and all((slab == first).all() for slab in slabs(array)):
+        return (f"every voxel has the value {float(first):g}: there is nothing to see in this volume",)
+    return _not_finite_note(array)
+
+
+def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     if array.dtype.kind != "f":
         return ()
     bad = sum(int(slab.size - np.count_nonzero(np.isfinite(slab))) for slab in slabs(array))
@@ -146,6 +153,47 @@ def not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     many = f"{bad:,}".replace(",", " ")
     return (f"{many} voxels are not finite, shown as background" if bad > 1
             else "1 voxel is not finite, shown as background",)
+
+
+# What tells labels from amounts: the share of equal neighbours along x, averaged over the values, and among the others
+# the share that differs by 1. Measured: atlases of knee and abdomen 0.93 and 0.88, 0.01 and 0.04; phantoms of labels
+# from 0.78 on, up to 0.43; CT and MR below 0.08; CT in only 16 grey values up to 0.57, from 0.81 on.
+_LEAST_EQUAL, _MOST_UNIT_STEPS = 0.6, 0.6
+_MOST_LABELS = 1000
+_FEWEST_PAIRS = 1000  # fewer say nothing
+_SAMPLED_VOXELS = 2**18
+
+
+def label_note(array: NDArray[Any]) -> tuple[str, ...]:
+    """A note that asks, if an array [z, y, x] of whole numbers looks like the labels of a segmentation.
+
+    Labels are few and lie in regions of one value each, whose numbers say nothing of their neighbours'; amounts vary
+    within a region, or step by step from one to the next. Two values alone are no question: between 0 and 1 there is
+    no third one to be made up.
+    """
+    if array.dtype.kind not in "iu" or array.shape[2] < 2:
+        return ()
+    every = max(1, array.size // _SAMPLED_VOXELS)
+    planes = min(every, max(1, array.shape[0] // 8))
+    rows = min(max(1, every // planes), max(1, array.shape[1] // 8))
+    sample = array[planes // 2::planes, rows // 2::rows]
+    left, right = sample[:, :, :-1], sample[:, :, 1:]
+    is_equal, lowest = left == right, sample.min()
+    counted = (left != lowest) | (right != lowest)
+    pairs = np.count_nonzero(counted)
+    if pairs < _FEWEST_PAIRS or 2 * np.count_nonzero(is_equal & counted) < pairs:
+        return ()  # nearly all of what is scanned ends here
+    values, index = np.unique(left, return_inverse=True)
+    if not 3 <= len(values) <= _MOST_LABELS:
+        return ()
+    equal = np.bincount(index.ravel(), is_equal.ravel()) / np.bincount(index.ravel())
+    steps = np.abs(right[~is_equal].astype(np.float64) - left[~is_equal])
+    if equal.mean() < _LEAST_EQUAL or np.mean(steps == 1) > _MOST_UNIT_STEPS:
+        return ()
+    note = (f"the voxels look like labels ({len(values)} whole numbers in regions of one value each) but are not "
+            "declared as such: deforming makes up values between them; say is_labels=True (--labels in a command) to "
+            "keep each as it is, or is_labels=False if they are amounts")
+    return (note,)
 
 
 def optional_package(package: str) -> Any:

@@ -48,12 +48,19 @@ def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fi
 
     Returns
     -------
-    Volume of the same voxel type. Integers are rounded to the nearest, halves upwards, and clipped to their type.
+    Volume of the same voxel type, with the notes of the one that was given. Integers are rounded to the nearest, halves
+    upwards, and clipped to their type.
 
     Raises
     ------
     DeformError
-        If the field is not one in space, is not finite, or the options do not fit the voxels.
+        If the field is not one in space, is not finite, or the options do not fit the voxels; in a process made by
+        ``fork`` after its parent has deformed something, where JAX would wait for ever.
+
+    Notes
+    -----
+    All processors are used already. To share work among processes all the same, start them with "spawn":
+    ``ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn"))``.
 
     See Also
     --------
@@ -120,7 +127,7 @@ class Warper:
                               "smaller or its spacing larger (output).") from None
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
-        return Volume(values, self.output, self.volume.name, self.volume.is_labels)
+        return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
     def _planned(self, plan: warp_plan.Extruded | None, field: AbstractField,
                  progress: Progress | None) -> NDArray[Any]:

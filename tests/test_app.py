@@ -436,3 +436,10 @@ def test_a_desk_goes_on_with_a_session_and_edits_its_last_picture() -> None:
     alone = Desk(Session(volume, Deformation(kept.steps[1:]), view="+y"))
     assert [s.plane is None for s in alone.session.deformation.steps] == [True, False]
     alone.close()
+
+
+def test_the_notes_of_a_volume_are_said_in_the_page() -> None:
+    constant = Volume.from_array(np.full((6, 7, 8), 3.0))
+    desk = Desk(Session(constant))
+    assert desk.state()["notice"] == "Every voxel has the value 3: there is nothing to see in this volume."
+    desk.close()

@@ -12,12 +12,15 @@ import oracle
 import pytest
 from command_line import refused, remarks, run, small_folder
 
+from deformnb import known_spacings
 from deformnb.control_points import ControlPoints
+from deformnb.datasets import knee_labels
 from deformnb.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.landmarks import read_landmarks, write_landmarks
 from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
+from deformnb.known_spacings import KnownSpacing
 from deformnb.landmarks import Landmarks
 from deformnb.opening import as_volume
 from deformnb.surfaces import Mesh
@@ -186,7 +189,7 @@ def test_force_overwrites(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_another_volume_is_deformed_with_a_note(small: Path, capsys: pytest.CaptureFixture[str],
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    write_volume(Volume.from_array(np.ones((6, 7, 8), np.uint8)), small / "other.nrrd")
+    write_volume(Volume.from_array(np.eye(8, dtype=np.uint8)[None].repeat(6, 0)), small / "other.nrrd")
     assert run(small, "warp pull.json other.nrrd out.nrrd", monkeypatch) == 0
     captured = capsys.readouterr()
     assert captured.out == "out.nrrd\n"
@@ -272,3 +275,34 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
     order = np.lexsort((moved.points + field.displacement(moved.points)).round(3).T)
     wanted = corners[np.lexsort(corners.T)]
     oracle.assert_close((moved.points + field.displacement(moved.points))[order], wanted, atol=1e-4)
+
+
+def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytest.CaptureFixture[str],
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    write_volume(Volume.from_array(knee_labels((24, 24, 24)).values, is_labels=False), small / "labels.nrrd")
+    assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
+    assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, said once"
+    assert run(small, "warp pull.json labels.nrrd out.nrrd --labels --force", monkeypatch) == 0
+    assert "--labels" not in remarks(capsys.readouterr().err)
+    assert run(small, "info labels.nrrd", monkeypatch) == 0
+
+
+def test_a_known_volume_has_its_true_spacing_and_older_sessions_its_voxels(
+        small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = read_volume(small / "tiny.nrrd")
+    made = VolumeReference.of(volume)
+    row = KnownSpacing("fish", made.shape, volume.dtype.name, made.sha256, made.spacing, (3.0, 1.0, 1.0), "anatomy")
+    assert run(small, "warp pull.json tiny.nrrd then.nrrd", monkeypatch) == 0
+    capsys.readouterr()
+    monkeypatch.setattr(known_spacings, "known_spacings", lambda: (row,))
+    assert run(small, "warp pull.json tiny.nrrd now.nrrd", monkeypatch) == 0
+    said = remarks(capsys.readouterr().err)
+    assert "which is wrong" in said
+    assert "wrong spacing of its file" in said
+    then, now = read_volume(small / "then.nrrd"), read_volume(small / "now.nrrd")
+    assert (now.values == then.values).all()
+    assert now.grid.spacing == (3, 1, 1)
+    assert run(small, "warp pull.json tiny.nrrd other.nrrd --margin 2", monkeypatch) == 2
+    assert "no other grid than its own" in capsys.readouterr().err
+    assert run(small, "info tiny.nrrd", monkeypatch) == 0
+    assert "3 x 1 x 1" in capsys.readouterr().out

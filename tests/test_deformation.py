@@ -16,7 +16,7 @@ from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document import from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS
-from deformnb.fields import Composed, Identity
+from deformnb.fields import Composed, Identity, compose
 from deformnb.kernels import KERNELS
 from deformnb.plane import VIEWS, Plane
 from deformnb.rbf import fit_rbf
@@ -25,6 +25,7 @@ from deformnb.rigid_motion import RigidMotion
 from deformnb.rigid_parts import RigidPart
 from deformnb.trend import TRENDS
 from deformnb.volume import Grid, Volume
+from deformnb.warp import warp
 
 GRID = Grid((9, 11, 13), (1.0, 2.0, 1.5), (-7.0, 4.0, 12.0))
 TURNED = replace(GRID, direction=tuple(map(tuple, Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix().tolist())))
@@ -317,3 +318,81 @@ def test_key_frames_rise() -> None:
 def test_shapes_that_do_not_fit_a_step_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(DeformError, match=message):
         Step(**{"maps": (POINTS,), "plane": PLANE, **options})
+
+
+# ---- two deformations in one, and what is no step ------------------------------------------------------------------
+
+
+def _pushes() -> tuple[Deformation, Deformation, Volume]:
+    volume = Volume.from_array(np.random.default_rng(2).integers(0, 200, (10, 12, 14)).astype(np.uint8))
+    one = Deformation.in_space(ControlPoints.from_arrays([[4.0, 5, 5]], [[5.0, 5.5, 5]]), support=6.0, trend="none")
+    corners = [[1.0, 1], [12, 1], [1, 8], [12, 8]]
+    points = ControlPoints.from_arrays([*corners, [6, 4]], [*corners, [7, 5]])
+    return one, Deformation.on_picture(volume.grid, "+y", points), volume
+
+
+def test_a_deformation_then_another_is_one_with_the_steps_of_both() -> None:
+    first, second, volume = _pushes()
+    joined = replace(first, name="first").then(second)
+    assert joined.steps == (*first.steps, *second.steps)
+    assert joined.name == "first"
+    places = np.random.default_rng(3).uniform(1, 9, (50, 3))
+    by_hand = compose(first.field(volume.grid), second.field(volume.grid))
+    np.testing.assert_array_equal(np.asarray(joined.field(volume.grid)(places)), np.asarray(by_hand(places)))
+    box = volume.grid.resampled(margin=2.0)
+    assert first.then(replace(second, output=box)).output == box
+    assert replace(first, output=box).then(second).output == box
+    assert replace(first, mode="blend").then(second).mode == "compose", "one step alone is the same in both modes"
+
+
+def test_what_two_deformations_cannot_say_together_is_refused() -> None:
+    first, second, _ = _pushes()
+    several = replace(first, steps=first.steps * 2, mode="blend")
+    for one, other in ((several, second), (second, several)):
+        with pytest.raises(DeformError, match="one after the other"):
+            one.then(other)
+    animated = replace(first, keyframes=(Keyframe(1.0, first.steps),))
+    for one, other in ((animated, second), (second, animated)):
+        with pytest.raises(DeformError, match="key frames"):
+            one.then(other)
+
+
+@pytest.mark.parametrize(("wrong", "way"), [
+    (Identity(3), r"Identity.*warp\(volume, field\)"), (Deformation(), r"first\.then\(second\)"),
+    (ControlPoints.from_arrays([[0.0, 0]], [[1.0, 0]]), "Deformation.on_picture"), (None, "NoneType"), ("a", "str 'a'"),
+])
+def test_what_is_no_step_is_refused_at_once(wrong: Any, way: str) -> None:
+    first, _, _ = _pushes()
+    for make in (lambda: Deformation((wrong,)), lambda: Keyframe(1.0, (*first.steps, wrong)),
+                 lambda: first.with_step(0, wrong)):
+        with pytest.raises(DeformError, match=way):
+            make()
+
+
+def test_what_is_no_list_of_steps_is_refused_at_once() -> None:
+    first, _, _ = _pushes()
+    with pytest.raises(DeformError, match="write"):
+        Deformation(first.steps[0])  # type: ignore[arg-type]
+    with pytest.raises(DeformError, match="list of Step, got Identity"):
+        Deformation(Identity(3))  # type: ignore[arg-type]
+    with pytest.raises(DeformError, match="of type Step, got Identity"):
+        first.then(Identity(3))  # type: ignore[arg-type]
+    with pytest.raises(DeformError, match="of type Keyframe"):
+        Deformation(keyframes=first.steps)  # type: ignore[arg-type]
+    with pytest.raises(DeformError, match="ControlPoints, got list"):
+        Step(([[0.0, 0, 0]],), None)  # type: ignore[arg-type]
+    with pytest.raises(DeformError, match="Plane or None, got str"):
+        Step(first.steps[0].maps, "+y")  # type: ignore[arg-type]
+
+
+def test_a_result_has_the_notes_of_its_volume_and_of_its_fits() -> None:
+    values = np.random.default_rng(2).random((8, 8, 8))
+    values[3, 3, 3] = np.nan
+    volume = Volume.from_array(values)
+    line = ControlPoints.from_arrays([[1.0, 4, 4], [4, 4, 4], [7, 4, 4]], [[1.0, 4, 4], [4, 5, 4], [7, 4, 4]])
+    deformation = Deformation.in_space(line)
+    own = deformation.notes(volume.grid)
+    assert own
+    assert deformation.apply(volume).notes == (*volume.notes, *own)
+    assert "1 voxel is not finite" in volume.notes[0]
+    assert warp(volume, deformation.field(volume.grid)).notes == volume.notes

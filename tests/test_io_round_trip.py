@@ -335,11 +335,11 @@ def test_vti_with_an_extent_that_begins_elsewhere_and_with_cells(tmp_path: Path)
 
 
 def test_the_carp_and_its_spacing(real_data) -> None:
-    carp = read_volume(real_data("carp.nii.gz"), stride=4)
+    carp = read_volume(real_data("carp.nii.gz"), stride=4, spacing=(1, 1, 1))
     assert carp.shape == (64, 128, 64)
     assert carp.grid.orientation == "RAS"
     assert carp.grid.spacing == (4, 4, 4)
-    true = read_volume(real_data("carp.nii.gz"), stride=4, spacing=(0.390625, 1, 0.78125))
+    true = read_volume(real_data("carp.nii.gz"), stride=4)
     assert true.grid.spacing == (1.5625, 4, 3.125)
     np.testing.assert_array_equal(true.values, carp.values)
 
@@ -348,7 +348,8 @@ def test_the_carp_and_its_spacing(real_data) -> None:
                                   "knee_mr_bent.nrrd", "lobster.nrrd"])
 def test_real_files_as_simpleitk_reads_them(name: str, real_data) -> None:
     sitk = pytest.importorskip("SimpleITK")
-    read, image = read_volume(real_data(name)), sitk.ReadImage(str(real_data(name)))
+    image = sitk.ReadImage(str(real_data(name)))
+    read = read_volume(real_data(name), spacing=image.GetSpacing())  # as the file says, the carp's wrong one too
     np.testing.assert_array_equal(read.values, sitk.GetArrayViewFromImage(image))
     last = np.array(image.GetSize()) - 1
     for index in (np.zeros(3, int), last):

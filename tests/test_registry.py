@@ -11,15 +11,12 @@ import subprocess
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import pytest
 
 from deformnb.datasets import DATASETS, PHANTOMS, fetch, registry
-from deformnb.datasets.registry import recognised
 from deformnb.errors import Cancelled, DeformError, VolumeFileError
 
 BODY = bytes(range(256)) * 300  # 76,800 bytes: several chunks
@@ -246,13 +243,3 @@ def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):
     assert carp.grid.lengths == pytest.approx(stand_in.lengths)
     assert carp.grid.direction == stand_in.direction, "the same view shows the same side of both"
     assert carp.shape == (256, 512, 256)
-
-
-def test_a_known_file_is_recognised_under_any_name(real_data: Callable[[str], Path], tmp_path: Path) -> None:
-    other = tmp_path / "fish of mine.nii.gz"
-    other.write_bytes(real_data("carp.nii.gz").read_bytes())
-    assert recognised(other) is DATASETS["carp"]
-    other.write_bytes(other.read_bytes()[:-1] + b"\0")  # as long, but not the same
-    assert recognised(other) is None
-    assert recognised(tmp_path / "nothing") is None
-    assert recognised(tmp_path) is None

@@ -449,3 +449,14 @@ def test_the_studio_stands_in_boxes(studio: Studio) -> None:
     box = ipw.HBox([studio, ipw.Label("beside")])
     assert box.children[0] is studio
     assert "24 x 20 x 16" in repr(studio)
+
+
+def test_the_notes_of_a_volume_are_said_beside_the_welcome() -> None:
+    values = np.random.default_rng(5).random((8, 9, 10))
+    values[2, 3, 4] = np.nan
+    studio = Studio(values)
+    said = studio._words.notice.value
+    assert "1 voxel is not finite, shown as background." in said
+    assert "Double-click" in said
+    assert studio.children[-1] is studio._words.box, "below everything: it moves no picture"
+    studio.close()

@@ -9,15 +9,20 @@ import pickle
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from deformnb import DeformError, Grid, Volume
+from deformnb.datasets import PHANTOMS, knee_labels
 from deformnb.errors import FileChangedError
+from deformnb.io import read_volume
 from deformnb.volume import DTYPES, IDENTITY
 from deformnb.voxels import KEPT
 
@@ -446,3 +451,58 @@ def test_maps_without_a_name_and_without_a_file(tmp_path: Path) -> None:
         file.truncate(10)
     with pytest.raises(FileChangedError, match="cut short"):
         _ = volume.values
+
+
+# ---- what an array looks like --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "asks"), [
+    ("knee_labels.nrrd", True), ("abdomen_labels.nrrd", True), ("carp.nii.gz", False), ("lobster.nrrd", False),
+    ("abdomen_ct.nii.gz", False), ("knee_mr_straight.nrrd", False), ("knee_mr_bent.nrrd", False),
+])
+def test_labels_that_no_file_declares_are_asked_about_and_scans_are_not(name: str, asks: bool,
+                                                                        real_data: Callable[[str], Path]) -> None:
+    path = real_data(name)
+    volume = read_volume(path)
+    assert not volume.is_labels
+    assert any("is_labels=True" in note for note in volume.notes) == asks
+    for told in (True, False):
+        volume = read_volume(path, is_labels=told)
+        assert volume.is_labels == told
+        assert not [note for note in volume.notes if "labels" in note]
+
+
+@pytest.mark.parametrize("kind", sorted(PHANTOMS))
+def test_no_phantom_of_grey_values_looks_like_labels(kind: str) -> None:
+    values = PHANTOMS[kind].make((24, 32, 28)).values
+    assert Volume.from_array(values).notes == ()
+    smooth = ndimage.gaussian_filter(values.astype(np.float32), 1.5)
+    assert Volume.from_array((smooth // 16).astype(np.uint8)).notes == (), "few grey values are no labels either"
+
+
+def test_labels_of_a_phantom_are_asked_about_in_every_array() -> None:
+    labels = knee_labels((40, 40, 40))
+    for values in (labels.values, labels.values.astype(np.int32), labels.values.astype(np.int64)):
+        asked = Volume.from_array(values)
+        assert sum("is_labels=True" in note for note in asked.notes) == 1
+        assert Volume.from_array(values, is_labels=False).notes == tuple(n for n in asked.notes if "became" in n)
+
+
+@pytest.mark.parametrize("values", [
+    np.random.default_rng(0).integers(0, 5, (20, 20, 20)),  # noise of five values
+    np.kron(np.eye(2, dtype=np.uint8)[None], np.full((20, 20, 20), 200, np.uint8)),  # two values are no question
+    np.tile(np.arange(40) // 8, (20, 20, 1)),  # a ramp in few steps
+    np.tile(np.arange(4).repeat(2), (2, 2, 1)),  # too few voxels to say
+    np.zeros((5, 5, 1), int),
+])
+def test_no_question_is_asked_of_what_need_not_be_labels(values: Any) -> None:
+    assert not [note for note in Volume.from_array(values.astype(np.int16)).notes if "labels" in note]
+
+
+@pytest.mark.parametrize("value", [0, 7, -3.5, True])
+def test_a_volume_of_one_value_is_noted(value: float) -> None:
+    values = np.full((5, 6, 7), value)
+    assert any(f"has the value {float(value):g}" in note for note in Volume.from_array(values).notes)
+    values[-1, -1, -1] = not value
+    assert Volume.from_array(values.astype(np.float32)).notes == ()
+    assert "not finite" in Volume.from_array(np.full((2, 2, 2), np.nan)).notes[0]

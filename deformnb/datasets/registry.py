@@ -41,7 +41,7 @@ class Dataset:
     licence : what is known about the terms.
     source : where it comes from, in words.
     phantom : the offline stand-in, a name in PHANTOMS.
-    spacing : the true voxel spacing (x, y, z) where the file's header is wrong or silent; None trusts the header.
+    spacing : (x, y, z) of the voxels, where files may come without one; None is what :func:`read_volume` finds.
     is_labels : voxels are numbers of structures.
     remark : what else a user should know.
     """
@@ -69,8 +69,8 @@ DATASETS: dict[str, Dataset] = {
         "CT of a carp, the paper's own (figure 3), 256 x 512 x 256", "carp.nii.gz", _MRICROGL + "carp.nii.gz",
         "65c94568fcb941d888e37c8465e7fc0a7b9338b056bf3ca47209890dbac26f7a", 3036369,
         "Michael Scheuring, Computer Graphics Group, University of Erlangen", "no licence is stated",
-        "copy in the repository of MRIcroGL", "fish", spacing=(0.390625, 1.0, 0.78125),
-        remark="The header says 1, 1, 1; the spacing here is that of the animal's anatomy.",
+        "copy in the repository of MRIcroGL", "fish",
+        remark="The header says 1, 1, 1; the reader takes the spacing of the animal's anatomy instead, with a note.",
     ),
     "head_ct": Dataset(
         "CT of a human head, 208 x 256 x 225, scaled to 0..1", "head_ct.nii.gz", _MRICROGL + "ct.nii.gz",
@@ -115,18 +115,6 @@ def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("deformnb", appauthor=False) / "data"
-
-
-def recognised(path: str | os.PathLike[str]) -> Dataset | None:
-    """The dataset that a file is, whatever its name, by size and checksum; None if it is none of them."""
-    file = Path(path)
-    if not file.is_file():
-        return None
-    likely = [d for d in DATASETS.values() if d.size is not None and d.size == file.stat().st_size]
-    if not likely:  # no reading of a large file for nothing
-        return None
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    return next((d for d in likely if d.sha256 == digest), None)
 
 
 def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Path:

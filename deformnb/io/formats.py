@@ -19,7 +19,8 @@ from deformnb.io.atomic import check_target
 from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
 from deformnb.io.packing import Progress
-from deformnb.volume import Float3, Grid, Volume
+from deformnb.known_spacings import known_spacing
+from deformnb.volume import Float3, Grid, Volume, voxel_checksum
 
 Writer = Callable[[Volume, Path, bool, Progress], None]
 
@@ -173,8 +174,10 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices.
     name : of the volume; by default the file's name without its suffix.
     series : which DICOM series, if there are several (its number, UID or description).
-    spacing : (x, y, z) instead of the file's; origin and direction stay as the file says.
-    is_labels : voxels are names of regions; by default what the file says, else only bool voxels are.
+    spacing : (x, y, z) instead of the file's; origin and direction stay as the file says. By default the file's, but
+        for a public volume whose files are known to be wrong (:mod:`deformnb.known_spacings`); a note says so.
+    is_labels : voxels are names of regions; by default what the file says, else only bool voxels are, and a note asks
+        where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
     max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.
     progress : told the share done, 0 to 1; may raise Cancelled.
@@ -201,13 +204,15 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         kind, header = _read_header(place, series)
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
-        loaded = Volume.from_array(_load(header, step, progress))
+        labels = header.is_labels if is_labels is None else is_labels
+        loaded = Volume.from_array(_load(header, step, progress), is_labels=labels)
+        if spacing is None:
+            grid, notes = _right_spacing(grid, notes, header, loaded.values if step == 1 else None)
     grid = replace(grid, shape=loaded.shape, spacing=tuple(step * s for s in grid.spacing))  # type: ignore[arg-type]
-    labels = header.is_labels if is_labels is None else is_labels
     if step > 1:
         notes += (f"every {step}. voxel along each axis was read",)
-    return Volume(loaded.values, grid, _plain_name(place, kind) if name is None else name,
-                  loaded.is_labels if labels is None else labels, header.notes + notes + loaded.notes)
+    return Volume(loaded.values, grid, _plain_name(place, kind) if name is None else name, loaded.is_labels,
+                  header.notes + notes + loaded.notes)
 
 
 def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: bool = True,
@@ -237,6 +242,8 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
                   voxels: bool = False, progress: Progress = None) -> FileDescription:
     """What a volume file is; reads its header alone unless the range of values is asked for with ``voxels``.
 
+    (The voxels are read too where the header is that of a volume in :mod:`deformnb.known_spacings`.)
+
     Raises
     ------
     VolumeFileError
@@ -245,7 +252,7 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     place = _located(path)
     with Damage(place, _LESS):
         kind, header = _read_header(place, series)
-        grid, notes = header.grid()
+        grid, notes = _right_spacing(*header.grid(), header)
         sizes = [file.stat().st_size for file in place.iterdir() if file.is_file()] if place.is_dir() else [
             place.stat().st_size]
     volume = read_volume(place, series=series, progress=progress) if voxels else None
@@ -255,6 +262,22 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
         grid.size * dtype.itemsize, volume.notes if volume else header.notes + notes,
         volume.value_range if volume else None,
     )
+
+
+def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,
+                   voxels: NDArray[Any] | None = None) -> tuple[Grid, tuple[str, ...]]:
+    """The grid of a file with its true spacing and a note, if its header is known to be wrong.
+
+    Parameters
+    ----------
+    voxels : all of them, if they have been read.
+    """
+    def checksum() -> str:
+        whole = _load(header, 1, None) if voxels is None else voxels
+        return voxel_checksum(header.loaded_dtype, header.shape, whole)
+
+    known = known_spacing(grid, header.loaded_dtype, checksum)
+    return (grid, notes) if known is None else (replace(grid, spacing=known.spacing), (*notes, known.note))
 
 
 def _plain_name(path: Path, kind: str) -> str:

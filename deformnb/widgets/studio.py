@@ -145,8 +145,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._picture.turn()
         self._link.show(self._editors.current)
         self._words.status.value = parts.status_text(self.session)
-        if not any(m.displacement.any() for step in self.deformation.steps for m in step.maps):
-            self._words.say(parts.WELCOME)
+        is_new = not any(m.displacement.any() for step in self.deformation.steps for m in step.maps)
+        self._words.say(" ".join(filter(None, (self.session.notice, parts.WELCOME if is_new else ""))))
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
