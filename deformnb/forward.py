@@ -62,8 +62,9 @@ def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | N
     Returns
     -------
     moved : (..., dim), float64 and finite, the best place found.
-    converged : (...), bool; False where the map has no such place, where it was not found, and where the paper's rule
-        of cuts hides it. Never ignore it.
+    converged : (...), bool; False where the map has no such place, where it was not found, where the one found
+        lies on a sheet of the folded map that is turned over (det J has the other sign than around), and where the
+        paper's rule of cuts hides it. Never ignore it.
 
     Raises
     ------
@@ -139,7 +140,26 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
     left = np.flatnonzero(~(error <= tolerance))
     if len(left) and thorough:
         y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
-    return y, error <= tolerance
+    found = error <= tolerance
+    return y, found & ~_turned_over(y, found, x, field)
+
+
+def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractField) -> NDArray[np.bool_]:
+    """Which places y found for points x (N, dim) lie where the map is turned over, as its middle sheet is in a fold.
+
+    Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
+    """
+    is_over = np.zeros(len(x), dtype=bool)
+    if found.any():
+        centre, half = (x.max(axis=0) + x.min(axis=0)) / 2, np.ptp(x, axis=0).max() + np.abs(y - x)[found].max()
+        signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * x.shape[1]), axis=-1).reshape(-1, x.shape[1])
+        around = _determinants(centre + 4 * half * signs, field)
+        is_over[found] = _determinants(y[found], field) * np.sign(np.median(np.sign(around))) < 0
+    return is_over
+
+
+def _determinants(places: Array, field: AbstractField) -> Array:
+    return np.asarray(determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1))))
 
 
 def _beside_cuts(x: Array, field: Decoupled, tolerance: float,

@@ -238,3 +238,25 @@ def test_after_a_cut_come_further_steps() -> None:
     moved, converged = warp_points(at, compose(wave, cut), tolerance=1e-9)
     first, _ = warp_points(at, wave, tolerance=1e-9)
     oracle.assert_close(moved, first + np.where(first[:, :1] < 50, [-4.0, 0, 0], [3.0, 0, 0]), atol=1e-6)
+
+
+def test_places_on_the_turned_over_sheet_of_a_fold_are_not_found() -> None:
+    """One point dragged too far, without a trend: the middle one of three places that show one source is mirrored."""
+    field = fit_rbf(ControlPoints.from_arrays([[50.0, 50.0]], [[80.0, 50.0]]), support=40.0, trend="none")
+    places = np.stack(np.meshgrid(np.linspace(20, 110, 61), np.linspace(30, 70, 21)), axis=-1).reshape(-1, 2)
+    det = np.linalg.det(np.eye(2) + field.jacobian(places))
+    assert (det < 0).sum() > 20
+    sources = places + field.displacement(places)
+    moved, found = warp_points(sources, field)
+    at = np.linalg.det(np.eye(2) + field.jacobian(moved))
+    assert (at[found] > 0).all()
+    assert np.abs(moved + field.displacement(moved) - sources)[found].max() < 1e-3
+    assert found[det > 0].mean() > 0.99
+
+
+def test_a_map_that_mirrors_as_a_whole_is_followed() -> None:
+    source = np.array([[0.0, 0], [100, 0], [0, 80], [100, 80], [30, 50]])
+    field = fit_rbf(ControlPoints.from_arrays(source, source * [-1, 1]))
+    moved, found = warp_points([[40.0, 40.0], [70.0, 20.0]], field)
+    assert found.all()
+    assert np.abs(moved - [[-40, 40], [-70, 20]]).max() < 1e-6
