@@ -24,7 +24,7 @@ def shown_value(value: object) -> str:
     'a number of thousands of digits'
     """
     try:
-        return f"{value!r:.60}"
+        return " ".join(repr(value).split())[:60]  # an array has lines of its own
     except ValueError:
         return "a number of thousands of digits"
 

@@ -188,7 +188,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
         return ()
     equal = np.bincount(index.ravel(), is_equal.ravel()) / np.bincount(index.ravel())
     steps = np.abs(right[~is_equal].astype(np.float64) - left[~is_equal])
-    if equal.mean() < _LEAST_EQUAL or np.mean(steps == 1) > _MOST_UNIT_STEPS:
+    if equal.mean() < _LEAST_EQUAL or not steps.size or np.mean(steps == 1) > _MOST_UNIT_STEPS:
         return ()
     note = (f"the voxels look like labels ({len(values)} whole numbers in regions of one value each) but are not "
             "declared as such: deforming makes up values between them; say is_labels=True (--labels in a command) to "

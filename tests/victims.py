@@ -224,7 +224,7 @@ def full(folder: Path, chance: random.Random) -> Any:
         saving.flush()
         strengths.append(restore(saved_sessions(session.volume, folder / "state", every=True)[0]).steps[0].strength)
     try:
-        session.save(path)
+        session.save(path, overwrite=True)
     except DeformError as error:
         said.append(str(error))
     assert read_deformation(path) == small
@@ -233,7 +233,7 @@ def full(folder: Path, chance: random.Random) -> Any:
     session.change(strength=0.8)
     saving.flush()
     strengths.append(restore(saved_sessions(session.volume, folder / "state", every=True)[0]).steps[0].strength)
-    session.save(path)
+    session.save(path, overwrite=True)
     assert read_deformation(path).steps == session.deformation.steps
     saving.close()
     return {"said": said, "told": told, "strengths": strengths, "left": left, "after": listing(folder)}
