@@ -235,6 +235,11 @@ class ControlPoints:
             raise DeformError(f"strength must be a finite number, got {shown_value(strength)}.")
         return replace(self, target=self.source + strength * (self.target - self.source))
 
+    def has_places_of(self, other: ControlPoints) -> bool:
+        """True if the same points are active as in another set, with the same sources: they were dragged at most."""
+        return (self.ids == other.ids and np.array_equal(self.active, other.active)
+                and np.array_equal(self.source, other.source))
+
     @property
     def has_own_radii(self) -> bool:
         """True if an active point has a support radius of its own."""

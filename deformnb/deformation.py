@@ -11,14 +11,14 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from deformnb.checks import is_finite, shown_value
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
-from deformnb.degenerate import default_support
+from deformnb.degenerate import box_diagonal, usual_support
 from deformnb.easing import EASINGS, LOOPS
 from deformnb.errors import DeformError
 from deformnb.extrusion import EXTRUSIONS, Weights, extrude
@@ -26,6 +26,7 @@ from deformnb.fields import AbstractField, Identity, blend, compose
 from deformnb.kernels import kernel_named
 from deformnb.known_spacings import KnownSpacing, older_document
 from deformnb.plane import Plane
+from deformnb.rbf import choose_support
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_parts import RigidPart
 from deformnb.staged import Fit, check_stages, fit_points
@@ -45,6 +46,34 @@ def lone_support(grid: Grid) -> float:
     return 0.25 * grid.diagonal
 
 
+SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
+"""Supports by rule instead of by number: what each makes of a set of control points."""
+
+
+def support_radius(support: float | str | None, chosen: float | None, points: ControlPoints,
+                   kernel: str) -> float | None:
+    """The support radius of a set of points: as given, by a rule, as it was chosen, or the usual one."""
+    if isinstance(support, str):
+        return SUPPORT_RULES[support](points)
+    return support or chosen or usual_support(points, kernel_named(kernel))
+
+
+class ChosenSupport(NamedTuple):
+    """A support radius in physical units, and the name of the kernel that it was chosen for."""
+
+    radius: float
+    kernel: str
+
+
+def check_support(support: Any) -> None:
+    """Refuse what is no support of a step."""
+    if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
+        return
+    if not (is_finite(support) and support > 0):
+        raise DeformError("the support radius must be a positive length, None or one of "
+                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")
+
+
 @dataclass(frozen=True)
 class Step:
     """One deformation: control points on a plane with a rule of extrusion, or control points in space.
@@ -54,7 +83,9 @@ class Step:
     maps : one set of control points; several for the rule "interpolate".
     plane : where the points lie; None for points in space (dimension 3, Eq. 9).
     kernel, trend : names of :data:`~deformnb.kernels.KERNELS` and :data:`~deformnb.trend.TRENDS`.
-    support : support radius in physical units; None takes the diagonal of the box of each set's sources.
+    support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
+        takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
+        before 2.0 do.
     smoothing : lambda of the fit, 0 interpolates.
     extrusion : a name of :data:`~deformnb.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
@@ -69,6 +100,10 @@ class Step:
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.cuts.CUT_RULES`.
     stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.staged`. On a
         plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
+    chosen_support : what :func:`~deformnb.rbf.choose_support` found for these points while ``support`` is None, and
+        for which kernel; None for points at one place. It is kept while points are dragged, so that the map does not
+        jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so
+        does a step with another kernel.
 
     Raises
     ------
@@ -79,7 +114,7 @@ class Step:
     maps: tuple[ControlPoints, ...]
     plane: Plane | None = None
     kernel: str = "wendland_c2"
-    support: float | None = None
+    support: float | str | None = None
     trend: str = "affine"
     smoothing: float = 0.0
     extrusion: str = "replicate"
@@ -93,6 +128,7 @@ class Step:
     cuts: tuple[Cut, ...] = ()
     cut_rule: str = "source"
     stages: int = 1
+    chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
@@ -106,8 +142,7 @@ class Step:
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
         if not is_finite(self.strength):
             raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
-        if self.support is not None and not (is_finite(self.support) and self.support > 0):
-            raise DeformError(f"the support radius must be a positive length, got {shown_value(self.support)}.")
+        check_support(self.support)
         if not (is_finite(self.smoothing) and self.smoothing >= 0):
             raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
         dim = 3 if self.plane is None else 2
@@ -123,6 +158,10 @@ class Step:
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
+        if self.support is not None:
+            object.__setattr__(self, "chosen_support", None)
+        else:
+            object.__setattr__(self, "chosen_support", self._choose_support())
 
     def _check_kinds(self) -> None:
         for given in self.maps:
@@ -148,6 +187,19 @@ class Step:
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
 
+    def _choose_support(self) -> ChosenSupport | None:
+        if self.chosen_support is not None:
+            try:
+                kept = ChosenSupport(*self.chosen_support)
+            except TypeError:
+                raise DeformError(f"the chosen support of a step must be a radius and the name of a kernel, got "
+                                  f"{self.chosen_support!r:.60}.") from None
+            check_support(kept.radius)
+            if kept.kernel == self.kernel:
+                return kept
+        radius = choose_support(self.maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing)
+        return None if radius is None else ChosenSupport(radius, self.kernel)
+
     @property
     def points(self) -> ControlPoints:
         """The (first) set of control points."""
@@ -157,7 +209,19 @@ class Step:
         """The same step with another set of control points (the key-th, for the rule "interpolate")."""
         if not 0 <= key < len(self.maps):
             raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
-        return replace(self, maps=(*self.maps[:key], points, *self.maps[key + 1 :]))
+        maps, chosen = (*self.maps[:key], points, *self.maps[key + 1 :]), self.chosen_support
+        if self.support is None and not points.has_places_of(self.maps[key]):
+            radius = choose_support(maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing,
+                                    current=chosen and chosen.radius)
+            chosen = None if radius is None else ChosenSupport(radius, self.kernel)
+        return replace(self, maps=maps, chosen_support=chosen)
+
+    def support_for(self, points: ControlPoints) -> float | None:
+        """The support radius for one of the sets, or for the part of it between cuts; None for points at one place
+        that say nothing of it.
+        """
+        return support_radius(self.support, self.chosen_support and self.chosen_support.radius, points,
+                              self.kernel)
 
     def weights(self) -> Weights:
         """Knots and weights of the extrusion rule."""
@@ -182,7 +246,7 @@ class Step:
 
     def _fit(self, points: ControlPoints, grid: Grid) -> Fit:
         dragged = points if self.strength == 1 else points.blended(self.strength)
-        support = self.support or default_support(points) or lone_support(grid)
+        support = self.support_for(points) or lone_support(grid)
         parts = [part.scaled(self.strength) for part in self.parts if part.enabled]
         return fit_points(dragged, parts, stages=self.stages, kernel=self.kernel, support=support, trend=self.trend,
                           smoothing=self.smoothing)

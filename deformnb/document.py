@@ -19,7 +19,7 @@ import numpy as np
 
 from deformnb.checks import LARGEST_COORDINATE, shown_value
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Keyframe, Step, VolumeReference
+from deformnb.deformation import ChosenSupport, Deformation, Keyframe, Step, VolumeReference
 from deformnb.document_reader import Reader, without_surrogates
 from deformnb.document_regions import cut_to_data, part_to_data, read_cut, read_part
 from deformnb.errors import DeformError
@@ -27,9 +27,10 @@ from deformnb.plane import Plane
 from deformnb.volume import Grid
 
 FORMAT = "deformnb-deformation"
-VERSION = (1, 4)
+VERSION = (2, 0)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
-result; 1.4: how it is looked at (:mod:`deformnb.look`). Each is left out where a document has none."""
+result; 1.4: how it is looked at (:mod:`deformnb.look`); 2.0: the support that a step has chosen, and the trend "affine"
+shrinks across thin directions. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""
@@ -43,7 +44,24 @@ LONGEST = 32 * 2**20
 # Left out of a document that has them.
 _USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
 
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """What 1.x did without being told: an automatic support was the box's diagonal, and "affine" was exact."""
+    def steps(given: Any) -> Any:
+        if not isinstance(given, list):
+            return given
+        return [step | {"support": "box_diagonal" if step.get("support") is None else step["support"],
+                        "trend": "affine_exact" if step.get("trend", "affine") == "affine" else step["trend"]}
+                if isinstance(step, dict) else step for step in given]
+
+    data = data | {"steps": steps(data.get("steps"))} if "steps" in data else data
+    if isinstance(data.get("keyframes"), list):
+        data = data | {"keyframes": [key | {"steps": steps(key.get("steps"))} if isinstance(key, dict) else key
+                                     for key in data["keyframes"]]}
+    return data
+
+
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _from_1}
 """From major version n to n + 1; a fixture of every released version is kept in the tests."""
 
 
@@ -186,6 +204,8 @@ def _step_data(step: Step) -> dict[str, Any]:
         shapes |= {"cuts": [cut_to_data(cut) for cut in step.cuts], "cut_rule": step.cut_rule}
     if step.stages != 1:
         shapes["stages"] = step.stages
+    if step.chosen_support is not None:
+        shapes["chosen_support"] = step.chosen_support._asdict()
     return {
         **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
         "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
@@ -259,20 +279,32 @@ def _step(r: Reader) -> Step:
         p = r.part("plane")
         plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
     known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
-             "knots", "maps", "parts", "cuts", "cut_rule", "stages", "locked", "radii"}
+             "knots", "maps", "parts", "cuts", "cut_rule", "stages", "locked", "radii", "chosen_support"}
     curve = r.data.get("curve", "z")
     try:
         return Step(
             _with_own(tuple(_points(m) for m in r.items("maps")), r), plane, r.text("kernel", "wendland_c2"),
-            None if r.data.get("support") is None else r.number("support"), r.text("trend", "affine"),
+            _support(r), r.text("trend", "affine"),
             r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
             curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
             r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
             tuple(read_part(p) for p in r.items("parts", [])), tuple(read_cut(c) for c in r.items("cuts", [])),
-            r.text("cut_rule", "source"), r.integer("stages", 1),
+            r.text("cut_rule", "source"), r.integer("stages", 1), _chosen(r),
         )
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _support(r: Reader) -> float | str | None:
+    value = r.data.get("support")
+    return value if value is None else r.text("support") if isinstance(value, str) else r.number("support")
+
+
+def _chosen(r: Reader) -> ChosenSupport | None:
+    if r.data.get("chosen_support") is None:
+        return None
+    chosen = r.part("chosen_support")
+    return ChosenSupport(chosen.number("radius"), chosen.text("kernel"))
 
 
 def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints, ...]:

@@ -85,10 +85,10 @@ class FitSystem:
     @property
     def free_parameters(self) -> int:
         """How many numbers the trend takes from the points."""
-        dim, rank = self.dim, self.ready.basis.shape[1]
+        dim, rank = self.dim, self.ready.span.basis.shape[1]
         turns = dim * (dim - 1) // 2 - (dim == 3 and rank == 1)  # about the line of all points nothing is known
         return {"none": 0, "translation": dim, "rigid": dim + turns, "similarity": dim + turns + 1,
-                "affine": dim + dim * rank}[self.ready.trend]
+                "affine": dim + dim * rank, "affine_exact": dim + dim * rank}[self.ready.trend]
 
     @property
     def gram(self) -> Floats:
@@ -129,7 +129,7 @@ def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: f
     matrix = phi.copy()
     matrix.flat[:: len(x) + 1] += nugget
     try:
-        inverse = _inverse(matrix, x @ ready.basis, fit.kernel.order, ready.trend, scales is not None)
+        inverse = _inverse(matrix, x @ ready.span.basis, fit.kernel.order, ready.trend, scales is not None)
     except np.linalg.LinAlgError:
         raise DeformError(f"the {fit.kernel.name} kernel with support {ready.support:.6g} is too flat for these "
                           f"{len(x)} control points to be inverted (closest are {ready.closest}). Use a smaller "
@@ -249,7 +249,7 @@ class Uncertainty:
         missed = np.zeros((self.dim, self.dim)) if self.open is None else self.open / self.dim
         with float64():
             found = _variances(places.reshape(blocks, _BLOCK, self.dim), centers, energy, weights, s.rest,
-                               s.ready.basis, missed, kernel=s.fit.kernel)
+                               s.ready.span.basis, missed, kernel=s.fit.kernel)
         return np.asarray(found).ravel()[:m]
 
 
@@ -307,6 +307,8 @@ def _open_part(system: FitSystem) -> Floats | None:
         return None
     generators = _generators(system)
     s = system.x.T @ system.energy @ system.x
+    if system.ready.trend == "affine":
+        s = s + np.trace(s) * system.ready.span.ridge
     gram = np.einsum("mab,bc,lac->ml", generators, s, generators)
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)  # a turn about the line of all points is not open
     return np.asarray(np.einsum("ml,mab,lac->bc", inverse, generators, generators))
@@ -314,8 +316,8 @@ def _open_part(system: FitSystem) -> Floats | None:
 
 def _generators(system: FitSystem) -> Floats:
     """The directions (m, dim, dim) in which the linear part of the trend can change at its solution."""
-    dim, basis = system.dim, system.ready.basis
-    if system.ready.trend == "affine":
+    dim, basis = system.dim, system.ready.span.basis
+    if system.ready.trend.startswith("affine"):
         return np.einsum("ma,kb->mbak", np.eye(dim), basis).reshape(-1, dim, dim)
     linear = np.eye(dim) + np.asarray(system.fit.linear) / system.fit.support
     pairs = [(a, b) for a in range(dim) for b in range(a)]

@@ -100,7 +100,7 @@ def measure_named(name: str) -> Measure:
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["source", "active", "nugget", "scales", "basis", "turn"],
+    data_fields=["source", "active", "nugget", "scales", "span", "turn"],
     meta_fields=["kernel", "trend", "stages"],
 )
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class Fitting:
     Parameters
     ----------
     source : (C, dim), zero beyond the points in use; active : (C,) True for these.
-    nugget, scales, basis, turn, kernel, trend : as :func:`deformnb.rbf.solve` takes them.
+    nugget, scales, span, turn, kernel, trend : as :func:`deformnb.rbf.solve` takes them.
     stages : equal parts in which the points go their way.
     """
 
@@ -118,7 +118,7 @@ class Fitting:
     active: Any
     nugget: Any
     scales: Any
-    basis: Any
+    span: Any
     turn: Any
     kernel: type[AbstractKernel]
     trend: str
@@ -212,7 +212,7 @@ def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
     step = jnp.where(inner, (fitting.source - x) / fitting.stages, 0.0)
 
     def one(end: Any) -> Any:
-        alpha, linear, constant, _ = solve(end, step, fitting.active, fitting.nugget, fitting.basis, fitting.turn,
+        alpha, linear, constant, _ = solve(end, step, fitting.active, fitting.nugget, fitting.span, fitting.turn,
                                            fitting.scales, kernel=fitting.kernel, trend=fitting.trend)
         left = jnp.where(inner, step - end @ linear.T - constant, 0.0)
         # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.

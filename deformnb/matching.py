@@ -22,6 +22,7 @@ from deformnb.grey_images import GreyImage, Pictured, grey_pair
 from deformnb.likeness import Fitting, Measure, Scene, measure_named
 from deformnb.rbf import RBFInterpolant, fit_rbf
 from deformnb.staged import check_stages
+from deformnb.trend import Span, ridge_of, spreads_of
 from deformnb.warp_plan import Progress
 
 # Places that are compared at most: a picture of 512^2. Larger ones are compared at every second or third pixel.
@@ -152,25 +153,24 @@ def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, 
     x[:n], source[:n] = ((a[at] - start.origin) / start.support for a in (points.target, points.source))
     free[:n, 0] = ~points.locked[at]
     nugget[:n] = smoothing / points.weight[at]
-    basis, trend = _basis(x[:n], start)
-    fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, basis, np.eye(points.dim), start.kernel, trend,
-                      stages)
+    fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, _span(x[:n], source[:n], start),
+                      np.eye(points.dim), start.kernel, start.trend, stages)
     return Scene(x, free, fitting, (), float(energy), alike)
 
 
-def _basis(x: NDArray[np.float64], start: RBFInterpolant) -> tuple[NDArray[np.float64], str]:
-    """The span of the points and their trend. One that turns along with the points would not be differentiable."""
+def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:
+    """What the points determine, as they begin: it does not change while they are fitted."""
     dim = x.shape[1]
+    nothing = np.zeros((dim, dim))
+    if start.trend == "affine" and start.kernel.order < 2:
+        return Span(np.eye(dim), ridge_of(*spreads_of(x, source)) if len(x) > 1 else nothing)
     sigma = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    flat = len(x) <= dim or sigma[-1] < 1e-6 * sigma[0]
-    if not flat or start.trend != "affine":
-        return np.eye(dim), start.trend
+    if (len(x) > dim and sigma[-1] >= 1e-6 * sigma[0]) or not start.trend.startswith("affine"):
+        return Span(np.eye(dim), nothing)
     if len(x) == 1:
-        return np.zeros((dim, 0)), start.trend
-    if len(x) == 2 and start.kernel.order < 2:
-        return np.eye(dim), "similarity"  # the same map through two points
-    raise DeformError("the control points lie on one line or in one plane, where an affine trend is open; add one "
-                      "beside it, or take the trend similarity and a kernel that goes with it.")
+        return Span(np.zeros((dim, 0)), nothing)
+    raise DeformError("the control points lie on one line or in one plane, where this affine trend is open; add one "
+                      "beside it, or take a Wendland kernel and the trend affine.")
 
 
 @dataclass(frozen=True, eq=False)

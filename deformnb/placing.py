@@ -137,8 +137,9 @@ class _Box:
             plane = None
         else:
             plane, to = self._plane(step.plane)
-        support = None if step.support is None else step.support * to.scale
-        return replace(step, plane=plane, support=support, maps=tuple(map(to.points, step.maps)),
+        support = step.support * to.scale if isinstance(step.support, float) else step.support
+        chosen = step.chosen_support and step.chosen_support._replace(radius=step.chosen_support.radius * to.scale)
+        return replace(step, plane=plane, support=support, chosen_support=chosen, maps=tuple(map(to.points, step.maps)),
                        cuts=tuple(replace(cut, region=to.region(cut.region)) for cut in step.cuts),
                        parts=tuple(map(to.part, step.parts)))
 

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from deformnb.compilation import compiled, float64
 from deformnb.control_points import ControlPoints
-from deformnb.degenerate import SAME_PLACE
+from deformnb.degenerate import SAME_PLACE, same_place
 from deformnb.kriging import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf import capacity, fit_rbf
-from deformnb.trend import TRENDS
+from deformnb.trend import TRENDS, Span, ridge_of, steadied, thin_directions
 
 # Points whose leverage comes this near to 1 carry a dimension of the span alone: without them the trend is another.
 _ALONE = 1e-9
@@ -176,7 +176,7 @@ def _rows_of(system: FitSystem, active: ControlPoints) -> NDArray[np.int64]:
     place = {i: k for k, i in enumerate(system.ready.ids)}
     row = np.array([place.get(i, -1) for i in active.ids])
     if len(active) > system.count:
-        near = scipy.spatial.cKDTree(active.target).query_pairs(SAME_PLACE * system.ready.support,
+        near = scipy.spatial.cKDTree(active.target).query_pairs(same_place(active, system.ready.support),
                                                                 output_type="ndarray")
         row[np.unique(near)] = -1
     return row
@@ -187,7 +187,7 @@ def _alone(system: FitSystem) -> NDArray[np.bool_]:
     kept, n = system.kept, int(system.kept.sum())
     alone = ~kept if n > 1 else np.ones(len(kept), dtype=bool)
     if n > 1 and system.ready.trend not in ("none", "translation"):
-        on_span = system.x @ system.ready.basis * kept[:, None]
+        on_span = system.x @ system.ready.span.basis * kept[:, None]
         q = np.linalg.qr((on_span - on_span.sum(axis=0) / n) * kept[:, None])[0]
         alone |= (q**2).sum(axis=1) + 1 / n > 1 - _ALONE
     if system.has_own_radii:
@@ -229,16 +229,36 @@ def _linear_parts(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
     gx, gd, weight = g @ x, g @ d, np.where(alone, 1.0, g.diagonal())[:, None, None]
     s = x.T @ gx - gx[:, :, None] * gx[:, None, :] / weight
     h = s + d.T @ gx - gd[:, :, None] * gx[:, None, :] / weight
-    both = np.broadcast_to(np.eye(dim), (2, capacity(n), dim, dim)).copy()  # padded, so that few sizes are compiled
-    both[:, :n] = np.where(alone[None, :, None, None], both[:, :n], np.stack([s, h]))
+    ridge = np.zeros((n, dim, dim))
+    if system.ready.trend == "affine":  # shrunk across the directions in which the others are thin
+        xx, yy, yx = _moments_left(system)
+        xx, yy, yx = (np.where(alone[:, None, None], np.eye(dim), m) for m in (xx, yy, yx))
+        ridge = ridge_of(*thin_directions(xx, yy, yx))
+        if not system.has_own_radii:
+            with float64():
+                s, h = (np.asarray(m) for m in steadied((s, h), (xx, yx), ridge))
+    both = np.broadcast_to(np.eye(dim), (3, capacity(n), dim, dim)).copy()  # padded, so that few sizes are compiled
+    both[:, :n] = np.where(alone[None, :, None, None], both[:, :n], np.stack([s, h, ridge]))
+    both[2, n:] = 0.0
     with float64():
-        return np.asarray(_rules(both[0], both[1], system.ready.basis, trend=system.ready.trend))[:n] - np.eye(dim)
+        found = _rules(*both, system.ready.span.basis, trend=system.ready.trend)
+    return np.asarray(found)[:n] - np.eye(dim)
 
 
-def _all_rules(s: Any, h: Any, basis: Any, *, trend: str) -> Any:
+def _moments_left(system: FitSystem) -> tuple[Floats, Floats, Floats]:
+    """Second moments (n, dim, dim) of targets, of sources, and of both, of all points but the i-th."""
+    n = int(system.kept.sum())
+    x, y = (np.where(system.kept[:, None], a - a[system.kept].mean(axis=0), 0.0) for a in (system.x,
+                                                                                         system.x + system.d))
+    share = n / max(1, n - 1)
+    left = [p.T @ q - share * p[:, :, None] * q[:, None, :] for p, q in ((x, x), (y, y), (y, x))]
+    return left[0], left[1], left[2]
+
+
+def _all_rules(s: Any, h: Any, ridge: Any, basis: Any, *, trend: str) -> Any:
     rule, turn = TRENDS[trend].linear, jax.numpy.eye(s.shape[-1], dtype=s.dtype)
     assert rule is not None
-    return jax.vmap(lambda one, other: rule(one, other, basis, turn))(s, h)
+    return jax.vmap(lambda one, other, held: rule(one, other, Span(basis, held), turn))(s, h, ridge)
 
 
 _rules = compiled(_all_rules, static_argnames="trend")

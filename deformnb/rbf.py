@@ -12,24 +12,28 @@ alike), what is left is solved by elimination, and a system that comes out nearl
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
+import scipy.spatial
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import is_finite, shown_value
 from deformnb.compilation import compiled, float64
 from deformnb.control_points import ControlPoints
-from deformnb.degenerate import PreparedPoints, crossing_pairs, prepare
+from deformnb.degenerate import PreparedPoints, box_diagonal, crossing_pairs, longest_support, prepare, torn_pairs
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.kernels import AbstractKernel, WendlandC2, kernel_named
 from deformnb.rbf_evaluation import Leaves, at_lattice, at_points, jacobian_at_lattice, jacobian_at_points
-from deformnb.trend import NO_ANGLE, TRENDS, Trend, complete, trend_named
+from deformnb.trend import NO_ANGLE, TRENDS, Span, Trend, complete, steadied, trend_named
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
 """Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
@@ -43,6 +47,14 @@ _MOST_GAIN = 1e5
 # Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
 _ROUNDING = 1e-10
 
+# Ratio of the diagonal entries of a Cholesky factor below which its matrix is singular to working precision.
+_SINGULAR = 1e-7
+
+FOLDS = ("the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
+         "smaller drags or several stages help")
+POOR = ("the control points predict each other worse than their affine trend alone does: the map between them is a "
+        "guess; smoothing, other points or another support radius help")
+
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
 # to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
 # supports of 1/8 to 3/2 of the image. Where 36 times that is more than this share of a pixel, evaluation runs in
@@ -53,8 +65,8 @@ _PIXEL_SHARE = 1e-3
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales"],
-    meta_fields=["kernel", "trend", "notes", "ids"],
+    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget"],
+    meta_fields=["kernel", "trend", "remarks", "ids"],
 )
 @dataclass(frozen=True, eq=False)
 class RBFInterpolant(AbstractField):
@@ -68,9 +80,10 @@ class RBFInterpolant(AbstractField):
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
-    notes : remarks for a status line ("points on one line: ...").
+    remarks : those of the :attr:`notes` that are known without looking at the map.
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
+    nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
     """
 
     centers: Any
@@ -82,13 +95,54 @@ class RBFInterpolant(AbstractField):
     count: Any
     kernel: type[AbstractKernel] = WendlandC2
     trend: str = "affine"
-    notes: tuple[str, ...] = field(default=())
+    remarks: tuple[str, ...] = field(default=())
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
+    nugget: Any = None
 
     @property
     def dim(self) -> int:
         return int(self.centers.shape[-1])
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for a status line: what the points do not determine, where the map folds, how well it predicts."""
+        found = ((FOLDS, self.folds_between_points()), (POOR, self._predicts_poorly()))
+        return (*self.remarks, *(note for note, is_so in found if is_so))
+
+    def folds_between_points(self) -> bool:
+        """Whether ``det(1 + dD/dx) <= 0`` at a control point or between them.
+
+        Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
+        simplices; :func:`deformnb.folds.folds_of` looks at a whole picture.
+        """
+        if not np.asarray(self.coefficients).any():
+            return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
+        x = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
+        jacobians = np.eye(self.dim) + self.jacobian(self.origin + self.support * _places_between(x))
+        return bool((np.linalg.det(jacobians) <= 0).any())
+
+    def _predicts_poorly(self) -> bool:
+        """Whether points predict each other worse than the affine trend alone does, by leave-one-out.
+
+        Asked of sets most of which are dragged; one drag among points that are held still predicts nothing.
+        """
+        n = int(self.count)
+        x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
+        if not self.dim + 4 <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
+            return False
+        nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
+        drags = self.displacement(self.origin + self.support * x) + nugget[:, None] * alpha
+        if np.count_nonzero(drags.any(axis=1)) <= n / 2:
+            return False
+        try:
+            errors = left_out(x, drags, self.kernel, self.trend, nugget)
+        except np.linalg.LinAlgError:
+            return False
+        p = np.concatenate([np.ones((n, 1)), x], axis=1)
+        hat = p @ np.linalg.pinv(p)
+        alone = (drags - hat @ drags) / np.maximum(1 - hat.diagonal(), 1e-9)[:, None]
+        return bool((errors**2).sum() > (alone**2).sum())
 
     def __call__(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
@@ -162,10 +216,12 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     ----------
     points : control points of dimension 2 or 3; inactive ones are left out.
     kernel : a name of :data:`deformnb.kernels.KERNELS`, a kernel class, or a kernel with its support.
-    support : support radius R in physical units; default is the diagonal of the box of the sources.
+    support : support radius R in physical units; default is that of ``previous``, if its kernel and its points are the
+        same, or else what :func:`choose_support` finds.
     trend : a name of :data:`deformnb.trend.TRENDS`.
     smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
-    previous : the fit before this one; where the points leave an angle open, its trend is kept.
+    previous : the fit before this one, while points are dragged: its support is kept, and its trend where the points
+        leave an angle open.
 
     Returns
     -------
@@ -190,10 +246,157 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     if points.has_own_radii and kind.order > 0:
         raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
                           "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
+    if radius is None and previous is not None and previous.kernel is kind:
+        same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
+        radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
+    if radius is None:
+        radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
     ready = prepare(points, kind, radius, chosen, smoothing)
     if ready.count == 0:
         return _identity(points.dim, ready, kind)
     return _solve_prepared(ready, kind, smoothing, previous)
+
+
+MOST_LEFT_OUT = 512
+"""Points of which a support is chosen at most: evenly taken from larger sets, for leaving out costs N^3 too."""
+
+
+def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[AbstractKernel] = "wendland_c2",
+                   trend: str = "affine", smoothing: float = 0.0, current: float | None = None) -> float | None:
+    """The support radius for sets of control points by which they predict each other best.
+
+    Of the kernel's candidates, which are shares of the diagonal of the points' box, the one with the least mean squared
+    leave-one-out error is found, and then the longest that is worse by no more than one standard error of the paired
+    differences ("one standard error rule"), if the map does not fold between the points. The choice belongs to the
+    moment when points are added or removed: chosen anew during a drag, the map would jump.
+
+    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held tells
+    nothing of how far it reaches, and the errors of so few with an affine trend are the same for every support. Points
+    in a row (in space: in a flat set too) get no more than half of it, see
+    :func:`~deformnb.degenerate.longest_support`.
+
+    Parameters
+    ----------
+    sets : of one dimension, fitted with the same support each on its own; inactive points are left out.
+    kernel, trend, smoothing : as for :func:`fit_rbf`.
+    current : the radius of the points before some were added or removed: it stays where it is worse by no more than one
+        standard error, so that the map stays as it is.
+
+    Returns
+    -------
+    The radius in physical units; None if all points are at one place.
+
+    Examples
+    --------
+    >>> square = [[0, 0], [40, 0], [0, 30], [40, 30]]
+    >>> choose_support([ControlPoints.from_arrays(square)])
+    50.0
+    """
+    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
+    used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
+    sizes = [size for points in used if (size := box_diagonal(points))]
+    if not sizes:
+        return None
+    limit = min(longest_support(points, kind) for points in used)
+    usual = min(kind.shares[len(kind.shares) // 2] * max(sizes), limit)
+    radii = [share * max(sizes) for share in kind.shares if share * max(sizes) <= limit]
+    telling = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
+    if len(radii) < 2 or not telling:
+        return usual
+    errors = {}
+    if current is not None and current <= limit:
+        radii.append(current)
+    for radius in radii:
+        with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself says what is wrong
+            errors[radius] = np.concatenate([_squared_errors(points, radius, kind, trend, smoothing)
+                                             for points in telling])
+    if not errors:
+        return usual
+    best = min(errors, key=lambda radius: float(errors[radius].mean()))
+    excess = {radius: squared - errors[best] for radius, squared in errors.items()}
+    alike = 1e-9 * float(errors[best].mean())  # what differs by rounding only is as good
+    near = [r for r, e in excess.items() if e.mean() <= e.std(ddof=1) / np.sqrt(len(e)) + alike]
+    for radius in sorted(near, key=lambda radius: (radius == current, radius), reverse=True):
+        with contextlib.suppress(DeformError):
+            options: dict[str, Any] = {"kernel": kind, "trend": trend, "smoothing": smoothing, "support": radius}
+            if not any(fit_rbf(points, **options).folds_between_points() for points in telling):
+                return radius
+    return max(near)
+
+
+def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str,
+                    smoothing: float) -> NDArray[np.float64]:
+    """Squared lengths of the leave-one-out errors of active points."""
+    if len(points) > MOST_LEFT_OUT:
+        points = points.take(np.linspace(0, len(points) - 1, MOST_LEFT_OUT).astype(int))
+    ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
+    is_shrunk = ready.trend == "affine" and ready.span.ridge.any()
+    errors = left_out((ready.targets - ready.origin) / radius, ready.displacements, kernel,
+                      "similarity" if is_shrunk else ready.trend, smoothing / ready.weights)
+    return np.asarray((errors**2).sum(axis=1))
+
+
+def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[AbstractKernel], trend: str,
+             nugget: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave-one-out errors (n, dim) of displacements at relative places x (n, dim): ``[C d]_i / C_ii``.
+
+    C is the inverse of Phi + nugget without what polynomials explain: linear ones for affine trends, else constants
+    (S. Rippa, Adv. Comput. Math. 11 (1999) 193-210). The similarity and rigid trends of least squares are taken out of
+    the displacements before, once for all points; :func:`deformnb.quality.fit_quality` does it for each.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is singular to working precision.
+    """
+    n, dim = x.shape
+    padded = np.zeros((capacity(n), dim))  # few sizes are compiled
+    padded[:n] = x
+    with float64():
+        phi = np.array(_profile_between(padded, kernel=kernel))[:n, :n]
+        phi.flat[:: n + 1] += nugget
+        if trend in ("similarity", "rigid"):
+            rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
+            assert rule is not None
+            map_linear = np.asarray(rule(*moments, Span(np.eye(dim), np.zeros((dim, dim))), np.eye(dim)))
+            d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
+    one = np.ones((n, 1))
+    p = np.concatenate([one, x], axis=1) if trend.startswith("affine") else one[:, : trend != "none"]
+    if kernel.order == 2:
+        whole = np.linalg.inv(np.block([[phi, p], [p.T, np.zeros((p.shape[1],) * 2)]]))[:n, :n]
+    else:  # a constant added to a kernel of order 1 makes it definite and changes nothing else
+        factor = scipy.linalg.cho_factor(phi + (2 * np.abs(phi).max() if kernel.order else 0.0), lower=True)
+        if factor[0].diagonal().min() < _SINGULAR * factor[0].diagonal().max():
+            raise np.linalg.LinAlgError
+        whole = scipy.linalg.cho_solve(factor, np.eye(n))
+        w = whole @ p
+        whole = whole - w @ np.linalg.pinv(p.T @ w, hermitian=True) @ w.T
+    diagonal = np.maximum(whole.diagonal(), _SINGULAR * whole.diagonal().max())
+    return np.asarray(whole @ d / diagonal[:, None])
+
+
+def _values_between(x: Any, *, kernel: type[AbstractKernel]) -> Any:
+    return kernel.profile(jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1))
+
+
+_profile_between = compiled(_values_between, static_argnames="kernel")
+
+
+def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places x (n, dim), on the edges of their triangulation and in its simplices; on a line, between neighbours."""
+    n, dim = x.shape
+    simplices = None
+    if n > dim + 1:
+        with contextlib.suppress(scipy.spatial.QhullError):
+            simplices = np.asarray(scipy.spatial.Delaunay(x).simplices)
+    if simplices is None:
+        near = np.asarray(scipy.spatial.cKDTree(x).query(x, k=min(n, 5))[1]).reshape(n, -1)
+        edges, middles = np.stack([np.repeat(np.arange(n), near.shape[1]), near.ravel()], axis=1), x[:0]
+    else:
+        edges = np.concatenate([simplices[:, [i, j]] for i in range(dim + 1) for j in range(i)])
+        middles = x[simplices].mean(axis=1)
+    a, b = x[np.unique(np.sort(edges, axis=1), axis=0)].transpose(1, 0, 2)
+    return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
 
 
 def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
@@ -236,6 +439,7 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
     x[:n] = (ready.targets - ready.origin) / ready.support
     d[:n] = ready.displacements / ready.support
     nugget[:n] = smoothing / ready.weights
+    smoothed = nugget if smoothing else None
     scales = None
     if (ready.radii != ready.support).any():
         scales = np.ones(size)
@@ -243,10 +447,10 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
     if not d.any():  # exactly the identity, which a solve would miss by rounding
         zero = np.zeros((dim, dim))
         return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
-                              ready.trend, ready.notes, ready.ids, scales)
+                              ready.trend, ready.notes, ready.ids, scales, smoothed)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     with float64():
-        solved = _solve(x, d, np.arange(size) < n, nugget, ready.basis, turn, scales, kernel=kernel, trend=ready.trend)
+        solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved)
     if scales is not None and not np.abs(alpha).max() <= _MOST_GAIN * np.abs(d).max():
         raise DeformError(
@@ -260,9 +464,9 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
             f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
             "kernel, or a little smoothing."
         )
-    r, notes = ready.support, ready.notes + _warnings(ready, np.eye(dim) + linear)
+    r, notes = ready.support, ready.notes + _warnings(ready, kernel, np.eye(dim) + linear)
     return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
-                          ready.ids, scales)
+                          ready.ids, scales, smoothed)
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to ask for 25 to 3600 times.
@@ -270,16 +474,21 @@ _STEEP = 10.0
 
 _COLLAPSES = {
     "affine": "the trend collapses everything to one place",
+    "affine_exact": "the trend collapses everything to one place",
     "similarity": "the trend collapses everything to one place",
     "rigid": "the turn is open and stays what it was",
 }
 
 
-def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[str, ...]:
+def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: NDArray[np.float64]) -> tuple[str, ...]:
     """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
-    crossed = crossing_pairs(ready, map_linear)
-    notes = [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
-    if ready.trend == "affine" and np.linalg.norm(map_linear, 2) > _STEEP:
+    torn = torn_pairs(ready)
+    crossed = [pair for pair in crossing_pairs(ready, map_linear) if pair not in torn]
+    notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
+             for i, j in torn]
+    notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
+    is_plain = ready.trend.startswith("affine") and (ready.trend != "affine" or kernel.order == 2)
+    if is_plain and np.linalg.norm(map_linear, 2) > _STEEP:
         notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
             f"the affine trend stretches more than {_STEEP:g} times: the control points nearly lie on one line or in "
             "one plane; the trend similarity would not"
@@ -288,7 +497,7 @@ def _warnings(ready: PreparedPoints, map_linear: NDArray[np.float64]) -> tuple[s
     spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
     if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
         notes.append(f"the sources nearly coincide: {_COLLAPSES[ready.trend]}")
-    elif ready.trend == "affine" and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
+    elif is_plain and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
         notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
                      "everything flat")
     return tuple(notes)
@@ -305,12 +514,12 @@ def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
 # ---- the compiled solve ---------------------------------------------------------------------------------------------
 
 
-def solve(x: Any, d: Any, active: Any, nugget: Any, basis: Any, turn: Any, scales: Any = None, *,
+def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
           kernel: type[AbstractKernel], trend: str) -> tuple[Any, Any, Any, Any]:
     """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
 
-    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``basis`` (dim, rank) spans the centred
-    points, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
+    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
+    determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
     their own. Returns alpha (C, dim), A (dim, dim), t (dim,) and the residual
     (C, dim) of the interpolation conditions, zero but for rounding.
     """
@@ -320,13 +529,13 @@ def solve(x: Any, d: Any, active: Any, nugget: Any, basis: Any, turn: Any, scale
     phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
     one = active.astype(x.dtype)[:, None]
     if scales is not None:
-        alpha, linear, constant = _least_squares(phi, x, d, one, basis, turn, trend)
+        alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
     elif kernel.order == 2:
-        alpha, linear, constant = _bordered_affine(phi, x, d, one, basis)
+        alpha, linear, constant = _bordered_affine(phi, x, d, one, span.basis)
     elif TRENDS[trend].linear is None:
         alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
     else:
-        alpha, linear, constant = _least_energy(phi, x, d, one, basis, turn, kernel, trend)
+        alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
     miss = one * (phi @ alpha + x @ linear.T + constant - d)
     return alpha, linear, constant, miss
 
@@ -336,7 +545,7 @@ def _inverse_of(phi: Any) -> Any:
     return lambda b: jax.scipy.linalg.cho_solve(factor, b)
 
 
-def _least_energy(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, kernel: type[AbstractKernel],
+def _least_energy(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel],
                   trend: str) -> tuple[Any, Any, Any]:
     """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
     dim = x.shape[1]
@@ -353,19 +562,28 @@ def _least_energy(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, ker
     s = x.T @ wx
     rule = TRENDS[trend].linear
     assert rule is not None
-    linear = rule(s, s + d.T @ wx, basis, turn) - jnp.eye(dim)
+    moments = s, s + d.T @ wx
+    if trend == "affine":
+        moments = steadied(moments, plain_moments(x, d, one), span.ridge)
+    linear = rule(*moments, span, turn) - jnp.eye(dim)
     return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
 
 
-def _least_squares(phi: Any, x: Any, d: Any, one: Any, basis: Any, turn: Any, trend: str) -> tuple[Any, Any, Any]:
+def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
+    """S and H of :mod:`deformnb.trend` in which all points count alike."""
+    mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+    centred = one * (x - mean_x)
+    s = centred.T @ centred
+    return s, s + (d - mean_d).T @ centred
+
+
+def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
     """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
     dim, rule = x.shape[1], TRENDS[trend].linear
     linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
     if rule is not None:
         mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
-        centred = one * (x - mean_x)
-        s = centred.T @ centred
-        linear = rule(s, s + d.T @ centred, basis, turn) - jnp.eye(dim)
+        linear = rule(*plain_moments(x, d, one), span, turn) - jnp.eye(dim)
         constant = mean_d - linear @ mean_x
     return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 

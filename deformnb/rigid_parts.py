@@ -32,11 +32,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.kernels import kernel_named
-from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.rbf import RBFInterpolant, choose_support, fit_rbf
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_motion import RigidMotion
 from deformnb.rigid_weights import (
@@ -247,7 +246,8 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     moved = [x @ m.T + t for m, t in zip(back, shifts, strict=True)]
     distances = np.stack([p.region.signed_distance(y) for p, y in zip(chosen, moved, strict=True)])
     free, notes = _free_points(points, chosen, moved, distances)
-    support = support if support is not None else default_support(points)
+    if support is None:
+        support = choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
     scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
     weights = tuple(p.weight for p in chosen)
     drift, weight = blended(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
@@ -256,7 +256,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     base = fit_rbf(replace(rest, source=rest.target + asked, weight=rest.weight * weight**2), kernel=kernel,
                    support=support, trend="none" if raw else trend, smoothing=smoothing)
     return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
-                            (*notes, *base.notes))
+                            (*notes, *base.remarks))
 
 
 HELD = ("refuse", "carry", "switch off")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
+from deformnb.deformation import ChosenSupport, Deformation, Step
 from deformnb.document_reader import without_surrogates
 from deformnb.document_regions import region_to_data
 from deformnb.masks import Mask
@@ -189,6 +189,8 @@ def _grid(output: Grid, grid: Grid) -> str:
 
 def _options(step: Step, shared: _Shared) -> str:
     changed = [(name, getattr(step, name)) for name in _PLAIN if getattr(step, name) != _DEFAULTS[name]]
+    if step.chosen_support != dataclasses.replace(step, chosen_support=None).chosen_support:
+        changed.append(("chosen_support", step.chosen_support))
     return "".join(f", {name}={shared.name(name, _written(value))}" for name, value in changed)
 
 
@@ -205,6 +207,8 @@ def _value(value: Any) -> str:
         return _text(value)
     if isinstance(value, Mask):
         return f"dn.region_from_data({json.dumps(region_to_data(value))})"
+    if isinstance(value, ChosenSupport):
+        return f"({value.radius!r}, {_text(value.kernel)})"
     if dataclasses.is_dataclass(value):
         given = [(f.name, getattr(value, f.name), f.default) for f in dataclasses.fields(value)]
         return (f"dn.{type(value).__name__}("

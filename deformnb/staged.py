@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
-from deformnb.rbf import RBFInterpolant, fit_rbf
+from deformnb.rbf import RBFInterpolant, choose_support, fit_rbf
 from deformnb.rigid_parts import RigidInterpolant, RigidPart, fit_rigid
 
 MOST_STAGES = 64
@@ -127,7 +126,7 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
             return fit_rigid(points, parts, support=support, **settings)
         kept = previous if isinstance(previous, RBFInterpolant) else None
         return fit_rbf(points, support=support, previous=kept, **settings)
-    settings["support"] = support or default_support(points)
+    settings["support"] = support or choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
     return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, settings, j, stages)
                         for j in range(1, stages + 1)))
 

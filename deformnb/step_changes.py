@@ -45,6 +45,8 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
     if rule == "modulate" != step.extrusion and step.cuts and step.curve == "z" and "curve" not in fields:
         fields["curve"] = "1-z"  # the other way round a cut is shut where one looks at it
         return "The cut is open in front and closed at the back now: f = 1 - z."
+    if {"kernel", "trend", "smoothing", "support", "maps"} & set(fields):
+        fields.setdefault("chosen_support", None)  # found anew
     kernel = kernel_named(fields.get("kernel", step.kernel))
     trend = trend_named(fields.get("trend", step.trend))
     if kernel.order <= trend.order:

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import sides_of
 from deformnb.deformation import Step
-from deformnb.degenerate import default_support
+from deformnb.degenerate import box_diagonal
 from deformnb.errors import DeformError
 from deformnb.extrusion import CURVE_KNOTS, modulate
 from deformnb.fields import AbstractField
@@ -138,10 +138,11 @@ def _curves(a: Any, b: Any) -> tuple[Places, Places] | None:
 
 
 def _supports(a: Step, b: Step, maps: Sequence[_PointsPath]) -> tuple[float, float] | None:
-    """The support radius at both ends; None where it is automatic and the same points make it."""
-    if a.support == b.support and (a.support is not None or all(path.is_same for path in maps)):
+    """The support radius at both ends; None where it is the same."""
+    if (a.support, a.chosen_support) == (b.support, b.chosen_support) and (
+            not isinstance(a.support, str) or all(path.is_same for path in maps)):
         return None
-    found = a.support or default_support(a.points), b.support or default_support(b.points)
+    found = a.support_for(a.points), b.support_for(b.points)
     radius = found[0] or found[1]
     return None if radius is None else (found[0] or radius, found[1] or radius)
 
@@ -213,7 +214,7 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
 
 def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     every = ControlPoints.from_arrays(np.concatenate([points.source, places]))
-    support = step.support or default_support(points) or default_support(every)
+    support = step.support_for(points) or box_diagonal(every)
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     return fit_points(points, parts, stages=step.stages, kernel=step.kernel, support=support, trend=step.trend,
                       smoothing=step.smoothing)

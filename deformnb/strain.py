@@ -58,14 +58,14 @@ def stretches(field: AbstractField, points: ArrayLike) -> Stretches:
 
     Examples
     --------
-    Everything was stretched to three times its length along a, and to half its length along b:
+    Everything was stretched to one and a half times its length along a, and to three quarters along b:
 
     >>> from deformnb.control_points import ControlPoints
     >>> from deformnb.rbf import fit_rbf
-    >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [2, 0], [0, 2]], [[0, 0], [6, 0], [0, 1]]))
+    >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [2, 0], [0, 2]], [[0, 0], [3, 0], [0, 1.5]]))
     >>> found = stretches(fit, [4.0, 5.0])
     >>> found.area.round(9).tolist(), found.principal.round(9).tolist(), abs(found.directions).round(9).tolist()
-    (1.5, [3.0, 0.5], [[1.0, 0.0], [0.0, 1.0]])
+    (1.125, [1.5, 0.75], [[1.0, 0.0], [0.0, 1.0]])
     """
     x = np.asarray(points, dtype=np.float64)
     dim = field.dim

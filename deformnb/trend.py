@@ -5,6 +5,10 @@ interpolates; the trend of least energy ``tr (Y - X M^T)^T W (Y - X M^T)`` is ta
 targets and W the energy matrix of the kernel (the inverse of Phi, with the mean removed). Both S = X^T W X and
 H = Y^T W X are small, so every trend below is a closed form on matrices of dim x dim.
 
+Points nearly on one line (in space: in one plane) determine an affine trend across it by their small offsets alone,
+which would be magnified over the whole volume. The trend "affine" therefore shrinks to the similarity across the
+directions in which the points are thin, :func:`thin_directions`; "affine_exact" is the paper's, Eqs. 3-4.
+
 The similarity and rigid trends replace the paper's Eq. 5, whose printed system has more equations than unknowns; these
 are its exact optima (S. Umeyama, IEEE PAMI 13 (1991) 376-380, with the dense weight W).
 """
@@ -13,17 +17,42 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
+from numpy.typing import NDArray
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 
 # Below this share of the data's size a rotation has no angle (all handles share one source): keep the last one.
 NO_ANGLE = 1e-6
+
+# Directions in which the points spread by less than this share of their length are thin: an affine trend is shrunk
+# there, and from it on it is the plain one.
+THIN = 0.25
+# How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
+# ((THIN - spread) / spread)^2 / _SOFTNESS. Rows with one point dragged by a tenth of their length keep det J above
+# 0.3 for values up to 1; smaller ones are nearer to a similarity.
+_SOFTNESS = 0.5
+# Below this spread the similarity is reached to rounding; it keeps the penalty finite.
+_LEAST_SPREAD = 1e-4
+
+
+class Span(NamedTuple):
+    """What a set of points determines of a linear map.
+
+    Parameters
+    ----------
+    basis : (dim, rank) orthonormal columns that span the centred targets.
+    ridge : (dim, dim) penalty of the trend "affine" across the :func:`thin_directions`; zero where there are none.
+    """
+
+    basis: Any
+    ridge: Any
 
 
 @dataclass(frozen=True)
@@ -34,7 +63,7 @@ class Trend:
     ----------
     name, title : in code and in menus.
     order : order of conditional positive definiteness of the kernels it can be paired with (see kernels).
-    linear : function (S, H, basis, previous) -> M, the linear part of T; None if there is no polynomial at all.
+    linear : function (S, H, span, previous) -> M, the linear part of T; None if there is no polynomial at all.
     """
 
     name: str
@@ -43,23 +72,50 @@ class Trend:
     linear: Callable[[Any, Any, Any, Any], Any] | None
 
 
-def _translation(s: Any, h: Any, basis: Any, previous: Any) -> Any:
+def _translation(s: Any, h: Any, span: Span, previous: Any) -> Any:
     return jnp.eye(s.shape[0], dtype=s.dtype)
 
 
-def _affine(s: Any, h: Any, basis: Any, previous: Any) -> Any:
-    """M^T = S^-1 H^T on the span of the points (columns of ``basis``), completed across it."""
-    small = basis.T @ s @ basis
-    return complete(jnp.linalg.solve(small, basis.T @ h.T).T, basis)
+def _affine(s: Any, h: Any, span: Span, previous: Any) -> Any:
+    """M = G + (H - G S) (S + tr(S) ridge)^-1 with the similarity G; without a ridge that is H S^-1."""
+    rotation = nearest_rotation(_held_about_a_row(h, jnp.trace(s), span.ridge), jnp.trace(s), previous)
+    similar = jnp.maximum(jnp.sum(rotation * h) / jnp.trace(s), 0.0) * rotation
+    is_thin = jnp.any(span.ridge)
+    rest = h - jnp.where(is_thin, 1.0, 0.0) * (similar @ s)
+    found = jnp.linalg.solve(s + jnp.trace(s) * span.ridge, rest.T).T
+    return jnp.where(is_thin, similar + found, found)
 
 
-def _similarity(s: Any, h: Any, basis: Any, previous: Any) -> Any:
+def _held_about_a_row(h: Any, size: Any, ridge: Any) -> Any:
+    """H with the smallest turn of a row of points in space added, as much as the row is thin.
+
+    The turn about a row is told by the small offsets of its points alone: a point dragged across the row would turn
+    all that lies beside it by half a turn.
+    """
+    if h.shape[0] == 2:
+        return h
+    weights, axes = jnp.linalg.eigh(lax.stop_gradient(ridge))  # that of the row is zero and comes first
+    along = axes[:, 0]
+    image = lax.stop_gradient(h) @ along
+    length = jnp.sqrt(jnp.sum(image * image))
+    turn = _smallest_turn(along, jnp.where(length > 0, image / jnp.where(length > 0, length, 1.0), along))
+    across = jnp.eye(3, dtype=h.dtype) - jnp.outer(along, along)
+    return h + jnp.maximum(weights[1], 0.0) * size * turn @ across
+
+
+def _affine_exact(s: Any, h: Any, span: Span, previous: Any) -> Any:
+    """M^T = S^-1 H^T on the span of the points (columns of its basis), completed across it."""
+    small = span.basis.T @ s @ span.basis
+    return complete(jnp.linalg.solve(small, span.basis.T @ h.T).T, span.basis)
+
+
+def _similarity(s: Any, h: Any, span: Span, previous: Any) -> Any:
     rotation = nearest_rotation(h, jnp.trace(s), previous)
     scale = jnp.sum(rotation * h) / jnp.trace(s)
     return jnp.maximum(scale, 0.0) * rotation
 
 
-def _rigid(s: Any, h: Any, basis: Any, previous: Any) -> Any:
+def _rigid(s: Any, h: Any, span: Span, previous: Any) -> Any:
     return nearest_rotation(h, jnp.trace(s), previous)
 
 
@@ -71,6 +127,7 @@ TRENDS: dict[str, Trend] = {
         Trend("rigid", "Rigid (turn, shift)", 1, _rigid),
         Trend("translation", "Translation", 1, _translation),
         Trend("none", "None", 0, None),
+        Trend("affine_exact", "Affine, exact across a row of points too", 2, _affine_exact),
     )
 }
 """All trends by name; the first is the default."""
@@ -82,6 +139,75 @@ def trend_named(name: str) -> Trend:
         return TRENDS[name]
     except (KeyError, TypeError):  # what has no hash is no name either
         raise DeformError(f"unknown trend {shown_value(name)}; choose one of {', '.join(TRENDS)}.") from None
+
+
+def thin_directions(xx: NDArray[np.float64], yy: NDArray[np.float64], yx: NDArray[np.float64]) -> tuple[
+        NDArray[np.float64], NDArray[np.float64]]:
+    """Principal directions of control points, and how far the points spread along each, relative to the longest.
+
+    A direction is as thin as it is in the targets or, turned back by the best rotation, in the sources: a map between
+    a row and a triangle is determined across the row by neither. With A and B the two matrices of second moments, each
+    relative to its largest eigenvalue, the spreads are the square roots of the eigenvalues of ``2 A (A + B)^-1 B``,
+    which lie above the smaller ones of the two sets.
+
+    Parameters
+    ----------
+    xx, yy, yx : (..., dim, dim) second moments of the centred targets, of the centred sources, and ``Y^T X``.
+
+    Returns
+    -------
+    directions (..., dim, dim), in columns, and spreads (..., dim), falling from 1.
+    """
+    dim = xx.shape[-1]
+    sizes = np.sqrt(np.trace(xx, axis1=-2, axis2=-1) * np.trace(yy, axis1=-2, axis2=-1))[..., None, None]
+    u, _, vt = np.linalg.svd(yx + 1e-9 * sizes * np.eye(dim))  # the smallest turn where one is open
+    u[..., :, -1] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    rotation = u @ vt
+    a, b = _relative_moments(xx), _relative_moments(np.swapaxes(rotation, -1, -2) @ yy @ rotation)
+    b = np.where(np.asarray(yy.any(axis=(-2, -1)))[..., None, None], b, a)  # one place tells nothing of directions
+    tiny = 1e-12 * np.eye(dim)  # both may be flat in one direction
+    both = 2 * (a + tiny) @ np.linalg.solve(a + b + 2 * tiny, b + tiny)
+    values, vectors = np.linalg.eigh((both + np.swapaxes(both, -1, -2)) / 2)
+    values, vectors = np.maximum(values[..., ::-1], 0.0), vectors[..., ::-1]
+    return vectors, np.sqrt(values / values[..., :1])
+
+
+def spreads_of(targets: NDArray[np.float64], sources: NDArray[np.float64]) -> tuple[NDArray[np.float64],
+                                                                                  NDArray[np.float64]]:
+    """:func:`thin_directions` of places (n, dim) at two places at least."""
+    x, y = (places - places.mean(axis=0) for places in (targets, sources))
+    x, y = (places / (np.abs(places).max() or 1.0) for places in (x, y))  # squares of tiny lengths would be zero
+    return thin_directions(x.T @ x, y.T @ y, y.T @ x)
+
+
+def _relative_moments(m: NDArray[np.float64]) -> NDArray[np.float64]:
+    largest = np.linalg.eigvalsh(m)[..., -1:, None]
+    return np.asarray(m / np.where(largest > 0, largest, 1.0))
+
+
+def ridge_of(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The penalty (..., dim, dim) of the trend "affine" for :func:`thin_directions`; zero where none is thin."""
+    s = np.maximum(spreads, _LEAST_SPREAD)
+    weight = np.where(s < THIN, ((THIN - s) / s) ** 2 / _SOFTNESS, 0.0)
+    return np.asarray(directions * weight[..., None, :] @ np.swapaxes(directions, -1, -2))
+
+
+def steadied(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tuple[Any, Any]:
+    """S and H (..., dim, dim), to which those of all points alike are added as much as the points are thin.
+
+    The energy of a row of points is that of its small wiggles: by it, one point dragged past its neighbours would turn
+    and scale all that lies beside the row.
+    """
+    share = jnp.max(jnp.abs(ridge), axis=(-2, -1), keepdims=True)
+    is_thin = share > 0
+
+    def relative(to: Any, weight: Any, where_wide: float) -> Any:
+        size = jnp.trace(to, axis1=-2, axis2=-1)[..., None, None]
+        return jnp.where(is_thin, weight / jnp.where(size > 0, size, 1.0), where_wide)
+
+    first, other = relative(moments[0], 1.0, 1.0), relative(plain[0], share, 0.0)
+    s, h = (first * m + other * m0 for m, m0 in zip(moments, plain, strict=True))
+    return s, h
 
 
 def nearest_rotation(h: Any, size: Any, previous: Any) -> Any:

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Sides, sides_of
 from deformnb.deformation import Deformation, Step, lone_support
-from deformnb.degenerate import default_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, grid_lines, raster_lines
 from deformnb.folds import Folds, folds_of, jacobian_determinant, largest_share
@@ -285,7 +284,7 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
 
 
 def _settings(step: Step, points: ControlPoints, grid: Grid) -> dict[str, object]:
-    return {"kernel": step.kernel, "support": step.support or default_support(points) or lone_support(grid),
+    return {"kernel": step.kernel, "support": step.support_for(points) or lone_support(grid),
             "trend": step.trend, "smoothing": step.smoothing}
 
 

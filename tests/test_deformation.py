@@ -19,7 +19,7 @@ from deformnb.extrusion import EXTRUSIONS
 from deformnb.fields import Composed, Identity, compose
 from deformnb.kernels import KERNELS
 from deformnb.plane import VIEWS, Plane
-from deformnb.rbf import fit_rbf
+from deformnb.rbf import choose_support, fit_rbf
 from deformnb.regions import HalfSpace, Line, Polygon
 from deformnb.rigid_motion import RigidMotion
 from deformnb.rigid_parts import RigidPart
@@ -396,3 +396,27 @@ def test_a_result_has_the_notes_of_its_volume_and_of_its_fits() -> None:
     assert deformation.apply(volume).notes == (*volume.notes, *own)
     assert "1 voxel is not finite" in volume.notes[0]
     assert warp(volume, deformation.field(volume.grid)).notes == volume.notes
+
+
+def test_the_support_is_chosen_when_points_come_and_go_and_not_while_they_are_dragged() -> None:
+    rng = np.random.default_rng(0)
+    source = rng.uniform(0, 100, (9, 2))
+    points = ControlPoints.from_arrays(source, source + rng.normal(0, 6, source.shape))
+    step = Step((points,), PLANE)
+    chosen = step.support_for(points)
+    assert chosen == choose_support([points])
+    dragged = step.with_points(points.move(3, [250.0, -90.0]))
+    assert dragged.support_for(dragged.points) == chosen != choose_support([dragged.points])
+    added = dragged.with_points(dragged.points.add([300.0, 300.0], [310.0, 305.0]))
+    assert added.support_for(added.points) == choose_support([added.points], current=chosen)
+    other = replace(added, kernel="gaussian")
+    assert other.support_for(other.points) == choose_support([other.points], kernel="gaussian")
+    fixed = replace(added, support=33.0)
+    assert fixed.support_for(points) == 33.0
+    assert fixed.chosen_support is None
+    old = replace(added, support="box_diagonal")
+    assert old.support_for(points) == np.linalg.norm(np.ptp(source, axis=0))
+    with pytest.raises(DeformError, match="positive length, None or one of box_diagonal, got 'diagonal'"):
+        replace(added, support="diagonal")
+    with pytest.raises(DeformError, match="a radius and the name of a kernel, got 3"):
+        replace(step, chosen_support=3)

@@ -10,6 +10,7 @@ from scripts import run_script
 from test_rbf_js import as_json, scattered
 
 from deformnb.control_points import ControlPoints
+from deformnb.degenerate import box_diagonal
 from deformnb.forward import warp_points
 from deformnb.rbf import fit_rbf
 from deformnb.regions import Polygon
@@ -85,17 +86,18 @@ MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.j
 def test_the_inverse_is_that_of_the_package() -> None:
     points = scattered()
     places = np.random.default_rng(2).uniform(0, 400, (40, 2))
-    main = """({ points, places }) => { const fit = rbfFit(points); return places.map(([a, b]) => {
+    main = """({ points, places }) => { const fit = rbfFit(points, { support: "box_diagonal" });
+        return places.map(([a, b]) => {
         const at = new Float64Array([a, b]); return [mapInverse(fit, a, b, at, 1e-9), ...at]; }); }"""
     found = run_script(MAPS, main, {"points": as_json(points), "places": places.tolist()})
-    moved, converged = warp_points(places, fit_rbf(points), tolerance=1e-9)
+    moved, converged = warp_points(places, fit_rbf(points, support=box_diagonal(points)), tolerance=1e-9)
     assert converged.all()
     assert all(row[0] for row in found)
     assert np.abs(np.array(found)[:, 1:] - moved).max() < 1e-7
 
 
 def folds(points: Any) -> dict[str, float]:
-    main = f"(points) => foldsOf(layeredFit(points), {BOX}, 33)"
+    main = f"(points) => foldsOf(layeredFit(points, {{ support: 'box_diagonal' }}), {BOX}, 33)"
     return dict(run_script(MAPS, main, as_json(points)))
 
 
@@ -103,10 +105,11 @@ def test_folds_are_those_of_the_jacobian() -> None:
     points = scattered(size=60.0)
     a, b = np.meshgrid(np.linspace(0, 500, 33), np.linspace(0, 450, 33))
     at = np.concatenate([np.stack([a, b], axis=-1).reshape(-1, 2), points.target])
-    det = np.linalg.det(np.eye(2) + fit_rbf(points).jacobian(at))
+    det = np.linalg.det(np.eye(2) + fit_rbf(points, support=box_diagonal(points)).jacobian(at))
     found = folds(points)
     assert found["least"] <= det.min() + 1e-9  # between the nodes it is less still
-    assert abs(found["least"] - np.linalg.det(np.eye(2) + fit_rbf(points).jacobian(found["place"]))) < 1e-9
+    at_place = fit_rbf(points, support=box_diagonal(points)).jacobian(found["place"])
+    assert abs(found["least"] - np.linalg.det(np.eye(2) + at_place)) < 1e-9
     assert found["share"] == (det[: 33 * 33] <= 0).mean() > 0
     assert folds(points.reset()) == {"least": 1, "share": 0, "place": [0, 0]}
 
@@ -128,8 +131,8 @@ def test_the_least_determinant_is_found_between_the_nodes() -> None:
 
 def test_what_folds_is_outlined_where_the_determinant_is_zero() -> None:
     points = scattered(size=60.0)
-    fit = fit_rbf(points)
-    main = """(points) => { const layered = layeredFit(points);
+    fit = fit_rbf(points, support=box_diagonal(points))
+    main = """(points) => { const layered = layeredFit(points, { support: "box_diagonal" });
         const raster = { shape: [46, 51], spacing: [10, 10], origin: [0, 0] };
         const dets = detsOnRaster(layered, raster), probes = probesOf(layered);
         return [Array.from(dets), foldPieces(layered, raster, dets, probes, 1e7)]; }"""
@@ -153,11 +156,11 @@ def area(polygon: list[float]) -> float:
 
 
 def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:
-    main = f"""(points) => deformedNet(layeredFit(points), {BOX}, 8, 4, 1e-6)
+    main = f"""(points) => deformedNet(layeredFit(points, {{ support: 'box_diagonal' }}), {BOX}, 8, 4, 1e-6)
         .map((line) => line.runs.map((run) => Array.from(run)))"""
     whole = run_script(MAPS, main, as_json(scattered()))
     assert [len(runs) for runs in whole] == [1] * (9 + 8)  # 500 x 450 with cells of 62.5: 8 across, 7 down
-    fit = fit_rbf(scattered())
+    fit = fit_rbf(scattered(), support=box_diagonal(scattered()))
     for k, (run,) in enumerate(whole[:9]):
         line = np.array(run).reshape(-1, 2)
         back = line + fit.displacement(line)
@@ -225,9 +228,10 @@ def test_the_slope_beside_rigid_parts_is_that_of_the_package() -> None:
     data = {"region": {"kind": "polygon", "vertices": region.vertices}, "weight": "saturated",
             "motion": {"matrix": part.motion.matrix, "shift": part.motion.shift}}  # type: ignore[union-attr]
     at = np.random.default_rng(4).uniform(50, 400, (60, 2))
-    main = """({ points, part, at }) => { const fit = layeredFit(points, { parts: [part] }).fits[0].fit;
+    main = """({ points, part, at }) => {
+        const fit = layeredFit(points, { support: "box_diagonal", parts: [part] }).fits[0].fit;
         return at.map(([a, b]) => Array.from(fieldWithSlope(fit, a, b, new Float64Array(6)))); }"""
     found = np.array(run_script(MAPS, main, {"points": as_json(points), "part": data, "at": at.tolist()}))
-    fit = fit_rigid(points, [part])
+    fit = fit_rigid(points, [part], support=box_diagonal(points))
     assert np.abs(found[:, :2] - at - fit.displacement(at)).max() < 1e-9
     assert np.abs(found[:, 2:].reshape(-1, 2, 2) - np.eye(2) - fit.jacobian(at)).max() < 1e-3

@@ -36,6 +36,7 @@ VOLUME = Volume(VALUES, GRID, "subject")
 def _document() -> Deformation:
     """Corners held, five points dragged by up to 3 on the picture from the front."""
     session = Session(VOLUME, view="+y")
+    session.change(support="box_diagonal")
     points = session.points
     for source, drag in (((16, 16), (2, 1)), ((31, 15), (-1, 2)), ((16, 31), (1, -3)), ((32, 32), (2, -1)),
                          ((24, 24), (0, 1))):
@@ -53,6 +54,7 @@ class Desk:
 
     def __init__(self, folder: Path, target: Volume | None = None, volume: Volume = VOLUME) -> None:
         self.session = Session(volume, view="+y")
+        self.session.change(support="box_diagonal")
         points = TRUE.steps[0].points.reset()
         for k in range(4):
             points = points.edit(k, locked=True)

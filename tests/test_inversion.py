@@ -60,7 +60,7 @@ def linear(m: NDArray[np.float64], shift: Any, about: Any) -> AbstractField:
     """The backward field of matter that goes from s to m (s - about) + about + shift."""
     dim = len(m)
     source = np.concatenate([np.zeros((1, dim)), 10 * np.eye(dim)]) + about
-    return fit_rbf(ControlPoints.from_arrays(source, (source - about) @ m.T + about + shift))
+    return fit_rbf(ControlPoints.from_arrays(source, (source - about) @ m.T + about + shift), trend="affine_exact")
 
 
 def turned(degrees: float) -> NDArray[np.float64]:

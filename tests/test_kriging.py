@@ -32,7 +32,8 @@ def tangent(trend: str, linear: np.ndarray) -> list[Any]:
     shifts = [lambda x, m=m: np.tile(np.eye(dim)[m], (len(x), 1)) for m in range(dim)]
     entries = np.eye(dim * dim).reshape(-1, dim, dim)
     turns = [(e - e.T) @ linear for e in entries.reshape(dim, dim, dim, dim)[np.triu_indices(dim, 1)]]
-    more = {"none": None, "translation": [], "affine": list(entries), "rigid": turns, "similarity": [*turns, linear]}
+    more = {"none": None, "translation": [], "affine": list(entries), "affine_exact": list(entries), "rigid": turns,
+            "similarity": [*turns, linear]}
     chosen = more[trend]
     return [] if chosen is None else [*shifts, *(lambda x, m=m: x @ m.T for m in chosen)]
 

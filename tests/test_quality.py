@@ -10,10 +10,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from deformnb.control_points import ControlPoints
+from deformnb.degenerate import box_diagonal
 from deformnb.errors import DeformError
 from deformnb.kernels import KERNELS
 from deformnb.quality import bending_energy, fit_quality
-from deformnb.rbf import fit_rbf
+from deformnb.rbf import choose_support, fit_rbf
 from deformnb.trend import TRENDS
 
 PAIRS = [(k.name, t.name) for k in KERNELS.values() for t in TRENDS.values() if t.order >= k.order]
@@ -100,8 +101,9 @@ def test_points_at_one_place_vouch_for_each_other() -> None:
 
 def test_the_support_is_held_at_that_of_all_points() -> None:
     points = some_points(7, 2)
-    box = float(np.linalg.norm(np.ptp(points.source, axis=0)))
-    assert_allclose(fit_quality(points).leave_one_out, slow(points, box), rtol=1e-9)
+    chosen = choose_support([points])
+    assert chosen is not None
+    assert_allclose(fit_quality(points).leave_one_out, slow(points, chosen), rtol=1e-9)
 
 
 def test_residuals_are_what_smoothing_leaves() -> None:
@@ -288,7 +290,7 @@ def test_points_that_hold_the_rim_are_not_blamed_for_a_drag_beside_them() -> Non
     inside = [[30, 50], [60, 30], [60, 70], [100, 25], [100, 75], [140, 50], [180, 85]]
     drags = [[4, 4], [3, -5], [0, 2], [2, -6], [1, 3], [-2, 0], [-16, 9]]
     points = ControlPoints.from_arrays(rim + inside, rim + (np.array(inside) + drags).tolist())
-    quality = fit_quality(points)
+    quality = fit_quality(points, support=box_diagonal(points))
     corner = 3  # beside the longest drag; the others would carry it along by more than half of the way to that
     assert quality.disagreement[corner] > 0.5
     assert corner not in quality.suspects
@@ -309,3 +311,15 @@ def test_points_at_one_place_are_compared_with_the_next_place() -> None:
     found = fit_quality(twice)
     assert found.disagreement[:4] == pytest.approx(fit_quality(once).disagreement[:4], rel=1e-9)
     assert found.disagreement[4:] == pytest.approx([0, 0], abs=1e-9)  # each says what the other says
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_leave_one_out_of_a_thin_set_is_that_of_the_fits_of_all_others(dim: int) -> None:
+    """Without one of the points the others are thin in another way, and the trend is shrunk in another way."""
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-50, 50, (9, dim)) * ([1.0] * (dim - 1) + [0.1])
+    points = ControlPoints.from_arrays(x + rng.normal(0, 3, x.shape), x)
+    found = fit_quality(points, support=60.0).leave_one_out
+    for k in range(len(points)):
+        rest = fit_rbf(points.remove(k), support=60.0)
+        assert np.abs(found[k] - (points.displacement[k] - rest.displacement(points.target[k]))).max() < 1e-7

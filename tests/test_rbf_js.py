@@ -12,11 +12,12 @@ import pytest
 from scripts import run_script
 
 from deformnb.control_points import ControlPoints
+from deformnb.degenerate import box_diagonal, usual_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.kernels import KERNELS
 from deformnb.plane import Raster
-from deformnb.rbf import fit_rbf
+from deformnb.rbf import choose_support, fit_rbf
 from deformnb.trend import TRENDS
 
 FILES = ("rbf_solve.js", "rbf.js")
@@ -124,11 +125,22 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
     return found
 
 
+def with_choice(points: ControlPoints, settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings with the support that Python chooses, as an editor sends them."""
+    if "support" in settings:
+        return settings
+    kernel, trend = settings.get("kernel", "wendland_c2"), settings.get("trend", "affine")
+    if kernel not in KERNELS or trend not in TRENDS or TRENDS[trend].order < KERNELS[kernel].order:
+        return settings
+    radius = choose_support([points], kernel=kernel, trend=trend, smoothing=max(0.0, settings.get("smoothing", 0.0)))
+    return settings if radius is None else {**settings, "chosen_support": radius}
+
+
 @cache
 def answers() -> dict[str, dict[str, Any]]:
     given = cases()
     raster = {"shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}
-    asked = [{"points": as_json(points), "settings": settings, "raster": raster,
+    asked = [{"points": as_json(points), "settings": with_choice(points, settings), "raster": raster,
               "places": [*points.target[:3].tolist(), [33.0, 44.0], [-300.0, 900.0]]}
              for points, settings in given.values()]
     return dict(zip(given, run_script(FILES, MAIN, json.loads(json.dumps(asked))), strict=True))
@@ -149,7 +161,7 @@ def test_the_browser_fits_as_the_package_does(name: str) -> None:
     assert np.abs(np.array(answer["at"]) - fit.displacement(places)).max() < CLOSE
     oracle = fit.displacement(RASTER.points())
     assert np.abs(np.array(answer["map"]).reshape(oracle.shape) - oracle).max() < CLOSE
-    assert (tuple(answer["notes"]), tuple(answer["ids"]), answer["trend"]) == (fit.notes, fit.ids, fit.trend)
+    assert (tuple(answer["notes"]), tuple(answer["ids"]), answer["trend"]) == (fit.remarks, fit.ids, fit.trend)
     assert answer["count"] == fit.count
     if fit.count:
         assert answer["support"] == pytest.approx(fit.support, rel=1e-12)
@@ -179,21 +191,35 @@ def test_so_is_the_jacobian_of_points_with_radii_of_their_own(name: str) -> None
 
 def test_the_registries_are_alike() -> None:
     names = run_script(FILES, """() => [RBF_KERNELS, RBF_TRENDS].map(
-        (table) => Object.entries(table).map(([name, row]) => [name, row.title, row.order]))""", None)
-    assert names == [[[k, v.title, v.order] for k, v in table.items()] for table in (KERNELS, TRENDS)]  # type: ignore[attr-defined]
+        (table) => Object.entries(table).map(([name, row]) => [name, row.title, row.order, row.share ?? 0,
+            Number.isFinite(row.gaps) ? row.gaps : 0]))""", None)
+    kernels = [[k, v.title, v.order, v.shares[len(v.shares) // 2], v.gaps if np.isfinite(v.gaps) else 0]
+               for k, v in KERNELS.items()]
+    assert names == [kernels, [[k, v.title, v.order, 0, 0] for k, v in TRENDS.items()]]
+
+
+def test_a_page_that_knows_no_choice_takes_the_usual_support() -> None:
+    """Of scattered points, of a row, of sources at one place, of none; and the box's diagonal of older documents."""
+    row = ControlPoints.from_arrays(np.outer(np.arange(9.0), [30.0, 40.0]))
+    piled = ControlPoints.from_arrays(np.full((4, 2), 9.0), scattered().target[:4])
+    sets = [scattered(), row, row.take([0, 3]), piled, ControlPoints.empty()]
+    main = """({ sets, kernels }) => sets.map((points) => [rbfBoxDiagonal(points),
+        ...kernels.map((kernel) => rbfSupport(points, { kernel, lone_support: null }))])"""
+    found = run_script(FILES, main, {"sets": [as_json(points) for points in sets], "kernels": list(KERNELS)})
+    for points, values in zip(sets, found, strict=True):
+        wanted = [box_diagonal(points), *(usual_support(points, kernel) for kernel in KERNELS.values())]
+        assert values == [None if w is None else pytest.approx(w, rel=1e-12) for w in wanted]
 
 
 def test_the_strength_is_that_of_a_step() -> None:
     points = scattered()
     main = """({ points, at }) => {
-        const fit = rbfFit(points, { strength: 1.7 });
+        const fit = rbfFit(points, { strength: 1.7, support: "box_diagonal" });
         return at.map((p) => rbfAt(fit, ...p));
     }"""
     at = [[33.0, 44.0], [120.0, 310.0]]
     found = run_script(FILES, main, {"points": as_json(points), "at": at})
-    from deformnb.degenerate import default_support
-
-    oracle = fit_rbf(points.blended(1.7), support=default_support(points)).displacement(at)
+    oracle = fit_rbf(points.blended(1.7), support=box_diagonal(points)).displacement(at)
     assert np.abs(np.array(found) - oracle).max() < CLOSE
 
 

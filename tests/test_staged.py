@@ -148,7 +148,7 @@ def test_a_cut_has_stages_on_either_side() -> None:
 def test_a_step_in_stages_is_extruded_as_one_map() -> None:
     deformation = Deformation.on_picture(GRID, "+z", FAR, stages=6)
     field = deformation.field(GRID)
-    flat = fit_points(FAR, stages=6, support=float(np.hypot(90, 90)))
+    flat = fit_points(FAR, stages=6, support=deformation.steps[0].support_for(FAR))
     v, u = RASTER.rows[::9], RASTER.columns[::9]
     a, b = np.meshgrid(u, v)
     plane = deformation.steps[0].plane

@@ -44,7 +44,10 @@ MAIN = """({ points, settings, box, cells }) => {
 
 
 def in_the_page(points: ControlPoints, cells: int, cuts: list[Cut]) -> dict[str, Any]:
-    settings = {**SETTINGS, "cuts": [{"name": "", "enabled": True, "region": region_to_data(c.region)} for c in cuts]}
+    chosen = Step((points,), PLANE).chosen_support
+    assert chosen is not None
+    regions = [{"name": "", "enabled": True, "region": region_to_data(c.region)} for c in cuts]
+    settings = {**SETTINGS, "chosen_support": chosen.radius, "cuts": regions}
     found = run_script(FILES, MAIN, {"points": as_json(points), "settings": settings, "box": [-0.5, 59.5, -0.5, 39.5],
                                      "cells": cells})
     return {name: np.array(value, dtype=float) for name, value in found.items()}

@@ -216,7 +216,8 @@ class Desk:
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree(), self.recovery.earlier)
         return {
-            **values, "support": step.support or 0.0, "view": session.view or "", "method": session.method,
+            **values, "support": step.support if isinstance(step.support, float) else 0.0,
+            "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
             "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.trust.keep_free,
             "states": states, "state_shown": states[shown]["id"],

@@ -135,7 +135,8 @@ def describe_document(path: str | PathLike[str]) -> dict[str, str]:
 def _describe_step(step: Step) -> str:
     normal = None if step.plane is None else tuple(round(c, 4) for c in step.plane.normal)
     where = "in space" if normal is None else f"on the plane with normal {normal}"
-    support = "automatic" if step.support is None else f"{step.support:g}"
+    radius = step.chosen_support.radius if step.chosen_support else step.support
+    support = f"{radius:g}" if isinstance(radius, float) else "automatic"
     curve, knots = shown(step.curve) if isinstance(step.curve, str) else "a table", [f"{k:g}" for k in step.knots]
     rule = {"modulate": f"modulate by {curve}", "interpolate": f"interpolate at depths {', '.join(knots)}"}.get(
         step.extrusion, step.extrusion)

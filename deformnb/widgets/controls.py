@@ -17,7 +17,6 @@ import numpy as np
 import traitlets
 
 from deformnb.deformation import lone_support
-from deformnb.degenerate import default_support
 from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
@@ -239,7 +238,7 @@ class MapPanel(Panel):
         self.add(self._support, self._shown_support,
                  lambda value: session.change(kind="support", slides=True, support=float(value)))
         self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
-        self.add(self._auto, lambda: session.step.support is None,
+        self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
         smoothing = self.of_step(slider("Smoothing", 0.0, 2.0, 0.01, "0 meets every point; more is smoother"),
                                  "smoothing")
@@ -249,7 +248,7 @@ class MapPanel(Panel):
 
     def _shown_support(self) -> float:
         step, low, high = self.session.step, 10**self._support.min, 10**self._support.max
-        support = step.support or default_support(self.session.points) or lone_support(self.session.volume.grid)
+        support = step.support_for(self.session.points) or lone_support(self.session.volume.grid)
         return float(np.clip(support, low, high))
 
     def arrange(self) -> None:

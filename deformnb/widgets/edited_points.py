@@ -27,8 +27,10 @@ import numpy as np
 import traitlets
 
 from deformnb.control_points import ControlPoints
+from deformnb.deformation import ChosenSupport, check_support
 from deformnb.errors import DeformError
 from deformnb.kernels import kernel_named
+from deformnb.rbf import choose_support
 from deformnb.staged import MOST_STAGES
 from deformnb.trend import trend_named
 from deformnb.widgets.hand_traits import PAGE_TRAITS
@@ -83,13 +85,16 @@ class EditedPoints(anywidget.AnyWidget):
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
     _holding_sync: bool
     _states_to_send: set[str]
+    chooses_support = True
+    """Whether ``chosen_support`` follows the points; False where a session says what it is."""
 
     next_id = traitlets.Int(0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
     history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
     kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
-    support = traitlets.Float(None, allow_none=True).tag(sync=True)
+    support = traitlets.Any(None, help="a radius, None or the name of a rule").tag(sync=True)
+    chosen_support = traitlets.Float(None, allow_none=True, help="the radius while support is None").tag(sync=True)
     trend = traitlets.Unicode("affine").tag(sync=True)
     smoothing = traitlets.Float(0.0).tag(sync=True)
     strength = traitlets.Float(1.0).tag(sync=True)
@@ -231,6 +236,11 @@ class EditedPoints(anywidget.AnyWidget):
         """
         return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
 
+    @property
+    def kept_support(self) -> ChosenSupport | None:
+        """The support that was chosen, as a step keeps it."""
+        return None if self.chosen_support is None else ChosenSupport(self.chosen_support, self.kernel)
+
     # ---- traits -----------------------------------------------------------------------------------------------------
 
     @traitlets.observe("points")
@@ -243,12 +253,21 @@ class EditedPoints(anywidget.AnyWidget):
         check(proposal["value"])
         return str(proposal["value"])
 
-    @traitlets.validate("support", "lone_support")
-    def _a_length(self, proposal: Any) -> float | None:
+    @traitlets.observe("points", "kernel", "trend", "smoothing", "support")
+    def _choose_support(self, change: Any) -> None:
+        """Find the support anew when points are added, removed or switched, and for other settings: never in a drag."""
+        is_drag = change["name"] == "points" and isinstance(change["old"], ControlPoints) and change[
+            "new"].has_places_of(change["old"])
+        if self.chooses_support and self.support is None and not is_drag:
+            current = self.chosen_support if change["name"] == "points" else None
+            self.chosen_support = choose_support([self.points], kernel=self.kernel, trend=self.trend,
+                                                 smoothing=self.smoothing, current=current)
+
+    @traitlets.validate("support", "lone_support", "chosen_support")
+    def _a_length(self, proposal: Any) -> float | str | None:
         value = proposal["value"]
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise DeformError(f"the support radius must be a positive length, got {value}.")
-        return None if value is None else float(value)
+        check_support(value)
+        return value if value is None or isinstance(value, str) else float(value)
 
     @traitlets.validate("history")
     def _two_texts(self, proposal: Any) -> dict[str, str]:

@@ -17,8 +17,7 @@ import traitlets
 
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, Decoupled, decoupled_fits
-from deformnb.deformation import Step
-from deformnb.degenerate import default_support
+from deformnb.deformation import Step, support_radius
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.picture import Picture
@@ -189,7 +188,8 @@ class Editor(EditedPoints):
 
     def _fit(self, dragged: ControlPoints, points: ControlPoints) -> AbstractField:
         settings: dict[str, Any] = {name: getattr(self, name) for name in ("kernel", "trend", "smoothing", "stages")}
-        settings["support"] = self.support or default_support(points) or self.lone_support
+        settings["support"] = (support_radius(self.support, self.chosen_support, points, self.kernel)
+                               or self.lone_support)
         parts = [part.scaled(self.strength) for part in shapes_of("parts", self.parts) if part.enabled]
         self._previous = fit_points(dragged, parts, previous=self._previous, **settings)
         return self._previous
@@ -204,7 +204,7 @@ class Editor(EditedPoints):
         if self._picture is None:
             raise DeformError("an editor without a picture has no plane in space; give it a picture.")
         names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule", "stages")
-        own = {name: getattr(self, name) for name in names}
+        own = {name: getattr(self, name) for name in names} | {"chosen_support": self.kept_support}
         shapes = {what: shapes_of(what, getattr(self, what)) for what in ("cuts", "parts")}
         return Step((self.points,), self._picture.plane, **{**own, **shapes, **options})
 

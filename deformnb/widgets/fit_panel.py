@@ -20,7 +20,6 @@ import numpy as np
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, lone_support
-from deformnb.degenerate import default_support
 from deformnb.errors import Cancelled, DeformError
 from deformnb.fields import AbstractField
 from deformnb.likeness import MEASURES
@@ -195,7 +194,7 @@ class FitPanel(Panel):
         if step.strength != 1:
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
         editor = self._editors.current
-        support = step.support or default_support(session.points) or lone_support(session.volume.grid)
+        support = step.support_for(session.points) or lone_support(session.volume.grid)
         options = {"kernel": step.kernel, "support": support, "trend": step.trend, "smoothing": step.smoothing}
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
         return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),

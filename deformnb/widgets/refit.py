@@ -11,7 +11,7 @@ from typing import Any
 
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Decoupled, decoupled_fits
-from deformnb.degenerate import default_support
+from deformnb.deformation import support_radius
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Composed, Identity
 from deformnb.staged import Fit, fit_points
@@ -19,8 +19,8 @@ from deformnb.widgets.card_cuts import cut_plane
 from deformnb.widgets.card_maps import MOST_MAPS, count_maps, equal_fields
 from deformnb.widgets.shape_messages import shapes_of
 
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts", "cut_rule",
-             "stages")
+_SETTINGS = ("kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts",
+             "cut_rule", "stages")
 _OBSERVED = ["points", *_SETTINGS]
 
 
@@ -123,7 +123,8 @@ class Refit:
         dragged = points if strength == 1 else points.blended(strength)
         options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
         options["stages"] = settings.get("stages", 1)
-        options["support"] = settings["support"] or default_support(points) or settings["lone_support"]
+        radius = support_radius(settings["support"], settings.get("chosen_support"), points, settings["kernel"])
+        options["support"] = radius or settings["lone_support"]
         parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
         self._previous = fit_points(dragged, parts, previous=self._previous, **options)
         return self._previous

@@ -187,7 +187,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
     def _step(self, points: ControlPoints, options: dict[str, Any]) -> Step:
         settings = {name: getattr(self, name) for name in _SETTINGS}
-        return Step((points,), None, **{**settings, **self._options, **options})
+        return Step((points,), None, chosen_support=self.kept_support, **{**settings, **self._options, **options})
 
     def look_at(self, point: int) -> None:
         """Bring the slices to the target of the point with this id."""

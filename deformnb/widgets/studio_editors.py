@@ -31,6 +31,7 @@ def make_editor(session: Session, height: int) -> Editor:
     step = session.step
     made = Editor(session.picture(), None, height=height, history=session.history,
                   label=f"Picture of {session.volume.name or 'the volume'}")
+    made.chooses_support = False
     made.lone_support = lone_support(session.volume.grid)
     if step.plane is not None:
         show_step(made, session)
@@ -44,6 +45,7 @@ def show_step(editor: Any, session: Session) -> None:
         for name in _OF_THE_STEP:
             if getattr(editor, name) != getattr(step, name):
                 setattr(editor, name, getattr(step, name))
+        editor.chosen_support = step.chosen_support and step.chosen_support.radius
         if isinstance(editor, Editor):
             for name in ("cuts", "parts"):
                 shapes = checked_shapes(name, getattr(step, name))
@@ -111,6 +113,7 @@ class StudioEditors:
         with parts_of_another():
             made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
                                transfer=session.transfer_function, before=session.before())
+        made.chooses_support = False
         made.layout.width = "100%"
         self._listen(made)
         return made

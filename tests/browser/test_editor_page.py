@@ -318,7 +318,7 @@ def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture)
     page = opened(Editor(picture, ControlPoints.from_arrays(line)))
     page.drag(line[1], (15, 10))
     status = "document.querySelector('.dnb-ed-status').innerText"
-    page.wait(f"{status}.includes('the control points lie on one line')")
+    page.wait(f"{status}.includes('the control points lie nearly on one line')")
     page.wait(f"{status}.includes('no folds')")
     page.drag(page.points.target[1], (200, 130))
     page.wait(f"{status}.includes('folds on')")

@@ -240,7 +240,7 @@ def test_a_cut_face_is_lit_and_has_no_grain(page: LivePage) -> None:
 def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> None:
     step = pulled(2.0)
     part = RigidPart(HalfSpace((float(MIDDLE[0]) + 19, 0.0), (-1.0, 0.0)))
-    step = replace(step, parts=(part,), maps=(step.points.remove(*step.points.ids[3:5]),))
+    step = replace(step, parts=(part,), maps=(step.points.remove(*step.points.ids[3:5]),), chosen_support=None)
     editor = Editor(project(bar(), PLANE), step.points, cuts=list(step.cuts), parts=list(step.parts),
                     trend="translation")
     view = opened(page)

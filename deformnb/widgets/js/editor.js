@@ -1,7 +1,7 @@
 // The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
 // To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
-const SETTINGS = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];
+const SETTINGS = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];
 
 const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
   switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };

@@ -5,7 +5,7 @@
 // something else; they give way where the editor has gone on since, so that no old picture flashes up.
 
 const SHAPES = ["cuts", "cut_rule", "parts"];
-const FOLLOWED = ["points", "kernel", "support", "trend", "smoothing", "strength", "stages", ...SHAPES];
+const FOLLOWED = ["points", "kernel", "support", "chosen_support", "trend", "smoothing", "strength", "stages", ...SHAPES];
 
 class FieldLink {
   /**

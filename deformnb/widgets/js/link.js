@@ -34,8 +34,8 @@ function publishPoints(bus, detail) {
 
 // The settings of a fit as the traits of an editor hold them.
 function settingsOf(model) {
-  const names = ["kernel", "support", "trend", "smoothing", "strength", "lone_support", "cuts", "cut_rule", "parts",
-    "stages"];
+  const names = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts",
+    "cut_rule", "parts", "stages"];
   return Object.fromEntries(names.map((name) => [name, model.get(name)]));
 }
 

@@ -8,7 +8,8 @@
 //
 // points: [{id, name, source: [a, b], target: [a, b], active, weight, radius}]; radius: null, or a support radius of the
 //   point's own
-// settings: {kernel, support, trend, smoothing, strength, lone_support, previous}; all may be left out.
+// settings: {kernel, support, chosen_support, trend, smoothing, strength, lone_support, previous}; all may be left out.
+//   support: a radius, null or "box_diagonal"; chosen_support: what Python chose while it is null
 // fit.notes are for people; those of them in fit.doubts say that the map may fold, which is not measured here.
 // All arithmetic is in float64, as in the package; a test compares the two for every kernel and trend.
 
@@ -24,23 +25,25 @@ const RBF_RESIDUAL = 1e-7;
 const RBF_ROUNDING = 1e-10;
 const RBF_MOST_GAIN = 1e5;
 const RBF_STEEP = 10;
+const RBF_LONGEST_SHARE = 100;
 const RBF_NO_ANGLE = 1e-6;
 const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
 
+// share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps.
 // profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.kernels.
 const RBF_KERNELS = {
   wendland_c2: {
-    title: "Wendland C2", order: 0, compact: true,
+    title: "Wendland C2", order: 0, compact: true, share: 1, gaps: 16,
     profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s), q = t * t; return q * q * (5 - 4 * t); },
     slope: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s); return -10 * t * t * t; },
   },
   wendland_c0: {
-    title: "Wendland C0", order: 0, compact: true,
+    title: "Wendland C0", order: 0, compact: true, share: 1, gaps: Infinity,
     profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s); return t * t; },
     slope: (s) => { const r = Math.sqrt(Math.max(s, RBF_TINY)); return r >= 1 ? 0 : -(1 - r) / r; },
   },
   wendland_c4: {
-    title: "Wendland C4", order: 0, compact: true,
+    title: "Wendland C4", order: 0, compact: true, share: 1, gaps: 8,
     profile: (s) => {
       if (s >= 1) return 0;
       const r = Math.sqrt(s), t = 1 - r, q = t * t;
@@ -49,27 +52,27 @@ const RBF_KERNELS = {
     slope: (s) => { if (s >= 1) return 0; const r = Math.sqrt(s); return (-28 / 3) * (1 + 5 * r) * (1 - r) ** 5; },
   },
   thin_plate: {
-    title: "Thin-plate spline", order: 2, compact: false,
+    title: "Thin-plate spline", order: 2, compact: false, share: 1, gaps: Infinity,
     profile: (s) => 0.5 * s * Math.log(Math.max(s, RBF_TINY)),
     slope: (s) => 0.5 * (Math.log(Math.max(s, RBF_TINY)) + 1),
   },
   gaussian: {
-    title: "Gaussian", order: 0, compact: false,
+    title: "Gaussian", order: 0, compact: false, share: 1 / 4, gaps: 2,
     profile: (s) => Math.exp(-4.5 * s),
     slope: (s) => -4.5 * Math.exp(-4.5 * s),
   },
   multiquadric: {
-    title: "Multiquadric", order: 1, compact: false,
+    title: "Multiquadric", order: 1, compact: false, share: 1 / 4, gaps: 1,
     profile: (s) => -Math.sqrt(1 + 16 * s),
     slope: (s) => -8 / Math.sqrt(1 + 16 * s),
   },
   cubic: {
-    title: "Cubic", order: 2, compact: false,
+    title: "Cubic", order: 2, compact: false, share: 1, gaps: Infinity,
     profile: (s) => s * Math.sqrt(s),
     slope: (s) => 1.5 * Math.sqrt(s),
   },
   linear: {
-    title: "Linear", order: 1, compact: false,
+    title: "Linear", order: 1, compact: false, share: 1, gaps: Infinity,
     profile: (s) => -Math.sqrt(s),
     slope: (s) => -0.5 / Math.sqrt(Math.max(s, RBF_TINY)),
   },
@@ -82,6 +85,7 @@ const RBF_TRENDS = {
   rigid: { title: "Rigid (turn, shift)", order: 1 },
   translation: { title: "Translation", order: 1 },
   none: { title: "None", order: 0 },
+  affine_exact: { title: "Affine, exact across a row of points too", order: 2 },
 };
 
 // ---- the fit --------------------------------------------------------------------------------------------------------
@@ -101,7 +105,7 @@ function rbfFit(points, settings = {}) {
       "for; switch some off or thin them out.");
   }
   // The radius is that of the points as dragged, at full strength, as in deformnb.deformation.Step.
-  const radius = rbfRadius(active, settings.support ?? rbfDefaultSupport(active) ?? settings.lone_support ?? null, trend);
+  const radius = rbfRadius(active, rbfSupport(points, settings), trend);
   const ready = rbfPrepare(active, kernel, radius, trend, smoothing, strength);
   if (ready.n === 0) return rbfIdentity(ready, kernel, "none", 1);
   return rbfSolvePrepared(ready, kernel, smoothing, settings.previous ?? null);
@@ -114,8 +118,8 @@ function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
   if (!Object.hasOwn(RBF_TRENDS, trend)) {
     throw new RbfError(`unknown trend '${trend}'; choose one of ${Object.keys(RBF_TRENDS).join(", ")}.`);
   }
-  if (support !== null && !(Number.isFinite(support) && support > 0)) {
-    throw new RbfError(`the support radius must be a positive length, got ${support}.`);
+  if (support !== null && support !== "box_diagonal" && !(Number.isFinite(support) && support > 0)) {
+    throw new RbfError(`the support radius must be a positive length, null or box_diagonal, got ${support}.`);
   }
   if (!(Number.isFinite(smoothing) && smoothing >= 0)) {
     throw new RbfError(`smoothing must be 0 or a positive number, got ${smoothing}.`);
@@ -154,21 +158,38 @@ function rbfCheckPoints(points) {
   }
 }
 
-function rbfBoxDiagonal(points, key) {
-  const size = [0, 1].map((k) => {
-    let low = Infinity, high = -Infinity;
-    for (const p of points) { low = Math.min(low, p[key][k]); high = Math.max(high, p[key][k]); }
-    return high - low;
-  });
-  return Math.hypot(size[0], size[1]);
+// The places that do not move during a drag: the active sources, or the targets if the sources coincide.
+function rbfAtRest(points) {
+  const active = points.filter((p) => p.active !== false);
+  const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
+  return rbfExtent(sources) > RBF_SAME_PLACE * rbfExtent(targets) ? sources : targets;
 }
 
-// The diagonal of the box of the active sources (of the targets if the sources coincide); null for one place.
-function rbfDefaultSupport(points) {
-  const active = points.filter((p) => p.active !== false);
-  if (active.length === 0) return null;
-  const sources = rbfBoxDiagonal(active, "source"), targets = rbfBoxDiagonal(active, "target");
-  return (sources > RBF_SAME_PLACE * targets ? sources : targets) || null;
+// The diagonal of the box of places; 0 for none.
+function rbfExtent(places) {
+  const size = [0, 1].map((k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
+    places.reduce((m, p) => Math.min(m, p[k]), Infinity));
+  return places.length ? Math.hypot(size[0], size[1]) : 0;
+}
+
+function rbfBoxDiagonal(points) {
+  return rbfExtent(rbfAtRest(points)) || null;
+}
+
+// The support of points that say nothing of it themselves: a share of their box, less for points in a row.
+function rbfUsualSupport(points, kernel) {
+  const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
+  if (size === 0) return null;
+  const isThin = rbfSpreads(places, places).spread < RBF_THIN;
+  return size * (isThin ? Math.min(share, 0.5, gaps / Math.max(1, places.length - 1)) : share);
+}
+
+// The support radius of a set of points: as given, by a rule, as it was chosen, the usual one, or that of a lone point.
+function rbfSupport(points, settings) {
+  const { support, chosen_support: chosen, lone_support: lone, kernel = "wendland_c2" } = settings;
+  const own = support === "box_diagonal" ? rbfBoxDiagonal(points)
+    : support ?? chosen ?? rbfUsualSupport(points, kernel);
+  return own ?? lone ?? null;
 }
 
 function rbfRadius(active, radius, trend) {
@@ -180,25 +201,49 @@ function rbfRadius(active, radius, trend) {
   return 1; // a translation does not depend on it
 }
 
-function rbfPrepare(active, kernel, radius, trend, smoothing, strength) {
+function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   const places = active.map((p) => ({
     point: p, w: p.weight ?? 1,
     x: [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k])),
   }));
   if (strength === 1) for (const q of places) q.x = [...q.point.target];
   for (const q of places) q.d = [q.point.source[0] - q.x[0], q.point.source[1] - q.x[1]];
-  const { merged, notes } = rbfMerge(places, radius, smoothing);
+  const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
+  let radius = given;
+  if (RBF_KERNELS[kernel].compact && given > RBF_LONGEST_SHARE * box) {
+    radius = RBF_LONGEST_SHARE * box;
+    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond that ` +
+      "the map hardly changes");
+  }
+  const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
   const n = merged.length;
   const origin = n ? [0, 1].map((k) => merged.reduce((sum, q) => sum + q.x[k], 0) / n) : [0, 0];
   const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
-  const [name, remark] = rbfBearable(trend, kernel, n, basis.length);
-  return { n, merged, origin, radius, basis, trend: name, notes: [...notes, ...remark],
+  const { ridge, where } = rbfThinness(merged, basis);
+  const [name, remark] = rbfBearable(trend, kernel, n, basis.length, where);
+  return { n, merged, origin, radius, basis, ridge, trend: name, notes: [...limited, ...notes, ...remark],
     ids: merged.map((q) => q.point.id) };
 }
 
+// The penalty of the trend "affine" across a row of points, and where the row lies, in words; nothing for wide sets.
+function rbfThinness(merged, basis) {
+  if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
+  const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
+  if (spread >= RBF_THIN) return { ridge: null, where: "" };
+  const s = Math.max(spread, RBF_LEAST_SPREAD), weight = ((RBF_THIN - s) / s) ** 2 / RBF_SOFTNESS;
+  const across = [-along[1], along[0]], quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
+  const degrees = ((quarters * 15) % 180 + 180) % 180;
+  return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
+}
+
+function rbfRound(value) { // halves go to the even number, as in Python
+  const low = Math.floor(value), rest = value - low;
+  return rest < 0.5 || (rest === 0.5 && low % 2 === 0) ? low : low + 1;
+}
+
 // Points at one place become one, found through a sort along a so that 2000 points take no longer than a few.
-function rbfMerge(places, radius, smoothing) {
-  const near = RBF_SAME_PLACE * radius, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
+function rbfMerge(places, radius, reach, smoothing) {
+  const near = RBF_SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
   const parent = places.map((_, k) => k);
   const root = (k) => { while (parent[k] !== k) k = parent[k] = parent[parent[k]]; return k; };
   const pairs = [];
@@ -240,13 +285,15 @@ function rbfShown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
-function rbfBearable(trend, kernel, n, rank) {
-  if (n === 0 || trend === "none" || trend === "translation" || rank === 2) return [trend, []];
-  if (rank === 0) {
-    return [RBF_KERNELS[kernel].order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];
-  }
-  if (trend !== "affine") return [trend, []];
-  return [trend, ["the control points lie on one line: across it the affine trend goes on as a similarity"]];
+function rbfBearable(trend, kernel, n, rank, where) {
+  if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
+  const { order } = RBF_KERNELS[kernel];
+  if (rank === 0) return [order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];
+  if (!where || !trend.startsWith("affine")) return [trend, []];
+  const lie = `the control points lie nearly ${where}: across it`;
+  if (trend === "affine" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
+  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel ` +
+    "with the trend affine stays calm"]];
 }
 
 function rbfIdentity(ready, kernel, trend, support) {
@@ -269,7 +316,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready.basis, turn, kernel, ready.trend,
+  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
     fit.scales);
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);
@@ -283,10 +330,13 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
       "Wendland kernel, or a little smoothing.");
   }
   const map = [[1 + linear[0][0], linear[0][1]], [linear[1][0], 1 + linear[1][1]]];
-  const crossed = rbfCrossingPairs(ready, map).map(
-    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`);
+  const torn = rbfTornPairs(ready), isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const crossed = torn.map(
+    ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`);
+  crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair)).map(
+    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
   return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, map)],
+    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)],
     doubts: crossed };
 }
 

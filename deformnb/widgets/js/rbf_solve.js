@@ -3,7 +3,8 @@
 
 // alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
 // scales: null, or support / R_j of points with support radii R_j of their own.
-function rbfSolve(x, d, nugget, basis, turn, kernel, trend, scales = null) {
+// span: {basis, ridge}, what the points determine of a linear map, as in deformnb.trend.Span.
+function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
   const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
   for (let i = 0; i < n; i++) {
     for (let j = 0; j <= i; j++) {
@@ -14,11 +15,11 @@ function rbfSolve(x, d, nugget, basis, turn, kernel, trend, scales = null) {
     phi[i * n + i] += nugget[i];
   }
   let solved;
-  if (scales) solved = rbfLeastSquares(phi, x, d, basis, turn, trend);
-  else if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, basis);
+  if (scales) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
+  else if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, span.basis);
   else if (trend === "none") {
     solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
-  } else solved = rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend);
+  } else solved = rbfLeastEnergy(phi, x, d, span, turn, kernel, trend);
   const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < 2; k++) {
@@ -98,7 +99,7 @@ function rbfBordered(phi, p, n, r) {
   return out;
 }
 
-function rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend) {
+function rbfLeastEnergy(phi, x, d, span, turn, kernel, trend) {
   const n = x.length / 2, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
   if (RBF_KERNELS[kernel].order === 0) {
     const rhs = new Float64Array(n * 5);
@@ -125,7 +126,8 @@ function rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend) {
       }
     }
   }
-  const m = rbfTrendMap(s, h, basis, turn, trend), linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  if (trend === "affine" && span.ridge) rbfSteady(s, h, rbfPlainMoments(x, d), span.ridge);
+  const m = rbfTrendMap(s, h, span, turn, trend), linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
   const alpha = new Float64Array(2 * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < 2; k++) {
@@ -135,40 +137,63 @@ function rbfLeastEnergy(phi, x, d, basis, turn, kernel, trend) {
   return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
 }
 
-// For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves.
-function rbfLeastSquares(phi, x, d, basis, turn, trend) {
+// Means and second moments in which all points count alike.
+function rbfPlainMoments(x, d) {
   const n = x.length / 2, mean = [0, 0, 0, 0], s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
-  let linear = [[0, 0], [0, 0]], constant = [0, 0];
-  if (trend !== "none") {
-    for (let i = 0; i < n; i++) for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
-    for (let i = 0; i < n; i++) {
-      for (let k = 0; k < 2; k++) {
-        for (let j = 0; j < 2; j++) {
-          const c = x[2 * i + j] - mean[j];
-          s[k][j] += (x[2 * i + k] - mean[k]) * c;
-          h[k][j] += (x[2 * i + k] - mean[k] + d[2 * i + k]) * c;
-        }
+  for (let i = 0; i < n; i++) for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      for (let j = 0; j < 2; j++) {
+        const c = x[2 * i + j] - mean[j], p = x[2 * i + k] - mean[k];
+        s[k][j] += p * c;
+        h[k][j] += (p + d[2 * i + k] - mean[2 + k]) * c;
       }
     }
-    const m = rbfTrendMap(s, h, basis, turn, trend);
+  }
+  return { mean, s, h };
+}
+
+// Adds the plain moments as much as the points are thin: the energy of a row is that of its small wiggles.
+function rbfSteady(s, h, plain, ridge) {
+  const share = Math.max(...ridge.flat().map(Math.abs));
+  const weight = 1 / (s[0][0] + s[1][1]), other = share / (plain.s[0][0] + plain.s[1][1]);
+  for (let i = 0; i < 2; i++) {
+    for (let j = 0; j < 2; j++) {
+      s[i][j] = weight * s[i][j] + other * plain.s[i][j];
+      h[i][j] = weight * h[i][j] + other * plain.h[i][j];
+    }
+  }
+}
+
+// For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves.
+function rbfLeastSquares(phi, x, d, span, turn, trend) {
+  let linear = [[0, 0], [0, 0]], constant = [0, 0];
+  if (trend !== "none") {
+    const { mean, s, h } = rbfPlainMoments(x, d), m = rbfTrendMap(s, h, span, turn, trend);
     linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
     constant = [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]);
   }
   const left = Float64Array.from(d, (value, i) => value - constant[i % 2] - linear[i % 2][0] * x[i - (i % 2)] -
     linear[i % 2][1] * x[i - (i % 2) + 1]);
-  return { alpha: rbfFactored(phi, n)(left, 2), linear, constant };
+  return { alpha: rbfFactored(phi, x.length / 2)(left, 2), linear, constant };
 }
 
-function rbfTrendMap(s, h, basis, turn, trend) {
+function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
   if (trend === "translation") return [[1, 0], [0, 1]];
   const size = s[0][0] + s[1][1];
-  if (trend === "affine") return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  if (trend === "affine_exact" || (trend === "affine" && !ridge)) return rbfComplete(rbfAffineImages(s, h, basis), basis);
   const rotation = rbfNearestRotation(h, size, turn);
   if (trend === "rigid") return rotation;
   let scale = 0;
   for (let i = 0; i < 2; i++) for (let j = 0; j < 2; j++) scale += rotation[i][j] * h[i][j];
   scale = Math.max(scale / size, 0);
-  return rotation.map((row) => row.map((value) => scale * value));
+  const similar = rotation.map((row) => row.map((value) => scale * value));
+  if (trend === "similarity") return similar;
+  // G + (H - G S) (S + tr(S) ridge)^-1: the similarity, corrected where the points determine more
+  const rest = h.map((row, i) => row.map((value, j) => value - similar[i][0] * s[0][j] - similar[i][1] * s[1][j]));
+  const held = s.map((row, i) => row.map((value, j) => value + size * ridge[i][j]));
+  const images = rbfAffineImages(held, rest, [[1, 0], [0, 1]]);
+  return similar.map((row, i) => row.map((value, j) => value + images[j][i]));
 }
 
 // Where the affine trend of least energy takes the directions of the basis; as a list of vectors.
@@ -230,9 +255,16 @@ function rbfBorderedAffine(phi, x, d, basis) {
     linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
 }
 
-// Orthonormal directions that span centred points: singular vectors by one-sided Jacobi, exact to rounding.
+// Orthonormal directions that span centred points.
 function rbfSpan(rows) {
   if (rows.length < 2) return [];
+  const { sigma, along } = rbfPrincipal(rows);
+  if (sigma[0] === 0) return [];
+  return sigma[1] > RBF_FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
+}
+
+// Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to rounding.
+function rbfPrincipal(rows) {
   let v = [[1, 0], [0, 1]];
   let columns = [rows.map((r) => r[0]), rows.map((r) => r[1])];
   const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
@@ -246,10 +278,46 @@ function rbfSpan(rows) {
     columns = turn(columns);
     v = turn(v);
   }
-  const sigma = columns.map((p) => Math.hypot(...p.map((value) => value)));
-  const first = sigma[0] >= sigma[1] ? 0 : 1;
-  if (sigma[first] === 0) return [];
-  return sigma[1 - first] > RBF_FLAT * sigma[first] ? [[1, 0], [0, 1]] : [v[first]];
+  const sigma = columns.map((p) => Math.hypot(...p)), first = sigma[0] >= sigma[1] ? 0 : 1;
+  return { sigma: [sigma[first], sigma[1 - first]], along: v[first] };
+}
+
+const RBF_THIN = 0.25, RBF_SOFTNESS = 0.5, RBF_LEAST_SPREAD = 1e-4;
+
+// How far places spread across their longest direction, relative to it, in the thinner of two sets: deformnb.trend.
+// thin_directions in the plane. A symmetric matrix is [xx, xy, yy].
+function rbfSpreads(targets, sources) {
+  const [x, y] = [targets, sources].map(rbfScaled);
+  const moments = (p, q) => [0, 1].map((i) => [0, 1].map((j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0)));
+  const xx = moments(x, x), yy = moments(y, y), yx = moments(y, x);
+  const least = 2e-9 * Math.sqrt((xx[0][0] + xx[1][1]) * (yy[0][0] + yy[1][1]));
+  const c = yx[0][0] + yx[1][1] + least, s = yx[1][0] - yx[0][1], length = Math.hypot(c, s) || 1;
+  const back = y.map(([p, q]) => [(c * p + s * q) / length, (c * q - s * p) / length]);
+  const a = rbfRelative(moments(x, x));
+  const b = yy[0][0] + yy[1][1] > 0 ? rbfRelative(moments(back, back)) : a, tiny = 1e-12;
+  // 2 A (A + B)^-1 B
+  const [p, q, r] = [a[0][0] + b[0][0] + 2 * tiny, a[0][1] + b[0][1], a[1][1] + b[1][1] + 2 * tiny], det = p * r - q * q;
+  const inverse = [[r / det, -q / det], [-q / det, p / det]];
+  const times = (m, k) => [0, 1].map((i) => [0, 1].map((j) => m[i][0] * k[0][j] + m[i][1] * k[1][j]));
+  const more = (m) => [[m[0][0] + tiny, m[0][1]], [m[1][0], m[1][1] + tiny]];
+  const both = times(times(more(a), inverse), more(b)), off = both[0][1] + both[1][0];
+  const mean = both[0][0] + both[1][1], half = Math.hypot(both[0][0] - both[1][1], off);
+  const angle = Math.atan2(off, both[0][0] - both[1][1]) / 2;
+  return { spread: Math.sqrt(Math.max(2 * (mean - half), 0) / (2 * (mean + half))), along: [Math.cos(angle), Math.sin(angle)] };
+}
+
+// Centred, and at most 1 in size: squares of tiny lengths would be zero.
+function rbfScaled(places) {
+  const mean = [0, 1].map((k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
+  const centred = places.map((p) => [p[0] - mean[0], p[1] - mean[1]]);
+  const size = centred.reduce((m, p) => Math.max(m, Math.abs(p[0]), Math.abs(p[1])), 0) || 1;
+  return centred.map((p) => [p[0] / size, p[1] / size]);
+}
+
+// Second moments relative to their largest eigenvalue.
+function rbfRelative(m) {
+  const largest = (m[0][0] + m[1][1] + Math.hypot(m[0][0] - m[1][1], 2 * m[0][1])) / 2 || 1;
+  return m.map((row) => row.map((value) => value / largest));
 }
 
 function rbfSpectralNorm(m) {
@@ -294,9 +362,10 @@ function rbfClosest(ready) {
   return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
 }
 
-function rbfWarnings(ready, map) {
+function rbfWarnings(ready, kernel, map) {
   const notes = [];
-  if (ready.trend === "affine" && rbfSpectralNorm(map) > RBF_STEEP) {
+  const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
+  if (isPlain && rbfSpectralNorm(map) > RBF_STEEP) {
     notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
       "in one plane; the trend similarity would not");
   }
@@ -305,11 +374,12 @@ function rbfWarnings(ready, map) {
     return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
   }));
   const collapses = { affine: "the trend collapses everything to one place",
+    affine_exact: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
   const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
   if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
     notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
-  } else if (ready.trend === "affine") {
+  } else if (isPlain) {
     const largest = rbfSpectralNorm(map), det = map[0][0] * map[1][1] - map[0][1] * map[1][0];
     if (!(Math.abs(det) >= RBF_NO_ANGLE * largest * largest)) {
       notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
@@ -317,6 +387,19 @@ function rbfWarnings(ready, map) {
     }
   }
   return notes;
+}
+
+// Ids of points that share a source and have different targets.
+function rbfTornPairs({ merged, n, ids }, most = 3) {
+  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0]))));
+  const found = [];
+  for (let i = 0; i < n && size > 0 && found.length < most; i++) {
+    for (let j = i + 1; j < n && found.length < most; j++) {
+      const gap = [0, 1].map((k) => merged[i].x[k] + merged[i].d[k] - merged[j].x[k] - merged[j].d[k]);
+      if (Math.hypot(...gap) <= RBF_SAME_PLACE * size) found.push([ids[i], ids[j]]);
+    }
+  }
+  return found;
 }
 
 function rbfCrossingPairs(ready, map, most = 3) {

@@ -120,9 +120,9 @@ function rigidFit(points, parts, settings = {}) {
     const [da, db, w] = partsAt(ready, ...p.target, out), [x, y] = p.target;
     return { ...p, source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w], weight: (p.weight ?? 1) * w * w };
   });
-  const active = points.filter((p) => p.active !== false), isRaw = ready.some(({ part }) => part.weight === "distance");
+  const isRaw = ready.some(({ part }) => part.weight === "distance");
   const base = rbfFit(asked, { ...settings, strength: 1, trend: isRaw ? "none" : settings.trend ?? "affine",
-    support: settings.support ?? rbfDefaultSupport(active) ?? settings.lone_support ?? null,
+    support: rbfSupport(points, settings),
     previous: settings.previous?.base ?? settings.previous ?? null });
   return { ...base, base, rigid: ready, notes: [...notes, ...base.notes] };
 }

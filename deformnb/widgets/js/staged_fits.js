@@ -16,7 +16,7 @@ function stagedFit(points, parts, settings = {}) {
     settings.strength ?? 1, settings.support ?? null);
   rbfCheckPoints(points);
   // The same for all stages: that of the points as dragged, at full strength.
-  const support = settings.support ?? rbfDefaultSupport(points) ?? settings.lone_support ?? null;
+  const support = rbfSupport(points, settings);
   const dragged = draggedPoints(points, settings.strength ?? 1);
   const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
     { ...settings, strength: 1, support, previous: null }, k + 1, count));

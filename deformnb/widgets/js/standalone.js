@@ -215,6 +215,8 @@ class StandalonePage {
     const points = this.editor.get("points"), next = this.editor.get("next_id");
     const settings = Object.fromEntries(["kernel", "support", "trend", "smoothing", "strength", "stages"].map((name) => (
       [name, this.editor.get(name)])));
+    const radius = this.editor.get("chosen_support");
+    if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
     if (!this.data.document) return { points, ...settings };
     const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
     const plain = points.map(({ locked, radius, ...point }) => point);
