@@ -119,7 +119,7 @@ function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
     throw new RbfError(`unknown trend '${trend}'; choose one of ${Object.keys(RBF_TRENDS).join(", ")}.`);
   }
   if (support !== null && support !== "box_diagonal" && !(Number.isFinite(support) && support > 0)) {
-    throw new RbfError(`the support radius must be a positive length, null or box_diagonal, got ${support}.`);
+    throw new RbfError(`the support radius must be a positive length, got ${support}.`);
   }
   if (!(Number.isFinite(smoothing) && smoothing >= 0)) {
     throw new RbfError(`smoothing must be 0 or a positive number, got ${smoothing}.`);
