@@ -149,7 +149,7 @@ def test_coplanar_points_in_space_turn_with_their_plane(kernel: str, trend: str)
     x = np.c_[rng.uniform(0, 100, (6, 2)), np.zeros(6)] @ plane.T
     m = Rotation.from_rotvec([-1.1, 0.2, 0.9]).as_matrix()
     fit = fit_rbf(ControlPoints.from_arrays(x @ m.T, x), kernel=kernel, trend=trend)
-    oracle.assert_close(linear_part(fit), m, atol=1e-9)  # the ridge across the plane costs a digit
+    oracle.assert_close(linear_part(fit), m, atol=1e-8)  # a penalty of 1e7 across the plane costs digits
     assert any("in one plane" in note for note in fit.notes) == (trend == "affine")
 
 
