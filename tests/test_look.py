@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_document import as_of_1, written_in_1
 
 from deformnb.control_points import ControlPoints
 from deformnb.datasets import PHANTOMS
@@ -23,7 +24,6 @@ from deformnb.session import Session
 from deformnb.transfer import PRESETS, TransferFunction
 from deformnb.volume import Volume
 
-ROOT = Path(__file__).resolve().parent.parent
 BAR = PHANTOMS["bar"].make((16, 16, 24))
 OWN = TransferFunction(((0, 0.1, 0.2, 0.3), (90, 1, 1, 0.5)), ((0, 0), (40, 0.25), (90, 1)), unit=2.5)
 _value = st.floats(-1e6, 1e6)
@@ -51,9 +51,9 @@ SEEN = Look(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along
 
 
 def test_a_look_is_kept_to_the_letter() -> None:
-    written = (ROOT / "tests" / "fixtures" / "document_1.4.json").read_text(encoding="utf-8")
-    assert from_json(written) == SEEN
-    assert to_json(SEEN) == written
+    written, today = written_in_1(4)
+    assert from_json(written) == as_of_1(SEEN)
+    assert to_json(as_of_1(SEEN)) == today
 
 
 def test_a_session_comes_back_as_it_was_seen(tmp_path: Path) -> None:
