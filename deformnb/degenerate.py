@@ -45,8 +45,8 @@ SAME_DISPLACEMENT = 1e-9
 # Ratio of singular values of the centred points below which they lie on a line or in a plane (independent of the axes).
 FLAT = 1e-7
 
-# A compact kernel's support beyond this many diagonals of the points changes the map by less than a hundredth of the
-# drags, and costs Phi the digits that keep near points apart (the error of a fit was 5e-8 of the box at 100).
+# A compact kernel is close to its flat limit at this many diagonals of the points' box; beyond, Phi loses the digits
+# that keep near points apart (the error of a fit was 5e-8 of the box at 100).
 LONGEST_SHARE = 100.0
 
 _LIMITED = (f"the support radius is limited to {LONGEST_SHARE:g} diagonals of the control points' box; beyond that the "

@@ -35,8 +35,8 @@ NO_ANGLE = 1e-6
 # there, and from it on it is the plain one.
 THIN = 0.25
 # How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
-# ((THIN - spread) / spread)^2 / _SOFTNESS. Rows with one point dragged by a tenth of their length keep det J above
-# 0.3 for values up to 1; smaller ones are nearer to a similarity.
+# ((THIN - spread) / spread)^2 / _SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
+# tried and held det J above 0.3 beside them; smaller ones are nearer to a similarity.
 _SOFTNESS = 0.5
 # Below this spread the similarity is reached to rounding; it keeps the penalty finite.
 _LEAST_SPREAD = 1e-4
