@@ -197,7 +197,10 @@ class Step:
             check_support(kept.radius)
             if kept.kernel == self.kernel:
                 return kept
-        radius = choose_support(self.maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing)
+        return self._found_support(self.maps)
+
+    def _found_support(self, maps: tuple[ControlPoints, ...], current: float | None = None) -> ChosenSupport | None:
+        radius = choose_support(maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
         return None if radius is None else ChosenSupport(radius, self.kernel)
 
     @property
@@ -211,9 +214,7 @@ class Step:
             raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
         maps, chosen = (*self.maps[:key], points, *self.maps[key + 1 :]), self.chosen_support
         if self.support is None and not points.has_places_of(self.maps[key]):
-            radius = choose_support(maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing,
-                                    current=chosen and chosen.radius)
-            chosen = None if radius is None else ChosenSupport(radius, self.kernel)
+            chosen = self._found_support(maps, chosen and chosen.radius)
         return replace(self, maps=maps, chosen_support=chosen)
 
     def support_for(self, points: ControlPoints) -> float | None:
