@@ -141,8 +141,8 @@ class HandlePath:
             return np.asarray(self.start + t * (self.end - self.start))
         a, b, dim = _in_space(self.start), _in_space(self.end), self.start.shape[1]
         # The end, seen by someone who takes part in the motion of all, differs from the start only by what bends.
-        seen = _moved(b, -1.0, self._middle, self._turn, self._shift)
-        return np.asarray(_moved((1 - t) * a + t * seen, t, self._middle, self._turn, self._shift)[:, :dim])
+        seen = _advanced(b, -1.0, self._middle, self._turn, self._shift)
+        return np.asarray(_advanced((1 - t) * a + t * seen, t, self._middle, self._turn, self._shift)[:, :dim])
 
     def _edges_at(self, t: float) -> Points:
         length = (1 - t) * self._lengths[0] + t * self._lengths[1]
@@ -197,7 +197,7 @@ def _whole_motion(a: Points, b: Points) -> tuple[Points, Points, Points]:
     return centre, turn, along
 
 
-def _moved(points: Points, t: float, middle: Points, turn: Points, shift: Points) -> Points:
+def _advanced(points: Points, t: float, middle: Points, turn: Points, shift: Points) -> Points:
     return np.asarray(Rotation.from_rotvec(t * turn).apply(points - middle) + middle + t * shift)
 
 

@@ -24,8 +24,8 @@ from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
+from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.point_messages import points_to_json
-from deformnb.widgets.view import SHOWS, SIDES
 
 
 def _bar() -> Volume:

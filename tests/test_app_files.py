@@ -23,7 +23,7 @@ from deformnb.exports import EXPORTS, Seen
 from deformnb.io import read_volume
 from deformnb.session import Session
 from deformnb.volume import Volume
-from deformnb.widgets.view import checked_camera
+from deformnb.widgets.camera import checked_camera
 
 
 def until(condition: Callable[[], Any]) -> None:

@@ -18,8 +18,8 @@ from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session import Session
 from deformnb.volume import Volume
+from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.point_messages import points_to_json
-from deformnb.widgets.view import checked_camera
 
 SIZE = {"w": 300, "h": 200, "p": 1}
 

@@ -26,13 +26,14 @@ from deformnb.plane import VIEWS, Plane
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import live_pages, stills
+from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.card_maps import card_maps
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import as_png
-from deformnb.widgets.view import HOME, AbstractView, checked_camera
+from deformnb.widgets.view import AbstractView
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)

@@ -23,8 +23,8 @@ from deformnb.picture import PROJECTIONS
 from deformnb.plane import VIEWS
 from deformnb.trend import TRENDS
 from deformnb.widgets import Studio
+from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.view import SHOWS, SIDES
 
 
 @pytest.fixture

@@ -16,10 +16,11 @@ from deformnb.field_of_view import grown
 from deformnb.fields import AbstractField
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.point_messages import EditMessage
 from deformnb.widgets.studio import Studio
-from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, ShowsTrait, ViewMeta, checked_camera, turned
+from deformnb.widgets.view import AbstractView, ViewMeta
 
 GRID = Grid((10, 20, 12))
 PLANE = Plane.along(GRID, "+y")

@@ -10,7 +10,7 @@ from test_vtk_scene import GRID, cut_step, deformation, shape_without_symmetry
 
 from deformnb.deformation import Deformation
 from deformnb.widgets import vtk_warp
-from deformnb.widgets.vtk_empty import GLSL
+from deformnb.widgets.vtk_empty import SKIP_EMPTY
 from deformnb.widgets.vtk_scene import VtkScene
 
 pytestmark = pytest.mark.needs_gl
@@ -37,7 +37,7 @@ def pictures(shown: Any, **options: Any) -> list[Any]:
 def test_the_picture_is_the_same_to_the_last_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = pictures(SHOWN[name])
     monkeypatch.setattr(vtk_warp, "_SKIP_EMPTY", "")
-    monkeypatch.setattr(vtk_warp, "_REPLACED_FOR_EMPTY", {})
+    monkeypatch.setattr(vtk_warp, "REPLACED_FOR_EMPTY", {})
     for ours, theirs in zip(quick, pictures(SHOWN[name]), strict=True):
         assert theirs.max() > 100
         np.testing.assert_array_equal(ours, theirs)
@@ -46,9 +46,9 @@ def test_the_picture_is_the_same_to_the_last_bit(name: str, monkeypatch: pytest.
 def test_what_is_behind_the_loop_is_executed_where_something_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The red of a picture counts how often a ray comes behind the loop; without it that is once for every sample."""
     picture = pictures(SHOWN["one map"])[0]
-    monkeypatch.setattr(vtk_warp, "_REPLACED_FOR_EMPTY", {})
+    monkeypatch.setattr(vtk_warp, "REPLACED_FOR_EMPTY", {})
     counts = []
-    for skip in (GLSL, ""):
+    for skip in (SKIP_EMPTY, ""):
         monkeypatch.setattr(vtk_warp, "_SKIP_EMPTY", f"{skip} g_fragColor.r += 1.0 / 255.0; ")
         counted = pictures(SHOWN["one map"])[0][..., 0]
         counts.append(float((counted - picture[..., 0].astype(float)).mean()))

@@ -20,9 +20,9 @@ from deformnb.regions import Line
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import vtk_folds, vtk_warp
+from deformnb.widgets.camera import seen_height
 from deformnb.widgets.card_maps import card_maps
 from deformnb.widgets.core_scene import CoreScene
-from deformnb.widgets.stills import seen_height
 from deformnb.widgets.vtk_folds import RED, UNSEEN, Folding, folds_work, maps_fold
 from deformnb.widgets.vtk_scene import VtkScene
 from deformnb.widgets.vtk_voxels import frame_of
@@ -221,8 +221,8 @@ def test_other_words_in_a_shader_are_noticed_and_it_is_said(scene: Any, monkeypa
     try:
         assert folds_work()
         folds_work.cache_clear()
-        bad = {k: v for k, v in vtk_folds.REPLACED.items() if "in_colorTransferFunc" not in k}
-        monkeypatch.setattr(vtk_warp, "_REPLACED_FOR_FOLDS", bad)
+        bad = {k: v for k, v in vtk_folds.REPLACED_FOR_FOLDS.items() if "in_colorTransferFunc" not in k}
+        monkeypatch.setattr(vtk_warp, "REPLACED_FOR_FOLDS", bad)
         assert not folds_work()
         one = scene("auto")
         one.folding = Folding()

@@ -187,8 +187,8 @@ def test_a_shader_that_fails_at_cuts_only_is_used_for_the_rest(monkeypatch: pyte
     try:
         assert cuts_work()
         cuts_work.cache_clear()
-        bad = {k: v for k, v in vtk_warp._REPLACED_FOR_CUTS.items() if "computeOpacity" not in k}
-        monkeypatch.setattr(vtk_warp, "_REPLACED_FOR_CUTS", bad)
+        bad = {k: v for k, v in vtk_warp.REPLACED_FOR_CUTS.items() if "computeOpacity" not in k}
+        monkeypatch.setattr(vtk_warp, "REPLACED_FOR_CUTS", bad)
         one = VtkScene(shape_without_symmetry(), SIZE)
         one.set_field(Deformation((cut_step(GRID, 8.0),)))
         one.render()

@@ -16,9 +16,9 @@ from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.staged import MOST_STAGES
 from deformnb.trend import TRENDS
+from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.judgement import OVERLAY_WORDS
 from deformnb.widgets.steps_panel import MODES
-from deformnb.widgets.view import SHOWS, SIDES
 
 
 @dataclass(frozen=True)

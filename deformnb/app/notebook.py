@@ -18,8 +18,8 @@ from deformnb.app.guard import checked_origin
 from deformnb.app.remote import AREA, MouseLooks, about_picture
 from deformnb.app.server import AppServer
 from deformnb.errors import DeformError
+from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.scene_loop import Frame
-from deformnb.widgets.view import checked_camera
 from deformnb.widgets.view_messages import text, whole
 from deformnb.widgets.worker import Worker
 

@@ -19,10 +19,9 @@ import numpy as np
 from deformnb.errors import DeformError
 from deformnb.plane import Plane
 from deformnb.volume import Grid
+from deformnb.widgets.camera import checked_camera, seen_height
 from deformnb.widgets.frames import FrameSender
 from deformnb.widgets.scene_loop import Frame, SceneLoop
-from deformnb.widgets.stills import seen_height
-from deformnb.widgets.view import checked_camera
 from deformnb.widgets.view_messages import text, whole
 from deformnb.widgets.worker import Worker
 

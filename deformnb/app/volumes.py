@@ -15,11 +15,11 @@ from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid
+from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.core_scene import make_scene
 from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.pages import about
 from deformnb.widgets.refit import Following, Refit
-from deformnb.widgets.view import checked_camera
 
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 

@@ -21,8 +21,8 @@ from deformnb.kernels import KERNELS
 from deformnb.picture import PROJECTIONS
 from deformnb.session import Session
 from deformnb.trend import TRENDS
+from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.clip_controls import ClipControls
-from deformnb.widgets.view import SHOWS, SIDES
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows what went wrong with it; says whether it was done."""

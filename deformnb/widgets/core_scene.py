@@ -13,9 +13,9 @@ from deformnb.fields import AbstractField
 from deformnb.render import gl_status
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import Image, checked_camera
 from deformnb.widgets.shown_volume import shown_volume
 from deformnb.widgets.stills import Scene, render_scene
-from deformnb.widgets.view import Image, checked_camera
 from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_scene import VtkScene
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from deformnb.widgets.camera import Image
 from deformnb.widgets.scene_loop import Frame, Scene
 from deformnb.widgets.stills import PREVIEW_SIZE, as_png
-from deformnb.widgets.view import Image
 
 _QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
 _IN_FLIGHT = 2  # pictures that no page has confirmed: the second hides the way of the first

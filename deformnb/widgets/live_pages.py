@@ -23,6 +23,7 @@ from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import Image
 from deformnb.widgets.card_maps import CardMaps, card_maps
 from deformnb.widgets.card_times import card_frames
 from deformnb.widgets.live_moments import AbstractMoments
@@ -30,7 +31,6 @@ from deformnb.widgets.pacing import Pacer
 from deformnb.widgets.shown_volume import Pieces, ShownVolume
 from deformnb.widgets.space_points import QUICK_SIZE
 from deformnb.widgets.stills import from_png
-from deformnb.widgets.view import Image
 from deformnb.widgets.view_messages import measured, picture, text, whole
 
 if TYPE_CHECKING:

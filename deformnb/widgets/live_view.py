@@ -26,6 +26,7 @@ from deformnb.time_maps import TimeMaps
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, turned
 from deformnb.widgets.card_maps import count_maps, differ_only_in
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.fine_window import fine_window, is_fine_enough
@@ -35,7 +36,7 @@ from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume, who
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, preview_png, render_scene
-from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
+from deformnb.widgets.view import AbstractView, ViewMeta
 from deformnb.widgets.view_messages import take_traits
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",

@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from deformnb.errors import DeformError
-from deformnb.widgets.view import Image
+from deformnb.widgets.camera import Image
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)

@@ -33,6 +33,7 @@ from deformnb.kernels import KERNELS
 from deformnb.trend import TRENDS
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.card_cuts import cut_plane
 from deformnb.widgets.card_maps import MOST_MAPS, CardMaps, card_maps
 from deformnb.widgets.clip_controls import CLIP_FILES, CLIP_STYLES
@@ -41,7 +42,6 @@ from deformnb.widgets.live_view import LiveView
 from deformnb.widgets.refit import with_map
 from deformnb.widgets.shown_volume import ShownVolume, shown_volume
 from deformnb.widgets.stills import as_png, render_scene
-from deformnb.widgets.view import SHOWS
 
 Progress = Callable[[float], None]
 

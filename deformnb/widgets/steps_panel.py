@@ -10,9 +10,9 @@ import numpy as np
 
 from deformnb.deformation import Step
 from deformnb.session import Session
+from deformnb.widgets.camera import SIDES
 from deformnb.widgets.controls import Guard, Panel, button, prose, row
 from deformnb.widgets.item_list import ItemList
-from deformnb.widgets.view import SIDES
 
 MODES = {"compose": "one after the other", "blend": "added up"}
 """How steps make one deformation, in words."""

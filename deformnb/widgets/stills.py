@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,41 +17,15 @@ from deformnb.sight import Eye
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp
+from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, Image, Progress, seen_height, within
 from deformnb.widgets.shown_volume import ShownVolume, coarser, factors_of
 
-Image = NDArray[np.uint8]
-Progress = Callable[[float], None]
-
-BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.918, 0.923, 0.932)}
-"""The middle tone of the view's two backgrounds."""
-
-STANDOFF = 1 / 0.7
-"""In perspective the viewer stands this many heights of what is seen away, as in camera.js."""
-
-_INKS = {"dark": (0.97, 0.96, 0.93), "light": (0.09, 0.1, 0.13)}
 PREVIEW_SIZE = (560, 420)
 """Width and height of a preview in pixels."""
 
 # Samples in space count with the third power of the pixels' number: 0.6 makes a picture of 256^3 five times as fast.
 _PREVIEW_SHARE = 0.6
 _PREVIEW_VOXELS = 128**3
-_AIR = 1.02  # as in camera.js
-_SMALLEST_SHARE = 0.62  # as in camera.js
-
-
-def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float = 1.0) -> float:
-    """The length in space that a view's picture is high; camera.js does the same.
-
-    Parameters
-    ----------
-    grid : whose box is shown.
-    aspect : width of the picture by its height.
-    """
-    plane = Plane.through(grid.center, direction, up)
-    corners = np.abs(plane.to_plane(grid.corners()))
-    far = grid.diagonal / 2
-    tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, _SMALLEST_SHARE * far * min(1.0, 1 / aspect))
-    return float(2 * _AIR * tall / zoom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +82,6 @@ def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None,
     return np.concatenate(halves, axis=1)
 
 
-def within(progress: Progress | None, first: float, last: float) -> Progress | None:
-    """What is told of a part of some work, as that part of the whole."""
-    return None if progress is None else lambda share: progress(first + share * (last - first))
-
-
 def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None,
             progress: Progress | None = None) -> Image:
     shown, camera = scene.shown, scene.camera
@@ -143,7 +111,7 @@ def preview_png(scene: Scene) -> bytes:
     few = (round(_PREVIEW_SHARE * width), round(_PREVIEW_SHARE * height))
     canvas = Pillow.fromarray(render_scene(scene, few, _PREVIEW_VOXELS)).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
     captions = {"original": ["original"], "side_by_side": ["original", "deformed"]}.get(scene.shows, [])
-    draw, ink = ImageDraw.Draw(canvas), tuple(round(255 * c) for c in _INKS[scene.background])
+    draw, ink = ImageDraw.Draw(canvas), tuple(round(255 * c) for c in INKS[scene.background])
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))
@@ -200,7 +168,7 @@ def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[
     drawn = Pillow.fromarray(share.astype(np.float32)).transform(
         size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BILINEAR, fillcolor=0)
     v, ground = np.asarray(drawn)[..., None], np.asarray(BACKGROUNDS[scene.background])
-    color: NDArray[np.float64] = np.asarray(_INKS[scene.background]) * v + ground * (1 - v)
+    color: NDArray[np.float64] = np.asarray(INKS[scene.background]) * v + ground * (1 - v)
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
 
 

@@ -3,146 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, ABCMeta, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import traitlets
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.deformation import Deformation
-from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
-from deformnb.plane import Plane
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import Image
 
 if TYPE_CHECKING:
     from deformnb.exports import Seen
-
-Image = NDArray[np.uint8]
-
-SHOWS = {
-    "deformed": "the deformed volume",
-    "original": "the volume as it was given",
-    "side_by_side": "original on the left and deformed on the right, turned together",
-    "flicker": "original and deformed in turn, at the same place",
-}
-"""What of a volume and its deformation is seen, by name; the first is the default."""
-
-SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
-         "-z": "from above (-z)", "+z": "from below (+z)"}
-"""The six views in words, for a patient or an animal in LPS."""
-
-HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
-"""The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""
-
-
-_FARTHEST = {"zoom": 1e6, "pan": 1e12}  # no volume is seen from there, and the numbers of a picture would overflow
-
-
-class ShowsTrait(traitlets.TraitType[str, str]):
-    """A name of :data:`SHOWS`."""
-
-    default_value = "deformed"
-    info_text = f"one of {', '.join(SHOWS)}"
-
-    def validate(self, obj: Any, value: Any) -> str:
-        if not isinstance(value, str) or value not in SHOWS:
-            raise DeformError(f"a view cannot show {value!r}; choose one of {', '.join(SHOWS)}.")
-        return value
-
-
-class CameraTrait(traitlets.TraitType[dict[str, Any], Mapping[str, Any]]):
-    """Where the viewer stands: direction, up, zoom, pan and perspective; what is missing is as in :data:`HOME`."""
-
-    info_text = "a dictionary of direction, up, zoom, pan and perspective"
-
-    def make_dynamic_default(self) -> dict[str, Any]:
-        return checked_camera({})
-
-    def validate(self, obj: Any, value: Any) -> dict[str, Any]:
-        return checked_camera(value)
-
-
-class ClipTrait(traitlets.TraitType[Clip, Any]):
-    """Three pairs (low, high) of shares from 0 to 1: the part of the box along x, y and z that is seen."""
-
-    default_value = WHOLE
-    info_text = "three rising pairs of shares from 0 to 1"
-
-    def validate(self, obj: Any, value: Any) -> Clip:
-        return checked_clip(value)
-
-
-def checked_camera(value: Any) -> dict[str, Any]:
-    """A camera as plain numbers, complete.
-
-    Raises
-    ------
-    DeformError
-        For what is no camera.
-
-    Examples
-    --------
-    >>> checked_camera({"direction": (0, 2, 0)})["direction"]
-    [0.0, 2.0, 0.0]
-    """
-    unknown = set(value) - {*HOME, "perspective"} if isinstance(value, Mapping) else {repr(value)}
-    if unknown:
-        raise DeformError(f"a camera has direction, up, zoom, pan and perspective, not {', '.join(map(str, unknown))}.")
-    given = {name: value[name] for name in value if value[name] is not None}
-    try:
-        camera = {name: np.asarray(given.get(name, home), dtype=np.float64) for name, home in HOME.items()}
-    except (TypeError, ValueError):
-        raise DeformError(f"the numbers of a camera must be numbers, got {given}.") from None
-    if [n.shape for n in camera.values()] != [(3,), (3,), (), (2,)] or not all(map(_is_finite, camera.values())):
-        raise DeformError("direction and up of a camera have three finite numbers, pan has two, zoom is one.")
-    if camera["zoom"] <= 0:
-        raise DeformError(f"zoom must be a positive number, got {given['zoom']}.")
-    far = _FARTHEST["zoom"]
-    if not (1 / far < camera["zoom"] < far and np.abs(camera["pan"]).max() < _FARTHEST["pan"]):
-        raise DeformError("pan and zoom of the camera lead to where nothing can be seen; set them to (0, 0) and 1.")
-    plane = Plane.through((0, 0, 0), camera["direction"], camera["up"] if "up" in given else None)
-    if "direction" in given and "up" not in given:
-        camera["up"] = -np.asarray(plane.v)
-    whole = {name: (numbers + 0.0).tolist() for name, numbers in camera.items()}  # no -0.0
-    return {**whole, "perspective": True} if given.get("perspective") else whole
-
-
-def known(name: str, names: tuple[str, ...], what: str) -> str:
-    """A name that must be one of ``names``; DeformError names them if it is none."""
-    if name not in names:
-        raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
-    return name
-
-
-def turned(camera: Mapping[str, Any], direction: ArrayLike | None = None, up: ArrayLike | None = None,
-           zoom: float | None = None, perspective: bool | None = None) -> dict[str, Any]:
-    """A camera with what is not None changed; another direction looks at the middle again.
-
-    Examples
-    --------
-    >>> turned(checked_camera({"pan": (1, 2)}), direction=(0, 0, -3))["up"]
-    [0.0, -1.0, 0.0]
-    """
-    changed = dict(camera)
-    if direction is not None:
-        plane = Plane.through((0, 0, 0), direction, up)  # refuses what is no direction
-        changed |= {"direction": list(plane.normal), "up": [-c for c in plane.v], "pan": [0.0, 0.0]}
-    elif up is not None:
-        changed["up"] = [-c for c in Plane.through((0, 0, 0), changed["direction"], up).v]
-    if zoom is not None:
-        changed["zoom"] = zoom
-    if perspective is not None:
-        changed["perspective"] = bool(perspective)
-    return checked_camera(changed)
-
-
-def _is_finite(numbers: NDArray[np.float64]) -> bool:
-    return bool(np.isfinite(numbers).all())
-
 
 class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
     """For views that are widgets: ABC and HasTraits have a metaclass each, and Python wants one."""

@@ -17,10 +17,10 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.frames import FrameSender
 from deformnb.widgets.pages import Pages
 from deformnb.widgets.scene_loop import Frame, SceneLoop
-from deformnb.widgets.view import checked_camera
 from deformnb.widgets.view_messages import dropping, take_traits, text, whole
 
 _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})

@@ -25,6 +25,7 @@ from deformnb.fields import AbstractField
 from deformnb.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.core_scene import METHODS, make_scene
 from deformnb.widgets.fold_badge import TellsFolds
@@ -34,7 +35,7 @@ from deformnb.widgets.refit import Following, Refit
 from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
-from deformnb.widgets.view import AbstractView, CameraTrait, ClipTrait, Image, ShowsTrait, ViewMeta, turned
+from deformnb.widgets.view import AbstractView, ViewMeta
 from deformnb.widgets.volume_pages import TRANSPORTS, ServesPages, check_transport
 
 _FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",

@@ -24,7 +24,7 @@ _MAP = {
 
 # dnb_look: where the value at q comes from. keep < 0 chooses the region, which dnb_veil keeps in dnb_home; else the map
 # of that region is followed. dnb_seen is the share of what is at q that has not been cut away.
-_GLSL = """
+_CUTS_GLSL = """
 vec3 dnb_at = vec3(0.0), dnb_fade_p = vec3(1.0), dnb_fade_n = vec3(1.0);
 float dnb_seen = 1.0, dnb_open = 1.0;
 int dnb_found = 0, dnb_home = 0;
@@ -89,7 +89,7 @@ _RULES = {
 
 _AXES = "xyz"
 
-REPLACED = {
+REPLACED_FOR_CUTS = {
     "texture3D(in_volume[0], g_dataPos)":
         "dnb_veil(texture3D(in_volume[0], dnb_at = dnb_inside(dnb_look(g_dataPos, -1), g_dataPos)))",
     "g_srcColor.a = computeOpacity(scalar);": "g_srcColor.a = computeOpacity(scalar) * dnb_open;",
@@ -131,7 +131,7 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
                  f"total += v{r};"]
     others = "\n    ".join(f"if (v{r} > cover) {{ cover = v{r}; best = {r}; }}" for r in range(count))
     chosen = f"cover = {_picked('v', count, 'own')};\n  " + _RULES[rule] % {"others": others}
-    return _GLSL % {
+    return _CUTS_GLSL % {
         "inside": inside, "map": _MAP[weighted] % {"regions": count} if weighted else _MAP[False], "cuts": cuts,
         "depth": _DEPTH if weighted else "", "here": "\n  ".join(here), "each": "\n  ".join(each),
         "rule": f"{chosen}\n  dnb_found = best;", "chosen": _picked("d", count, "best"),

@@ -8,11 +8,11 @@ samples are the same, and so is the picture.
 
 from __future__ import annotations
 
-HOOK = "//VTK::Base::Impl"
+RAY_HOOK = "//VTK::Base::Impl"
 """What of VTK's template the text stands before: the first words of the loop along a ray."""
 
 # How a ray ends is written as VTK does it behind each sample.
-GLSL = """bool dnb_ends = false;
+SKIP_EMPTY = """bool dnb_ends = false;
     vec4 dnb_texel;
     while (true)
     {
@@ -32,5 +32,5 @@ GLSL = """bool dnb_ends = false;
     """
 """Goes on to the next sample that is not transparent, or leaves the loop along the ray."""
 
-REPLACED = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = dnb_texel;"}
+REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = dnb_texel;"}
 """What need not be looked up again behind it; nothing is wrong where VTK has no such words."""

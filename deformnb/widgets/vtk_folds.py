@@ -32,7 +32,7 @@ _MOST_BENDS = 64
 
 # VTK asks for a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
 # turned over must be known before.
-REPLACED = {
+REPLACED_FOR_FOLDS = {
     "texture2D(in_colorTransferFunc_0[0],": "dnb_tinted(in_colorTransferFunc_0[0],",
     "g_srcColor = computeColor(scalar, g_srcColor.a);":
         "dnb_turned = dnb_folded(g_dataPos); g_srcColor = computeColor(scalar, g_srcColor.a);",

@@ -13,7 +13,7 @@ from deformnb.fields import AbstractField, Composed, DisplacementField
 from deformnb.plane import Plane, Raster
 from deformnb.regions import Line
 from deformnb.volume import Grid, Volume
-from deformnb.widgets.view import Image
+from deformnb.widgets.camera import Image
 
 # Mean grey levels of 255 between two pictures of the volume below. Voxels that are warped before they are drawn are
 # interpolated twice, which costs 1.1; a shader that deforms nothing is off by 13, one that forgets the slopes by 8, one

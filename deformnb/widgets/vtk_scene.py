@@ -22,10 +22,18 @@ from deformnb.plane import Plane
 from deformnb.render import clipped_for, gl_status, placement, set_vtk_transfer
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import (
+    BACKGROUNDS,
+    INKS,
+    SHOWS,
+    STANDOFF,
+    Image,
+    checked_camera,
+    known,
+    seen_height,
+    within,
+)
 from deformnb.widgets.card_maps import CardMaps, card_maps
-from deformnb.widgets.stills import _INKS as INKS
-from deformnb.widgets.stills import BACKGROUNDS, STANDOFF, seen_height, within
-from deformnb.widgets.view import SHOWS, Image, checked_camera, known
 from deformnb.widgets.vtk_folds import Folding
 from deformnb.widgets.vtk_probe import cut_probe, is_like, probe, warped
 from deformnb.widgets.vtk_voxels import SceneVoxels, clipping_planes, frame_of, white_of

@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 from deformnb.errors import DeformError
 from deformnb.volume import Grid
 from deformnb.widgets.card_maps import CardMaps
-from deformnb.widgets.vtk_cuts import REPLACED as _REPLACED_FOR_CUTS
-from deformnb.widgets.vtk_cuts import cut_glsl
-from deformnb.widgets.vtk_empty import GLSL as _SKIP_EMPTY
-from deformnb.widgets.vtk_empty import HOOK as _RAY_HOOK
-from deformnb.widgets.vtk_empty import REPLACED as _REPLACED_FOR_EMPTY
-from deformnb.widgets.vtk_folds import REPLACED as _REPLACED_FOR_FOLDS
-from deformnb.widgets.vtk_folds import fold_glsl, fold_step
+from deformnb.widgets.vtk_cuts import REPLACED_FOR_CUTS, cut_glsl
+from deformnb.widgets.vtk_empty import RAY_HOOK, REPLACED_FOR_EMPTY, SKIP_EMPTY
+from deformnb.widgets.vtk_folds import REPLACED_FOR_FOLDS, fold_glsl, fold_step
 
 Float3 = NDArray[np.float64]
 
@@ -50,7 +46,7 @@ _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "
 #
 # Only what a deformation needs is in the shader, and no branches: Mesa's software renderer executes both sides of each,
 # which made a volume without any deformation 2.7 times as slow as with VTK's own shader.
-_GLSL = """
+_WARP_GLSL = """
 vec3 dnb_at = vec3(0.0);
 
 vec3 dnb_inside(vec3 place, vec3 q)
@@ -146,17 +142,17 @@ class VolumeWarp:
         self._property.ClearAllFragmentShaderReplacements()
         add = self._property.AddFragmentShaderReplacement
         inside, more = _INSIDE if self._is_boxed else "", _SPACE if space else ""
-        ours = (_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
+        ours = (_WARP_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
                 cut_glsl(cut[0], cut[1], planar == "weighted", inside, more))
         add(_HOOK, True, f"{ours}{fold_glsl(cut is not None) if is_red else ''}\n{_HOOK}", False)
         if self._is_lit:  # else a sample costs no more than to find out that it is empty
-            add(_RAY_HOOK, True, f"{_SKIP_EMPTY}{_RAY_HOOK}", False)
-            for theirs, replacement in _REPLACED_FOR_EMPTY.items():  # VTK takes the words in the order of the alphabet
+            add(RAY_HOOK, True, f"{SKIP_EMPTY}{RAY_HOOK}", False)
+            for theirs, replacement in REPLACED_FOR_EMPTY.items():  # VTK takes the words in the order of the alphabet
                 add(theirs, False, replacement, True)
         for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
-        replaced = _REPLACED if cut is None else _REPLACED_FOR_CUTS
-        for theirs, replacement in (replaced | _REPLACED_FOR_FOLDS if is_red else replaced).items():
+        replaced = _REPLACED if cut is None else REPLACED_FOR_CUTS
+        for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 
     def set_box(self, low: Float3, high: Float3, lattice: Grid, is_cut: Float3 | None = None) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.widgets.view import Image
+from deformnb.widgets.camera import Image
 
 _IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
 

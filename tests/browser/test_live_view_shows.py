@@ -13,9 +13,9 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation, Step
 from deformnb.plane import Plane
 from deformnb.volume import Grid, Volume
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.view import SHOWS
 
 pytestmark = pytest.mark.needs_browser
 
