@@ -25,7 +25,6 @@ from deformnb.opening import as_deformation, as_volume, best_view, source_of
 from deformnb.plane import Plane
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
-from deformnb.widgets import studio_parts as parts
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell, closed_on_failure, weakly
 from deformnb.widgets.controls import Panel
 from deformnb.widgets.history_panel import HistoryPanel
@@ -37,6 +36,18 @@ from deformnb.widgets.studio_editors import StudioEditors
 from deformnb.widgets.studio_edits import StudioEdits
 from deformnb.widgets.studio_link import StudioLink
 from deformnb.widgets.studio_panels import PanelParts, make_panels
+from deformnb.widgets.studio_parts import (
+    WELCOME,
+    arranged,
+    as_labels,
+    as_target,
+    last_step,
+    latency_text,
+    make_view,
+    preview_png,
+    side_by_side,
+    status_text,
+)
 from deformnb.widgets.studio_picture import StudioPicture
 from deformnb.widgets.studio_words import StudioWords
 from deformnb.widgets.transfer_editor import TransferEditor
@@ -97,7 +108,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
         given = as_volume(volume)
-        shown = parts.as_labels(labels, given), label_names, parts.as_target(target, given)
+        shown = as_labels(labels, given), label_names, as_target(target, given)
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
                                source=source_of(volume), **look)
@@ -125,7 +136,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
-        self.view = parts.make_view(view, self.volume, self.session.transfer_function, height)
+        self.view = make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
@@ -137,16 +148,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
         next(panel for panel in self._panels if isinstance(panel, HistoryPanel)).recovery = self._bar.recovery
-        arranged = parts.arranged(self._editors, self.view, self._panels, self._words.box)
+        rows = arranged(self._editors, self.view, self._panels, self._words.box)
         self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
-        super().__init__([self._bar, *arranged], layout=ipw.Layout(width="100%", max_width="1600px"))
+        super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
         self._picture.turn()
         self._link.show(self._editors.current)
-        self._words.status.value = parts.status_text(self.session)
+        self._words.status.value = status_text(self.session)
         is_new = not any(m.displacement.any() for step in self.deformation.steps for m in step.maps)
-        self._words.say(" ".join(filter(None, (self.session.notice, parts.WELCOME if is_new else ""))))
+        self._words.say(" ".join(filter(None, (self.session.notice, WELCOME if is_new else ""))))
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -240,8 +251,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the page has told its times
 
     def _tell_status(self) -> None:
-        latency = parts.latency_text(self._edits.milliseconds, self.view.stats())
-        self._words.status.value = parts.status_text(self.session, latency, judgement_of(self.session))
+        latency = latency_text(self._edits.milliseconds, self.view.stats())
+        self._words.status.value = status_text(self.session, latency, judgement_of(self.session))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 
@@ -306,7 +317,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """
         from deformnb.widgets.standalone import LIMIT, write_standalone
 
-        editor, view = parts.last_step(self.session, self._editors.plane, self.view)
+        editor, view = last_step(self.session, self._editors.plane, self.view)
         try:
             with self.session.files.writing(path, overwrite=overwrite):
                 write_standalone(path, editor, view, title=title or self.volume.name, about=about,
@@ -360,7 +371,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def still(self, width: int = 1120) -> NDArray[np.uint8]:
         """Picture and volume side by side, (height, width, 3): what is seen where no front end runs."""
-        return parts.side_by_side(self.editor, self.view, width)
+        return side_by_side(self.editor, self.view, width)
 
     def __repr__(self) -> str:
         z, y, x = self.volume.shape
@@ -373,4 +384,4 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        return with_png(super()._repr_mimebundle_(**options), lambda: parts.preview_png(self.editor, self.view))
+        return with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
