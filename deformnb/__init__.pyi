@@ -67,11 +67,11 @@ from .outlines import fit_outline as fit_outline
 from .outlines import outline as outline
 from .outlines import slide as slide
 from .picture import PROJECTIONS as PROJECTIONS
-from .picture import Picture as Picture
 from .picture import project as project
 from .placing import PLACES as PLACES
 from .placing import placed as placed
 from .plane import VIEWS as VIEWS
+from .plane import Picture as Picture
 from .plane import Plane as Plane
 from .plane import Raster as Raster
 from .point_csv import points_from_csv as points_from_csv

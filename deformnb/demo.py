@@ -17,8 +17,8 @@ from deformnb.deformation import Deformation, VolumeReference
 from deformnb.drawing import draw_pictures
 from deformnb.errors import DeformError
 from deformnb.forward import warp_points
-from deformnb.picture import Picture, project
-from deformnb.plane import Plane
+from deformnb.picture import project
+from deformnb.plane import Picture, Plane
 from deformnb.volume import Float3, Grid, Volume
 
 Stage = Callable[[str], Callable[[float], None]]

@@ -16,7 +16,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,8 +23,8 @@ from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import write_volume
 from deformnb.io.known_files import KnownFiles
 from deformnb.movie import Frames, Image, animation_frames, deformation_frames, swing, write_movie
-from deformnb.picture import Picture, project
-from deformnb.plane import Plane
+from deformnb.picture import project
+from deformnb.plane import Picture, Plane
 from deformnb.render import render_volume
 from deformnb.script import UNKNOWN_VOLUME, as_python
 from deformnb.session import Session, check_room

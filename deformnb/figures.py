@@ -17,7 +17,7 @@ from deformnb.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure, sh
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
 from deformnb.forward import warp_points
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.regions import AbstractRegion
 from deformnb.rigid_parts import RigidPart
 from deformnb.volume import Grid

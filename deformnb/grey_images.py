@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.volume import Volume
 
 Pictured: TypeAlias = Picture | Volume

@@ -86,7 +86,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
 
     Examples
     --------
-    >>> from deformnb.picture import Picture
+    >>> from deformnb.plane import Picture
     >>> from deformnb.plane import Plane, Raster
     >>> raster = Raster((48, 48), (1.0, 1.0), (0.0, 0.0))
     >>> def spot(a, b):

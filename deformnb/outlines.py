@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.warp_plan import Progress
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deformnb.clipping import Part
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.shading import composite, knots
 from deformnb.sight import Blocks, Eye, blocks, faces_of
 from deformnb.transfer import TransferFunction, preset, typical_range
@@ -37,54 +37,6 @@ _LARGEST = 1e18
 
 def _f32(*numbers: float) -> NDArray[np.float32]:
     return np.array(numbers, dtype=np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture and where it lies.
-
-    Parameters
-    ----------
-    values : (nv, nu) grey values, or (nv, nu, 4) float32 red, green, blue (times alpha) and alpha.
-    plane, raster : where its pixels are in space.
-    method : name of the projection.
-    window : values shown as black and white.
-    """
-
-    values: NDArray[Any]
-    plane: Plane
-    raster: Raster
-    method: str
-    window: tuple[float, float]
-
-    def __repr__(self) -> str:
-        high, wide = self.values.shape[:2]
-        low, white = self.window
-        kind = "coloured" if self.values.ndim == 3 else f"{self.values.dtype.name} from {low:.6g} to {white:.6g}"
-        return (f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
-                f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>")
-
-    def grey(self) -> NDArray[np.float32]:
-        """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""
-        if self.values.ndim == 3:
-            return np.asarray(np.clip(self.values[..., :3] @ _f32(0.2126, 0.7152, 0.0722), 0, 1), dtype=np.float32)
-        low, high = self.window
-        # In 64 bits: neighbouring float64 or int32 values of a narrow window may be one number in 32.
-        return np.clip((self.values.astype(np.float64) - low) / (high - low), 0, 1).astype(np.float32)
-
-    def rgb8(self, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> NDArray[np.uint8]:
-        """(nv, nu, 3) uint8 over a background colour."""
-        if self.values.ndim == 3:
-            color = self.values[..., :3] + (1 - self.values[..., 3:]) * _f32(*background)
-        else:
-            color = np.repeat(self.grey()[..., None], 3, axis=2)
-        return (np.clip(color, 0, 1) * 255 + 0.5).astype(np.uint8)
-
-    @property
-    def extent(self) -> tuple[float, float, float, float]:
-        """(a_min, a_max, b_max, b_min): matplotlib's ``imshow(..., extent=..., origin="upper")``."""
-        a0, a1, b0, b1 = self.raster.box
-        return (a0, a1, b1, b0)
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from deformnb.io.headers import human_bytes, shown
 from deformnb.io.known_files import KnownFiles
 from deformnb.io.memory import available_memory
 from deformnb.look import Look, without_look
-from deformnb.picture import PROJECTIONS, Picture, project
+from deformnb.picture import PROJECTIONS, project
 from deformnb.placing import with_true_spacing
-from deformnb.plane import VIEWS, Plane
+from deformnb.plane import VIEWS, Picture, Plane
 from deformnb.script import UNKNOWN_VOLUME, as_python
 from deformnb.step_changes import turned
 from deformnb.transfer import TransferFunction, preset

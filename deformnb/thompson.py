@@ -15,7 +15,7 @@ from deformnb.deformation import Deformation, Step
 from deformnb.drawing import STYLES, save_figure
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.quality import affine_split, bending_energy
 from deformnb.thompson_net import field_of, landmarks_of, make_grids, steps_of
 from deformnb.thompson_sheet import OVERLAYS, Sheet

@@ -18,8 +18,7 @@ from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, Identity
 from deformnb.figures import Lines, moved_lines, net_lines, picture_field
 from deformnb.forward import warp_points
-from deformnb.picture import Picture
-from deformnb.plane import Raster
+from deformnb.plane import Picture, Raster
 from deformnb.strain import Stretches, stretches
 from deformnb.volume import Grid
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from deformnb.control_points import ControlPoints
 from deformnb.drawing import SOURCE, TARGET, Box, Style
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture
-from deformnb.plane import Raster
+from deformnb.plane import Picture, Raster
 from deformnb.thompson_net import Grids, area_map
 from deformnb.warp import warp_picture
 

@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from deformnb.control_points import ControlPoints
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 
 PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Volume
 

@@ -31,8 +31,7 @@ from deformnb.demo import (
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io import read_volume
 from deformnb.io.documents import read_deformation
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.volume import Grid, Volume
 
 SHAPE = (48, 96, 40)

@@ -14,8 +14,7 @@ from PIL import Image
 from deformnb.control_points import ControlPoints
 from deformnb.drawing import SOURCE, STYLES, TARGET, draw_pictures, save_figure
 from deformnb.errors import DeformError
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 
 PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
 

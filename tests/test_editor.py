@@ -17,8 +17,8 @@ from deformnb.deformation import Deformation
 from deformnb.degenerate import LARGEST_SET
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
-from deformnb.picture import Picture, project
-from deformnb.plane import Raster
+from deformnb.picture import project
+from deformnb.plane import Picture, Raster
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import Editor
 from deformnb.widgets.point_messages import EditMessage, points_from_json, points_to_json

@@ -17,8 +17,8 @@ from deformnb.cuts import Cut, Decoupled
 from deformnb.document_regions import cut_to_data, part_to_data
 from deformnb.errors import DeformError
 from deformnb.masks import Mask
-from deformnb.picture import Picture, project
-from deformnb.plane import Raster
+from deformnb.picture import project
+from deformnb.plane import Picture, Raster
 from deformnb.rbf import RBFInterpolant
 from deformnb.regions import LARGEST_SHAPE, HalfSpace, Line, Polygon
 from deformnb.rigid_motion import RigidMotion

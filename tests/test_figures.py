@@ -14,8 +14,7 @@ from deformnb.deformation import Step
 from deformnb.drawing import STYLES
 from deformnb.errors import DeformError
 from deformnb.figures import CUT, SIDES, Panel, draw_figure, moved_lines, net_lines, picture_field, trimmed
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.regions import Line, Polygon
 from deformnb.rigid_parts import RigidPart
 from deformnb.volume import Grid

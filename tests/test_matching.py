@@ -17,7 +17,8 @@ import deformnb as dn
 from deformnb.control_points import ControlPoints
 from deformnb.errors import Cancelled, DeformError
 from deformnb.matching import fit_targets, snap_to_match
-from deformnb.picture import Picture, project
+from deformnb.picture import project
+from deformnb.plane import Picture
 from deformnb.rbf import fit_rbf
 from deformnb.volume import Grid, Volume
 

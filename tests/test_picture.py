@@ -17,8 +17,8 @@ from deformnb import picture as module
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
-from deformnb.picture import PROJECTIONS, Picture, plane_lattice, project
-from deformnb.plane import VIEWS, Plane, Raster
+from deformnb.picture import PROJECTIONS, plane_lattice, project
+from deformnb.plane import VIEWS, Picture, Plane, Raster
 from deformnb.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume import Grid, Volume
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from deformnb.clipping import Part, checked_clip
-from deformnb.picture import Picture, project
-from deformnb.plane import VIEWS, Plane
+from deformnb.picture import project
+from deformnb.plane import VIEWS, Picture, Plane
 from deformnb.sight import Eye
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume

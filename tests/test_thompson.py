@@ -20,8 +20,8 @@ from deformnb.deformation import Deformation, Step
 from deformnb.drawing import SOURCE, TARGET
 from deformnb.errors import DeformError
 from deformnb.fields import Identity
-from deformnb.picture import Picture, project
-from deformnb.plane import Plane, Raster
+from deformnb.picture import project
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.rbf import fit_rbf
 from deformnb.regions import Line
 from deformnb.thompson import draw_grids

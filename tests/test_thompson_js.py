@@ -14,8 +14,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
 from deformnb.deformation import Step
 from deformnb.document_regions import region_to_data
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.regions import Line
 from deformnb.strain import stretches
 from deformnb.thompson_net import field_of, make_grids, steps_of

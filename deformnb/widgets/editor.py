@@ -20,8 +20,7 @@ from deformnb.cuts import CUT_RULES, Decoupled, decoupled_fits
 from deformnb.deformation import Step, support_radius
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture
-from deformnb.plane import Raster
+from deformnb.plane import Picture, Raster
 from deformnb.staged import Fit, fit_points
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited_points import EditedPoints, PointsTrait

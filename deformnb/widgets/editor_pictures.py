@@ -13,8 +13,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.cuts import Decoupled
 from deformnb.fields import AbstractField
 from deformnb.forward import warp_points
-from deformnb.picture import Picture
-from deformnb.plane import Plane, Raster
+from deformnb.plane import Picture, Plane, Raster
 from deformnb.warp import warp_picture
 
 # Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.

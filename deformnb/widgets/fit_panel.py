@@ -25,7 +25,7 @@ from deformnb.fields import AbstractField
 from deformnb.likeness import MEASURES
 from deformnb.matching import Fitted, fit_targets, snap_to_match
 from deformnb.outlines import fit_outline, outline, slide
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.widgets.controls import Guard, Panel, button, row, slider

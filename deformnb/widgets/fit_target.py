@@ -16,8 +16,8 @@ from deformnb.fields import AbstractField
 from deformnb.grey_images import GreyImage, Pictured
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
-from deformnb.picture import Picture, project
-from deformnb.plane import Raster
+from deformnb.picture import project
+from deformnb.plane import Picture, Raster
 from deformnb.session import Session
 from deformnb.volume import Volume
 from deformnb.warp import warp, warp_picture

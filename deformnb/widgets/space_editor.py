@@ -25,7 +25,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.deformation import Step, lone_support
 from deformnb.errors import DeformError
 from deformnb.fields import AbstractField, compose
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.transfer import TransferFunction, preset
 from deformnb.volume import Volume
 from deformnb.widgets.assets import joined, style

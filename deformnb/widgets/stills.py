@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from deformnb.clipping import WHOLE, Clip, Part
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture, project
-from deformnb.plane import Plane
+from deformnb.picture import project
+from deformnb.plane import Picture, Plane
 from deformnb.sight import Eye
 from deformnb.transfer import TransferFunction
 from deformnb.volume import Grid, Volume

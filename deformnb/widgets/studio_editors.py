@@ -13,7 +13,7 @@ import numpy as np
 
 from deformnb.deformation import lone_support
 from deformnb.fields import AbstractField
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.session import Session
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor import Editor

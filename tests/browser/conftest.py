@@ -14,7 +14,7 @@ from running_app import RunningApp
 from scripts import chromium
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.session import Session
 from deformnb.widgets.editor import Editor
 

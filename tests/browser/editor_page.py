@@ -11,8 +11,8 @@ from browser.live_page import LivePage
 from PIL import Image
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture, project
-from deformnb.plane import Raster
+from deformnb.picture import project
+from deformnb.plane import Picture, Raster
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.editor import Editor
 

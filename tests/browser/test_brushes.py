@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
 from deformnb.forward import warp_points
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 
 pytestmark = pytest.mark.needs_browser

@@ -11,7 +11,8 @@ from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture, project
+from deformnb.picture import project
+from deformnb.plane import Picture
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
 from deformnb.widgets.studio_editors import make_editor, show_step

@@ -9,7 +9,7 @@ import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.point_messages import EditMessage
 

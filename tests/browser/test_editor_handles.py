@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 
 pytestmark = pytest.mark.needs_browser

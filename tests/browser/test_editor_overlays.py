@@ -15,7 +15,7 @@ from PIL import Image
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
 from deformnb.folds import jacobian_determinant
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.regions import Line
 from deformnb.widgets.editor import Editor
 

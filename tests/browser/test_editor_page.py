@@ -10,8 +10,8 @@ from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.control_points import ControlPoints
 from deformnb.deformation import Deformation
-from deformnb.picture import Picture, project
-from deformnb.plane import VIEWS
+from deformnb.picture import project
+from deformnb.plane import VIEWS, Picture
 from deformnb.volume import Grid, Volume
 from deformnb.warp import warp_picture
 from deformnb.widgets.editor import Editor

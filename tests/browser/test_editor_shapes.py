@@ -12,7 +12,7 @@ from deformnb.control_points import ControlPoints
 from deformnb.cuts import CUT_RULES, Cut
 from deformnb.errors import DeformError
 from deformnb.masks import Mask
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.regions import HalfSpace, Line, Polygon
 from deformnb.rigid_parts import RigidPart, without_conflicts
 from deformnb.warp import warp_picture

@@ -14,7 +14,7 @@ from browser.test_space_editor_page import Opened, waves
 
 from deformnb.control_points import ControlPoints
 from deformnb.cuts import Cut
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.regions import Line
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.space_editor import SpaceEditor

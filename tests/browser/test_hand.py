@@ -10,7 +10,7 @@ from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 
 pytestmark = pytest.mark.needs_browser

@@ -13,7 +13,7 @@ from browser.test_space_editor_page import Opened, waves
 from scripts import run_script
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 from deformnb.widgets.space_editor import SpaceEditor
 

@@ -9,7 +9,7 @@ import pytest
 from browser.editor_page import EditorOnPage
 
 from deformnb.control_points import ControlPoints
-from deformnb.picture import Picture
+from deformnb.plane import Picture
 from deformnb.widgets.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
