@@ -15,6 +15,7 @@ class EditorPage extends EditorHand {
     this.id = Math.random().toString(36).slice(2);
     this.sender = senderOf(this.bus, model);
     this.sender.receive();
+    this.selection = new RestingTrait(model, "selected");
     Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
       selected: new Set(model.get("selected")), layered: null,
       error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isSelecting: false, isComparing: false, isFitted: true, frame: 0,
@@ -69,7 +70,7 @@ class EditorPage extends EditorHand {
       this.model.on(name, guarded);
       handlers.push([name, guarded]);
     };
-    on("change:selected", () => this.select(this.model.get("selected"), false));
+    on("change:selected", () => { if (!this.selection.isAhead) this.select(this.model.get("selected"), false); });
     on("change:chosen_shape", () => this.receiveChosen());
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
@@ -118,13 +119,14 @@ class EditorPage extends EditorHand {
     this.sender.flush();
     this.unlisten();
     this.closed.abort();
+    this.selection.close();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.bus.removeEventListener("deformnb:points", this.moved);
     this.dark.removeEventListener("change", this.repaint);
     this.observer.disconnect();
     this.themes.disconnect();
     cancelAnimationFrame(this.frame);
-    for (const timer of [this.restTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    for (const timer of [this.restTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.bus.views -= 1;
     if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
     this.root.remove();
@@ -223,8 +225,7 @@ class EditorPage extends EditorHand {
     if (next.size) this.chooseShape(null);
     this.invalidate();
     if (isSame || !isShared) return;
-    clearTimeout(this.selectTimer); // a band selects many times before it is done
-    this.selectTimer = setTimeout(() => { this.model.set("selected", [...this.selected]); this.model.save_changes(); }, 150);
+    this.selection.tellSoon([...this.selected]);
   }
 
   toggleSelected(id) {

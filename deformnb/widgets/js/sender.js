@@ -257,6 +257,30 @@ class Sender {
   #notify(what) { for (const listener of this.listeners) listener(what); }
 }
 
+// A trait that a hand changes several times before it is done, such as what a band selects. It is told after a rest; until
+// then what Python says of it is from before.
+const REST_OF_HAND = 150; // milliseconds
+
+class RestingTrait {
+  constructor(model, name) { Object.assign(this, { model, name, timer: null }); }
+
+  get isAhead() { return this.timer !== null; }
+
+  tellSoon(value) {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.model.set(this.name, value);
+      this.model.save_changes();
+    }, REST_OF_HAND);
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    this.timer = null;
+  }
+}
+
 // The sender of an editor's bus, made when first asked for; anywidget's `initialize` asks before any view does.
 function senderOf(bus, model) {
   if (!bus.sender) {
