@@ -2,6 +2,7 @@
 
 Messages by the page:
 
+- ``{"type": "greet", "sender": id, "seq": 0}`` when a page opens, for the answer
 - ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
   "points": [...]}``
 - ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
@@ -182,7 +183,7 @@ class EditedPoints(SyncedWidget):
     def _note(self, message: Message) -> None:
         # After the points and not together with them: until the page reads this it leaves the points alone, and two
         # updates in order need no pause of all others (hold_sync), which threads would take from one another.
-        if message.seq <= self.seen.get(message.sender, -1) or _is_movement(message):
+        if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
             return
         others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
@@ -250,5 +251,5 @@ class EditedPoints(SyncedWidget):
         return float(value)
 
 
-def _is_movement(message: Message) -> bool:
-    return isinstance(message, EditMessage) and message.phase == "move"
+def _changes_nothing(message: Message) -> bool:
+    return type(message) is Message or (isinstance(message, EditMessage) and message.phase == "move")

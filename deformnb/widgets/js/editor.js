@@ -94,6 +94,7 @@ class EditorPage extends EditorHand {
     const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => { this.receiveChosen(); this.invalidate(); } };
     this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.bus.addEventListener("deformnb:points", this.moved);
+    this.sender.greet();
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.observer.observe(this.root);
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");

@@ -43,7 +43,7 @@ class Sender {
     this.flush();
     for (const [name, handler] of Object.entries(this.models[at].handlers)) model.off(name, handler);
     this.models.splice(at, 1);
-    if (this.models.length === 0) this.clock.cancel(this.timer);
+    if (this.models.length === 0) for (const timer of [this.timer, this.greeting]) this.clock.cancel(timer);
   }
 
   // listener("points") after other points are there, listener("status") after `status` has changed, listener("history")
@@ -246,6 +246,22 @@ class Sender {
   // is too short, and then it drops all that comes for the model, for good, although the model is shown and can speak.
   #deaf() {
     if (!this.isHeard && this.model?.widget_manager?.kernel?.status === "idle") this.#tell("deaf");
+  }
+
+  // A page that opens says so to Python: where nobody hears it, that must be seen before anything is edited. A busy kernel
+  // answers later; of one that is idle, no answer will come.
+  greet() {
+    if (this.isHeard || this.isGreeted || this.model?.widget_manager?.kernel === undefined) return; // a host that does not say
+    this.isGreeted = true;
+    try { this.model.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
+    this.#expectAnswer();
+  }
+
+  #expectAnswer() {
+    const kernel = this.model?.widget_manager?.kernel;
+    if (this.isHeard) return;
+    if (this.isCut || kernel === null) { this.#tell("lost"); return; }
+    this.greeting = this.clock.later(() => { this.#deaf(); this.#expectAnswer(); }, LOST_AFTER);
   }
 
   #tell(status) {

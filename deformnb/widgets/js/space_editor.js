@@ -75,6 +75,7 @@ class SpaceEditorPage extends SpaceHand {
       if (phase === "move") { this.points = points; this.invalidate(); } else this.receive();
     });
     this.bus.addEventListener("deformnb:points", this.moved);
+    this.sender.greet();
     const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
     this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
