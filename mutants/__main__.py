@@ -74,7 +74,7 @@ class Copy:
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
     def test(self, tests: list[str], minutes: float) -> tuple[str, str]:
-        """What pytest said, in a word, and its last line; what takes too long hangs, which is caught."""
+        """What pytest said, in a word, and its last line. What takes too long may hang, or the machine is busy."""
         environment = {**os.environ, "PYTHONPATH": str(self.root)}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
@@ -84,7 +84,7 @@ class Copy:
             try:
                 code = process.wait(minutes * 60)
             except subprocess.TimeoutExpired:
-                return "caught", f"it took longer than {minutes:g} minutes"
+                return "too long", f"it took longer than {minutes:g} minutes"
             finally:
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.killpg(process.pid, signal.SIGKILL)  # with the browsers and servers it has started
@@ -94,7 +94,7 @@ class Copy:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command: 0 if all mutants were caught, 1 if any survived or is stale, 2 if the tests fail without."""
+    """Run the command: 0 if all mutants were caught, 1 if any was not, 2 if the tests fail without."""
     parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__)
     parser.add_argument("names", nargs="*", help="the mutants to run; all if none is named")
     parser.add_argument("--list", action="store_true", help="list the mutants and run nothing")
@@ -169,7 +169,7 @@ def run(mutants: list[Mutant], tests: dict[str, list[str]], minutes: float = 10,
             if verdict != "caught":
                 say(f"          {place}: {mutant.old} -> {mutant.new}  [{mutant.kind}] {' '.join(tests[mutant.name])}")
     say(f"{counts['caught']} of {len(mutants)} caught, " + ", ".join(
-        f"{counts[word]} {word}" for word in ("survived", "stale", "no tests")))
+        f"{counts[word]} {word}" for word in ("survived", "too long", "stale", "no tests")))
     return int(counts["caught"] < len(mutants))
 
 

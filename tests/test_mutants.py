@@ -143,3 +143,10 @@ def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
     (tree / "tests" / "test_shapes.py").write_text("def test_wrong():\n    assert False\n")
     assert run(mutants[:1], {"noticed": ["tests/test_shapes.py"]}, root=tree) == 2
     assert "fail without any mutant" in capsys.readouterr().out
+
+
+def test_what_hangs_is_ended_and_not_taken_for_caught(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tree / "tests" / "test_shapes.py").write_text("def test_for_ever():\n    while True:\n        pass\n")
+    one = mutant("Square.edge", "* 4", "* 5")
+    assert run([one], {one.name: ["tests/test_shapes.py"]}, 0.02, baseline=False, root=tree) == 1
+    assert capsys.readouterr().out.startswith("too long  one")

@@ -196,7 +196,8 @@ def test_labels_lie_on_the_volume(name):
 
 
 def test_the_cubes_of_the_bar_begin_at_its_corner() -> None:
-    bar = PHANTOMS["bar"].make((192, 128, 256), noise=0)  # voxels of 1: the block begins at (28, 44, 76), its cubes are of 20
+    """The block begins at (28, 44, 76), its cubes are of 20, and so are as many voxels."""
+    bar = PHANTOMS["bar"].make((192, 128, 256), noise=0)
     for y, sign in ((52, 1), (60, 1), (76, -1)):
         columns = (34, 46, 50, 66, 70)
         index = bar.grid.point_to_index([[x, y, 80.0] for x in columns]).round().astype(int)
