@@ -90,7 +90,8 @@ class Copy:
                     os.killpg(process.pid, signal.SIGKILL)  # with the browsers and servers it has started
         lines = log.read_text(errors="replace").strip().splitlines() or [""]
         failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-        return _VERDICTS.get(code, "no tests"), failed[0][:160] if failed and code in _VERDICTS else lines[-1]
+        verdict = "caught" if code < 0 else _VERDICTS.get(code, "no tests")  # below zero a signal has ended it
+        return verdict, failed[0][:160] if failed and verdict == "caught" else lines[-1]
 
 
 def main(arguments: list[str] | None = None) -> int:
