@@ -128,7 +128,7 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
                     yield from _code(child)
 
 
-def files_for(mutant: Mutant, root: Path = ROOT, most: int = 8) -> tuple[str, ...]:
+def files_for(mutant: Mutant, root: Path = ROOT, most: int = 12) -> tuple[str, ...]:
     """The test files that see the mutant: the module's examples and own tests, those that import it or say its name.
 
     Where these are few, those of the modules that import it come after them.
