@@ -121,7 +121,8 @@ def test_conda_environment_equals_the_requirements() -> None:
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"]), ("mutants", ["test"])],
+    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"]),
+     ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
