@@ -238,6 +238,13 @@ def test_doubtful_places_are_left_and_named() -> None:
     assert untouched.points is one
 
 
+def test_even_places_look_like_nothing() -> None:
+    a, b = np.meshgrid(np.arange(96.0), np.arange(96.0))
+    here, there = (picture(np.clip(1 - ((a - i) ** 2 + (b - j) ** 2) / 16, 0, 1)) for i, j in ((40, 40), (43, 41)))
+    found = snap_to_match(ControlPoints.from_arrays([[40.0, 40.0]]), None, here, there, radius=5.0, search=14.0)
+    assert np.allclose(found.shift, [[3.0, 1.0]], atol=0.05)
+
+
 def test_the_correlation_is_that_of_the_disc() -> None:
     """Against NumPy at one shift: the pixels of the disc, and no others."""
     found = snap_to_match(ControlPoints.from_arrays([[48.0, 48.0]]), None, MOVING, FIXED, radius=7.0, search=2.0)

@@ -79,7 +79,7 @@ def _requirements(*extras: str) -> dict[str, str]:
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name)}
-    own |= {"deformnb", "benchmarks", "browser", "scripts", folder.name}
+    own |= {"deformnb", "benchmarks", "browser", "mutants", "scripts", folder.name}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
@@ -121,7 +121,8 @@ def test_conda_environment_equals_the_requirements() -> None:
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"])],
+    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"]),
+     ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
