@@ -486,6 +486,7 @@ def _volume(folder: Path) -> str:
     return str(path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
@@ -566,6 +567,7 @@ def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
     assert not _is_open(port)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="processes of another kind")
 def test_the_command_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
     # The shell starts it and is killed without a chance to pass anything on.

@@ -110,6 +110,7 @@ def played(seeds: list[int], main: str, **options: Any) -> Any:
     return run_script(FILES, text, {"seeds": seeds, "options": options})
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("is_pythons", [False, True])
 @pytest.mark.parametrize(("delay", "service"), [(1, 1), (300, 50), (30, 900), (3000, 3000), (20000, 500)])
 def test_windows_views_and_python_end_with_the_same(delay: int, service: int, is_pythons: bool) -> None:

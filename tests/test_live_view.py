@@ -220,6 +220,7 @@ def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) 
     assert max(shown.volume.shape) <= largest
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("values", [
     np.zeros((3, 4, 5), bool), np.full((3, 4, 5), 7, np.int16), np.full((3, 4, 5), np.nan), np.ones((1, 1, 1)),
 ])

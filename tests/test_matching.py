@@ -88,6 +88,7 @@ def test_alike_already_nothing_is_moved() -> None:
     assert fitted.least == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.nightly
 def test_stages_are_fitted_as_they_are_done() -> None:
     """Three parts of the way, one after the other: the picture is warped three times."""
     ends = [TRUE.source + j / 3 * (TRUE.target - TRUE.source) for j in range(4)]
@@ -177,6 +178,7 @@ def _knees(real_data: Callable[[str], Path]) -> tuple[Picture, Picture]:
     return seen, project(bent, seen.plane, "slice")
 
 
+@pytest.mark.nightly
 def test_a_real_knee_bends_towards_its_bent_picture(real_data: Callable[[str], Path]) -> None:
     straight, bent = _knees(real_data)
     (nv, nu), (du, dv) = straight.raster.shape, straight.raster.spacing

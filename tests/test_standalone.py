@@ -219,6 +219,7 @@ def test_a_volume_beyond_the_limit_is_reduced_and_the_page_says_so() -> None:
     assert "24 x 16 x 20 voxels. This file" in standalone_html(editor, view)
 
 
+@pytest.mark.nightly
 def test_a_phantom_of_128_voxels_along_each_side_is_little_more_than_a_megabyte() -> None:
     volume = PHANTOMS["fish"].make((128, 128, 128))
     editor = Editor(project(volume, Plane.along(volume.grid, "-x")))
