@@ -1,7 +1,8 @@
 """What is being edited is written by itself, a second after each edit, into a folder of the user.
 
 An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
-that knows the session no more. Trouble is told once and never stops an edit.
+that knows the session no more, and that ends when nothing waits: a session that nobody closes, such as that of a widget
+whose variable was deleted, has no thread while nobody edits it. Trouble is told once and never stops an edit.
 """
 
 from __future__ import annotations
@@ -94,9 +95,8 @@ class Autosave:
         job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
         self._session = weakref.ref(session)
         session.observe(job.note, _WATCHED)
-        self._thread = threading.Thread(target=_run, args=(job,), name="deformnb-autosave", daemon=True)
-        _RUNNING[self._thread] = job
-        self._thread.start()
+        _OPEN.add(job)
+        job.start()
         weakref.finalize(session, job.end).atexit = False
 
     @property
@@ -130,8 +130,8 @@ class Autosave:
         if session is not None and not self._job.is_ending:
             session.unobserve(self._job.note, _WATCHED)
         self._job.end()
-        if threading.current_thread() is not self._thread:
-            self._thread.join(_WAIT_AT_CLOSE)
+        if not self._job.is_here:
+            self._job.left(_WAIT_AT_CLOSE)
 
 
 class _Job:
@@ -150,7 +150,8 @@ class _Job:
         self.edited = datetime.now(UTC)
         self.since = self.due = 0.0
         self.is_urgent = self.is_busy = False
-        self.is_ending = self.is_done = False
+        self.is_ending = self.is_done = self.is_pruned = False
+        self.thread: threading.Thread | None = None
         self.entry: SavedSession | None = None
         self.held: int | None = None
         self.replaced: list[SavedSession] = []
@@ -160,6 +161,22 @@ class _Job:
         self.on_trouble: Callable[[str], object] | None = None
 
     # -- from the session's threads ------------------------------------------------------------------------------------
+
+    @property
+    def is_here(self) -> bool:
+        """True in the thread that writes."""
+        return threading.current_thread() is self.thread
+
+    def start(self) -> None:
+        """Have a thread, unless the end has come."""
+        with self.changed:
+            if self.thread is None and not self.is_done:
+                self.thread = threading.Thread(target=_run, args=(self,), name="deformnb-autosave", daemon=True)
+                try:
+                    self.thread.start()
+                except RuntimeError as error:  # there are too many; the next edit tries again
+                    self.thread = None
+                    _safely(lambda error=error: self.say(error))  # type: ignore[misc]
 
     def note(self, change: Any) -> None:
         """An edit was made, another step chosen, or the session saved; this takes microseconds."""
@@ -173,8 +190,7 @@ class _Job:
             self.waiting = _Snapshot(session.deformation, session.index, session.key, self.edited)
             self.since = now if is_first else self.since
             self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
-            if is_first:  # else the thread waits already, and looks at the time again when it wakes
-                self.changed.notify_all()
+            self.start()  # a thread that waits already looks at the time again when it wakes
 
     def flushed(self, timeout: float) -> bool:
         with self.changed:
@@ -185,16 +201,29 @@ class _Job:
             self.is_urgent = False
             return done and self.waiting is None
 
-    def end(self) -> None:
+    def end(self, in_this_thread: bool = False) -> None:
+        """Write what waits and leave: in the thread that has begun to write, else in a new one or in this one."""
         with self.changed:
             self.is_ending = True
             self.waiting, self.unwritten = self.waiting or self.unwritten, None  # the disk may have room again
             self.changed.notify_all()
+            is_free = self.thread is None and not self.is_done
+            if is_free and in_this_thread:
+                self.thread = threading.current_thread()
+            elif is_free:
+                self.start()
+        if is_free and in_this_thread:
+            _run(self)
+
+    def left(self, timeout: float) -> bool:
+        """Wait until the file is held no more."""
+        with self.changed:
+            return self.changed.wait_for(lambda: self.is_done, timeout)
 
     # -- in the thread -------------------------------------------------------------------------------------------------
 
     def take(self) -> _Snapshot | None:
-        """What is to be written, when it is time; None at the end."""
+        """What is to be written, when it is time; None at the end, and when nothing waits: the thread is given up."""
         with self.changed:
             while True:
                 self.is_busy = False
@@ -203,9 +232,11 @@ class _Job:
                 if self.waiting is not None and (self.is_ending or self.is_urgent or left <= 0):
                     taken, self.waiting, self.is_busy = self.waiting, None, True
                     return taken
-                if self.is_ending:
+                if self.waiting is None:
+                    if not self.is_ending:
+                        self.thread = None
                     return None
-                self.changed.wait(None if self.waiting is None else left)
+                self.changed.wait(left)
 
     def write(self, snapshot: _Snapshot) -> None:
         """Write what was edited, if it differs from what the session began with."""
@@ -245,12 +276,15 @@ class _Job:
 
     def leave(self) -> None:
         """The last work: nobody holds the file any more."""
-        if self.entry is not None and self.entry.state == "open":
-            mark(self.entry, "closed")
-        self._let_go()
-        with self.changed:
-            self.is_done = True
-            self.changed.notify_all()
+        try:
+            if self.entry is not None and self.entry.state == "open":
+                mark(self.entry, "closed")
+            self._let_go()
+        finally:
+            _OPEN.discard(self)
+            with self.changed:
+                self.is_done, self.thread = True, None
+                self.changed.notify_all()
 
     def _let_go(self) -> None:
         if self.held is not None and self.entry is not None:
@@ -271,17 +305,16 @@ class _Job:
 
 def _run(job: _Job) -> None:
     try:
-        assert job.refer is not None
-        job.reference = job.refer()
-        job.refer = None  # and with it the volume
-        _safely(lambda: job.on_ready and job.on_ready(job.reference))  # type: ignore[arg-type]
-        is_pruned = False
+        if job.refer is not None:
+            job.reference = job.refer()
+            job.refer = None  # and with it the volume
+            _safely(lambda: job.on_ready and job.on_ready(job.reference))  # type: ignore[arg-type]
         while (snapshot := job.take()) is not None:
             try:
                 job.write(snapshot)
                 job.unwritten, job.has_trouble = None, False
-                if not is_pruned and job.entry is not None:
-                    is_pruned = True
+                if not job.is_pruned and job.entry is not None:
+                    job.is_pruned = True
                     prune(job.folder)
             except Exception as error:  # a full disk, a folder that is gone or read-only
                 job.unwritten = snapshot
@@ -291,8 +324,8 @@ def _run(job: _Job) -> None:
         _LOG.exception("a session is not written by itself")
         _safely(lambda error=error: job.say(error))  # type: ignore[misc]
     finally:
-        _safely(job.leave)
-        _RUNNING.pop(threading.current_thread(), None)
+        if job.is_here:  # else the thread was given up, and another may be at work by now
+            _safely(job.leave)
 
 
 def _safely(action: Callable[[], Any]) -> None:
@@ -317,27 +350,30 @@ def _why(error: Exception) -> str:
 
 # -- the end of the process --------------------------------------------------------------------------------------------
 
-_RUNNING: dict[threading.Thread, _Job] = {}
+_OPEN: set[_Job] = set()
 _HELD: set[int] = set()
 
 
 @atexit.register
 def _end_all() -> None:
     """Write what waits, and close what is open: that a process ends by itself is no crash."""
-    running = list(_RUNNING.items())
-    for _, job in running:
-        job.end()
+    jobs = list(_OPEN)
     until = time.monotonic() + _PATIENCE_AT_EXIT
-    for thread, _ in running:
-        thread.join(max(0.0, until - time.monotonic()))
+    for job in jobs:
+        job.end(in_this_thread=True)  # no thread can be started any more
+    for job in jobs:
+        job.left(max(0.0, until - time.monotonic()))
 
 
 def _let_go() -> None:
-    """In a copy of the process: the files belong to the original."""
+    """In a copy of the process: the files belong to the original, and so do the threads, whatever they have locked."""
     for descriptor in _HELD:
         os.close(descriptor)
+    for job in _OPEN:
+        job.changed = threading.Condition()
+        job.is_done, job.thread, job.held = True, None, None
     _HELD.clear()
-    _RUNNING.clear()
+    _OPEN.clear()
 
 
 if hasattr(os, "register_at_fork"):

@@ -22,8 +22,7 @@ class Check:
 OPTIONAL = {
     "SimpleITK": ("SimpleITK objects", "formats"),
     "nibabel": ("nibabel objects", "formats"),
-    "tifffile": ("TIFF stacks", "formats"),
-    "imagecodecs": ("compressed TIFF and DICOM", "formats"),
+    "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
     "pydicom": ("DICOM series", "formats"),
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),

@@ -26,7 +26,7 @@ for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):
 
 hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
 # The same examples at each run, so that a change is not blamed for what chance has found; the nightly run searches.
-hypothesis.settings.register_profile("ci", deadline=None, max_examples=15, derandomize=True)
+hypothesis.settings.register_profile("ci", deadline=None, max_examples=10, derandomize=True)
 hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev"))
 

@@ -68,4 +68,4 @@ def crash(saving: Autosave) -> None:
     """Leave what a session has written as if its process had been killed."""
     with mock.patch("deformnb.autosave.mark"):  # nobody says that it was closed
         saving.close()
-        saving._thread.join(60)
+        assert saving._job.left(60)

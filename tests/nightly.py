@@ -3,31 +3,41 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 
 import pytest
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a table of cases that is marked ``sampled(n)`` each n-th and each with a word of its own is run at once.
+    """Of each table of cases a sample is run at once: so many that each value of each argument occurs.
 
-    The words of a case are the parts of its name: the values of its arguments. So each row of a registry, and each case
-    that is unlike the others, is tested at each change, and what is left to the nightly run are their combinations.
+    The values of a case are the parts of its name. So each row of a registry is tested at each change, and so is each
+    case that is unlike the others; what is left to the nightly run are their combinations. Of a table that is marked
+    ``sampled(n)``, whose cases take long, every n-th is run.
     """
-    cases: Counter[str] = Counter()
-    words: dict[str, set[str]] = {}
+    tables: dict[str, list[pytest.Item]] = {}
     for item in items:
-        marker = item.get_closest_marker("sampled")
-        if marker is None:
-            continue
-        name, _, case = item.nodeid.removesuffix("]").partition("[")
-        seen, own = words.setdefault(name, set()), set(case.split("-"))
-        if cases[name] % marker.args[0] and own <= seen:
-            item.add_marker(pytest.mark.nightly)
-        else:
-            seen |= own
-        cases[name] += 1
+        tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in tables.values():
+        marker = cases[0].get_closest_marker("sampled")
+        kept = cases[::marker.args[0]] if marker else covering(cases)
+        for item in cases:
+            if item not in kept:
+                item.add_marker(pytest.mark.nightly)
+
+
+def covering(cases: list[pytest.Item]) -> list[pytest.Item]:
+    """Cases with all values that occur; the next is always the first of those with the most new ones."""
+    values = [set(item.nodeid.removesuffix("]").partition("[")[2].split("-")) for item in cases]
+    kept: list[pytest.Item] = []
+    seen: set[str] = set()
+    while True:
+        gains = [len(own - seen) for own in values]
+        best = gains.index(max(gains))
+        if not gains[best]:
+            return kept
+        kept.append(cases[best])
+        seen |= values[best]
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
@@ -19,7 +20,7 @@ import pytest
 from running_app import PATIENCE, RunningApp, connected, framed, status_of
 
 from deformnb.app.desk import Desk
-from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, checked_host, own_names
+from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, Doorkeeper, checked_host, own_names
 from deformnb.app.server import AppServer
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
@@ -324,7 +325,9 @@ def test_wrong_messages_change_nothing(app: RunningApp, call: tuple[Any, ...],
     b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
     b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
     framed({"id": "x" * 300, "method": "trame.state.get"}),
-], ids=range(12))
+    *(framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k] + (7).to_bytes(4, "little")
+      + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4:] for k in (4, 8)),  # a later piece, another size
+], ids=range(14))
 @pytest.mark.parametrize("is_known", [True, False])
 def test_malformed_messages_are_dropped_and_the_page_goes_on(app: RunningApp, data: bytes, is_known: bool) -> None:
     async def attempt() -> Any:
@@ -438,6 +441,21 @@ def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
         assert app.server.reason == ""
 
 
+def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.app.guard.time", SimpleNamespace(monotonic=lambda: now))
+    door, now = Doorkeeper("secret"), 100.0
+    door.onConnect(None, "early")
+    now = 104.0
+    door.onConnect(None, "late")
+    assert door.strangers(set()) == []
+    now = 111.0
+    assert door.strangers(set()) == ["early"]
+    assert door.strangers({"early"}) == []
+    door.onClose("early")
+    now = 120.0
+    assert door.strangers(set()) == ["late"]
+
+
 def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deformnb.app.guard.LOGIN_SECONDS", 0.2)
 
@@ -468,6 +486,7 @@ def _volume(folder: Path) -> str:
     return str(path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
@@ -548,6 +567,7 @@ def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
     assert not _is_open(port)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="processes of another kind")
 def test_the_command_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
     # The shell starts it and is killed without a chance to pass anything on.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import queue
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,6 +14,7 @@ from driven_studio import a_volume
 from running_app import PATIENCE, RunningApp, connected
 
 from deformnb.app.desk import Desk
+from deformnb.app.trust import DeskTrust
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.session import Session
@@ -69,6 +71,22 @@ def least(desk: Desk) -> float:
 
 
 FAR = 12.0  # of a drag that folds
+
+
+def test_a_judgement_that_an_edit_has_overtaken_is_not_shown(desk: Desk) -> None:
+    waiting: queue.Queue[Callable[[], None]] = queue.Queue()
+    shown = []
+    trust = DeskTrust(desk.session, desk.editor, waiting.put, lambda: shown.append(desk.session.step))
+    trust.soon()
+    late = waiting.get(timeout=PATIENCE)
+    drag(desk, FAR)
+    late()
+    assert (shown, trust.state()["trust"]) == ([], "")
+    trust.soon()
+    waiting.get(timeout=PATIENCE)()
+    assert shown == [desk.session.step]
+    assert trust.state()["folded"]
+    trust.close()
 
 
 def test_the_figures_follow_the_edits(desk: Desk) -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import shutil
+import subprocess
+import sys
+import threading
 import time
 import weakref
 from pathlib import Path
@@ -16,6 +20,7 @@ from driven_studio import crash, wait_for
 
 from deformnb import autosave as module
 from deformnb.autosave import Autosave, restore, saved_sessions
+from deformnb.datasets import PHANTOMS
 from deformnb.deformation import LazyReference
 from deformnb.session import Session
 from deformnb.volume import Grid, Volume
@@ -190,18 +195,90 @@ def test_what_is_continued_is_offered_until_the_new_one_is_written(session: Sess
     saving.close()
 
 
-def test_neither_session_nor_volume_is_kept_alive() -> None:
-    session = Session(a_volume())
-    saving = Autosave(session)
+def test_neither_session_nor_volume_is_kept_alive_and_the_last_edit_is_written() -> None:
+    volume = a_volume()
+    session = Session(volume)
+    saving = Autosave(session, delay=60)
     session.change(strength=0.5)
-    saving.flush()
-    alive, thread, volume = weakref.ref(session), saving._thread, weakref.ref(session.volume)
-    del session
+    alive, held, twin = weakref.ref(session), weakref.ref(volume), a_volume()
+    del session, volume
     gc.collect()
     assert alive() is None
-    assert volume() is None
-    thread.join(10)
-    assert not thread.is_alive()
+    assert saving._job.left(20)
+    assert held() is None
+    assert not writers()
+    (entry,) = entries(twin)
+    assert (entry.state, restore(entry).steps[0].strength) == ("closed", 0.5)
+
+
+def test_a_session_that_nobody_edits_has_no_thread_and_is_written_when_it_is_edited_again(session: Session) -> None:
+    told: list[Any] = []
+    saving = Autosave(session, delay=0.01, on_written=lambda entry: told.append((entry, threading.current_thread())))
+    for strength in (0.5, 0.25, 0.75):
+        wait_for(lambda: not writers())
+        session.change(strength=strength)
+        wait_for(lambda: told and restore(told[-1][0]).steps[0].strength == strength)  # noqa: B023
+        assert told[-1][0].is_live  # another process takes it for running
+    wait_for(lambda: not writers())
+    assert len({thread for _, thread in told}) == 3
+    assert entries(session.volume, every=False) == []
+    saving.close()
+    assert [entry.state for entry in entries(session.volume)] == ["closed"]
+
+
+def test_an_edit_goes_on_where_no_thread_can_be_started(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    saving = Autosave(session, delay=0.01, on_trouble=told.append)
+    wait_for(lambda: not writers())
+
+    def refuse(_thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as system:
+        system.setattr(threading.Thread, "start", refuse)
+        session.change(strength=0.25)
+    [trouble] = told
+    assert trouble.endswith("save the session yourself: RuntimeError: can't start new thread")
+    session.change(strength=0.5)
+    saving.flush()
+    assert [restore(entry).steps[0].strength for entry in entries(session.volume)] == [0.5]
+    saving.close()
+
+
+IDLE = """
+import gc, os, threading, time
+from deformnb.autosave import Autosave
+from deformnb.datasets import PHANTOMS
+from deformnb.session import Session
+session = Session(PHANTOMS["bar"].make((8, 8, 8)))
+saving = Autosave(session, delay=0.0)
+session.change(strength=0.5)
+saving.flush()
+while threading.active_count() > 1:
+    time.sleep(0.01)
+"""
+
+COPY = """
+child = os.fork()
+if child == 0:
+    session.change(strength=0.25)
+    saving.close()
+    os._exit(threading.active_count())
+assert os.waitpid(child, 0)[1] == 256  # no thread was started, and it has ended by itself
+assert saving._job.entry.is_live
+"""
+
+
+@pytest.mark.parametrize("last", ["", "del session, saving; gc.collect()", pytest.param(COPY, marks=pytest.mark.skipif(
+    not hasattr(os, "fork"), reason="processes are copied as on POSIX"))], ids=["open", "deleted", "copied"])
+def test_a_session_without_a_thread_is_closed_at_the_end_of_its_process_alone(state_folder: Path, last: str) -> None:
+    subprocess.run([sys.executable, "-c", IDLE + last], check=True, timeout=120)
+    (entry,) = entries(PHANTOMS["bar"].make((8, 8, 8)))
+    assert (entry.state, restore(entry).steps[0].strength, entry.is_live) == ("closed", 0.5, False)
+
+
+def writers() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name == "deformnb-autosave"]
 
 
 def test_the_file_is_text_that_can_be_read_without_the_program(session: Session) -> None:

@@ -186,6 +186,10 @@ def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
     back = Refit(made, 0)(POINTS, {**settings, "cuts": []})
     assert isinstance(back, Composed)
     assert isinstance(back.then, Extrusion)
+    following = Refit(start, 0)
+    kinds = [type(getattr(following(POINTS, {**settings, "cuts": cuts}), "then", None))
+             for cuts in ([], settings["cuts"], [])]
+    assert kinds == [Extrusion, Decoupled, Extrusion]  # a cut that is drawn or removed is taken in
 
 
 def test_a_map_is_replaced_in_every_region_and_others_are_left() -> None:

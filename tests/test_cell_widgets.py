@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deformnb.autosave import restore, saved_sessions
 from deformnb.errors import DeformError
 from deformnb.volume import Grid, Volume
 from deformnb.widgets import Studio, cell_widgets
@@ -151,4 +152,27 @@ def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path
         studio = Studio(a_volume(), folder=tmp_path, view=view)
     until(lambda: threading.active_count() <= before + 2)  # its own and that which writes sessions
     studio.close()
+    until(lambda: threading.active_count() <= before)
+
+
+@pytest.mark.parametrize("view", ["live", "vtk"])
+def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written(
+        tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
+    volume, before = a_volume(), threading.active_count()
+    studio = Studio(volume, folder=tmp_path, view=view)
+    left = weakref.ref(studio)
+    studio.session.change(strength=0.5)
+    del studio
+    until(lambda: gc.collect() >= 0 and threading.active_count() <= before)
+    (entry,) = saved_sessions(volume, every=True)
+    assert (entry.state, restore(entry).steps[0].strength) == ("open", 0.5)
+    kept = left()  # by ipywidgets: a page may show it
+    assert kept is not None
+    kept.session.change(strength=0.25)
+    until(lambda: threading.active_count() <= before)
+    assert restore(entry).steps[0].strength == 0.25
+    kept.close()
+    del kept
+    until(lambda: gc.collect() >= 0 and left() is None)
     until(lambda: threading.active_count() <= before)

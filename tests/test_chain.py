@@ -36,6 +36,7 @@ CHAINS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", CUT_RULES)
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_chain_is_its_composition(name: str, rule: str) -> None:

@@ -177,6 +177,7 @@ def test_landmark_files_with_endless_fields(suffix: str, text: str, tmp_path: Pa
         assert len(str(error)) < 1000  # noqa: PT017
 
 
+@pytest.mark.nightly
 def test_a_document_of_20_000_steps_is_refused() -> None:
     step = Step((POINTS,), None) if POINTS.dim == 3 else Step((ControlPoints.from_arrays([[0, 0, 0]]),))
     most = Deformation((step,) * MOST_STEPS)

@@ -339,6 +339,7 @@ def program(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]
                           **{"capture_output": True, **options})
 
 
+@pytest.mark.nightly
 def test_as_a_program(small: Path) -> None:
     done = program("warp", "pull.json", "tiny.nrrd", "out.nrrd", cwd=small)
     assert (done.returncode, done.stdout, remarks(done.stderr)) == (0, "out.nrrd\n", "")

@@ -213,6 +213,18 @@ def test_notes_of_the_volume_are_passed_on(small: Path, capsys: pytest.CaptureFi
     assert "not finite" in capsys.readouterr().err
 
 
+def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[str],
+                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = read_volume(small / "tiny.nrrd")
+    a, b = np.array(volume.grid.spacing)[:2] * [[2, 2], [4, 2]]
+    crossed = ControlPoints.from_arrays([a, b], [b, a])
+    document = Deformation.on_picture(volume.grid, "+z", crossed, trend="none", support=float(np.linalg.norm(b)))
+    assert any("fold" in note for note in document.notes(volume.grid))
+    write_deformation(document, small / "crossed.json")
+    assert run(small, "warp crossed.json tiny.nrrd out.nrrd", monkeypatch) == 0
+    assert "fold" in capsys.readouterr().err
+
+
 # ---- what belongs to a volume follows it -----------------------------------------------------------------------------
 
 

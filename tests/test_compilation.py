@@ -44,6 +44,7 @@ def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, m
     assert not [name for name in again if name.startswith(("jit_solve", "jit__lattice"))], "compiled once more"
 
 
+@pytest.mark.nightly
 def test_a_folder_of_the_user_is_left_in_place(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DEFORMNB_COMPILATION_CACHE", raising=False)
     own = isolated_folders / "own"
@@ -52,6 +53,7 @@ def test_a_folder_of_the_user_is_left_in_place(isolated_folders: Path, monkeypat
     assert entries(isolated_folders) == entries(own)
 
 
+@pytest.mark.nightly
 def test_switched_off_nothing_is_kept(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     run_fit({"DEFORMNB_COMPILATION_CACHE": "off"})

@@ -125,6 +125,14 @@ def test_a_place_that_is_none_is_refused_and_not_spread(place: Any) -> None:
             change()
 
 
+@pytest.mark.parametrize("positions", [[2], [-3], [0, 2], [1, -3]])
+def test_positions_beyond_the_points_are_refused(positions: list[int]) -> None:
+    points = ControlPoints.from_arrays([[0, 0], [5, 0]])
+    with pytest.raises(DeformError, match="there are 2 control points, and positions"):
+        points.take(positions)
+    assert points.take([-2, 1]).ids == (0, 1)
+
+
 def test_an_empty_set_grows() -> None:
     for dim in (2, 3):
         points = ControlPoints.empty(dim)

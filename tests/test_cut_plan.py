@@ -77,6 +77,7 @@ def test_at_corners_of_modulated_cuts_little_is_lost(cut_rule: str) -> None:
     agrees(warp(volume, field, fill=0.0).values, slow_cut(volume, field, STRAIGHT, 0.0, "linear"), 0.96)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 def test_cuts_on_oblique_planes_and_other_outputs(rule: str) -> None:
     oblique = cut_field(OBLIQUE, Plane.through((-38, 27, 10), (1, 2, 3)), rule)
@@ -170,6 +171,7 @@ def test_cuts_in_space() -> None:
     agrees(warp(volume, field, fill=0.0).values, slow_cut(volume, field, OBLIQUE, 0.0, "linear"))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 def test_cuts_in_parts_of_any_size(rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
     grid = Grid((7, 35, 11))

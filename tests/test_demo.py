@@ -263,6 +263,7 @@ def test_the_written_session_does_the_same_again(done: tuple[Demonstration, Path
     np.testing.assert_array_equal(again.apply(result.volume, output=result.warped.grid).values, result.warped.values)
 
 
+@pytest.mark.nightly
 def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fish = PHANTOMS["fish"]
     small = {**PHANTOMS, "fish": importlib.import_module("dataclasses").replace(
@@ -283,6 +284,7 @@ def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pyte
     assert all(len(name) <= 28 for name in stages)  # the width of the bars
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("stop_at", ["look at it from the side", "deform it", "render both volumes",
                                      "write the deformed volume"])
 def test_it_can_be_stopped_anywhere(stop_at: str, fish: Volume, tmp_path: Path) -> None:

@@ -251,6 +251,12 @@ def test_stages_locks_and_radii_are_kept_to_the_letter() -> None:
     assert to_json(as_of_1(OWN)) == today
 
 
+def test_locks_and_radii_of_any_of_several_sets_are_kept() -> None:
+    sets = (HELD, POINTS, HELD.edit(5, locked=True))
+    step = Step(sets, PLANE, extrusion="interpolate", knots=(0, 0.5, 1))
+    assert from_json(to_json(Deformation((step,)))).steps[0].maps == sets
+
+
 def test_a_document_without_them_does_not_mention_them() -> None:
     assert not {"stages", "locked", "radii"} & set(json.loads(to_json(SAMPLE))["steps"][0])
 

@@ -55,6 +55,14 @@ def receive(editor: Editor, content: Any) -> None:
     editor._handle_custom_msg(content, [])
 
 
+def test_a_page_that_opens_is_answered_and_changes_nothing(sent: list[Any]) -> None:
+    editor = Editor(None, ControlPoints.empty())
+    before = editor.get_state()
+    receive(editor, {"type": "greet", "sender": "a", "seq": 0})
+    assert sent == [{"type": "done", "sender": "a", "seq": 0}]
+    assert editor.get_state() == before
+
+
 def edit(points: Any, seq: int = 1, phase: str = "end", **more: Any) -> dict[str, Any]:
     return {"type": "edit", "sender": "w1", "seq": seq, "phase": phase, "kind": "move", "points": points, **more}
 

@@ -110,6 +110,7 @@ def played(seeds: list[int], main: str, **options: Any) -> Any:
     return run_script(FILES, text, {"seeds": seeds, "options": options})
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("is_pythons", [False, True])
 @pytest.mark.parametrize(("delay", "service"), [(1, 1), (300, 50), (30, 900), (3000, 3000), (20000, 500)])
 def test_windows_views_and_python_end_with_the_same(delay: int, service: int, is_pythons: bool) -> None:
@@ -232,6 +233,30 @@ def test_a_model_that_hears_nothing_of_an_idle_kernel_is_told_from_a_busy_one(ke
       return status;
     }"""
     assert played([1], main, kernel=kernel) == [said]
+
+
+GREETED: dict[str, list[str]] = {"idle": ["deaf"], "busy then idle": ["deaf"], "busy then answered": [],
+                                 "none": ["lost"], "unknown": []}
+
+
+@pytest.mark.parametrize("kernel", GREETED)
+def test_a_page_that_opens_says_when_nobody_hears_it(kernel: str) -> None:
+    main = """(w) => {
+      const { sender, model, status } = w.open(), sent = [], [first, then] = options.kernel.split(" then ");
+      model.send = (message) => sent.push(message);
+      const shown = { none: null, unknown: undefined }, kernel = { status: first };
+      model.widget_manager = { kernel: first in shown ? shown[first] : kernel };
+      sender.greet(); sender.greet();
+      w.until(w.now + 9000);
+      const early = [...status];
+      if (then === "answered") sender.done(0);
+      kernel.status = "idle";
+      w.until(w.now + 9000);
+      sender.done(0);
+      w.until(w.now + 9000);
+      return [sent.map((m) => m.type), first === "busy" ? early : [], [...status].filter(Boolean), status.at(-1) ?? ""];
+    }"""
+    assert played([1], main, kernel=kernel) == [[["greet"] if kernel != "unknown" else [], [], GREETED[kernel], ""]]
 
 
 def test_an_answer_that_is_lost_does_not_hide_python_for_ever() -> None:

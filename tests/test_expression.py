@@ -121,6 +121,10 @@ def test_huge_powers_are_refused(text: str) -> None:
         evaluate(text, Z)
 
 
+def test_a_text_of_the_greatest_length_is_read() -> None:
+    assert evaluate("z" + " " * (LONGEST - 2) + "\n", np.array([0.25])).tolist() == [0.25]
+
+
 @pytest.mark.parametrize("text", [
     "(" * 99 + "z" + ")" * 99, "-" * 150 + "z", "sin(" * 45 + "z" + ")" * 45, "z^" * 90 + "z", "+".join(["z"] * 90),
     "z" * (LONGEST + 1), " " * LONGEST * 100 + "z" * 500, "[" * 199, "9" * 5000, "(" * 1_000_000,

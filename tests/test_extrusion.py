@@ -108,6 +108,12 @@ def test_a_curve_of_one_and_equal_maps_are_replication() -> None:
         oracle.assert_close(other.on_grid(GRID), wanted.on_grid(GRID), atol=SINGLE)
 
 
+def test_at_a_knot_the_slope_of_growing_depth_counts() -> None:
+    field = Extrusion(AXIAL, (10.0, 20.0), (Identity(2),), np.array([0.0, 0.5, 1.0]), np.array([[0.0, 1.0, -1.0]]))
+    depths = np.array([9.0, 10.0, 12.0, 15.0, 17.0, 20.0, 21.0])
+    oracle.assert_close(field.slopes_at(depths), [[0.0, 0.2, 0.2, -0.4, -0.4, -0.4, 0.0]], atol=1e-15)
+
+
 def test_from_nothing_to_a_map_is_the_modulation_by_z() -> None:
     a, b = field_of(interpolate([0.0, 1.0]), Identity(2), flat()), field_of(modulate("z"), flat())
     oracle.assert_close(a.displacement(places()), b.displacement(places()), atol=1e-12)

@@ -214,6 +214,7 @@ def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tm
     assert restore(entry).steps[0].strength == strength
 
 
+@pytest.mark.nightly
 @posix
 def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_killed_does(tmp_path: Path) -> None:
     manager = pytest.importorskip("jupyter_client.manager")
@@ -238,6 +239,7 @@ def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_
     assert states == [("shut down", "closed", False), ("restarted", "closed", False), ("killed", "open", True)]
 
 
+@pytest.mark.nightly
 @posix
 def test_of_two_that_write_at_once_one_is_told(tmp_path: Path) -> None:
     found = told("writers", tmp_path)

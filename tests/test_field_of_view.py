@@ -55,6 +55,7 @@ def test_what_is_not_deformed_needs_the_box_it_has_and_to_the_bit() -> None:
         assert field_of_view(volume, field).grid is volume.grid
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("way", "view"), [((25.0, 0.0), "+y"), ((0.0, 18.0), "+y"), ((-20.0, -12.0), "-z"),
                                            ((14.0, 30.0), "+x")])
 def test_the_box_holds_all_that_the_warp_shows_and_hardly_more(way: tuple[float, float], view: str) -> None:

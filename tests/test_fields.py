@@ -78,6 +78,7 @@ def test_every_field_is_in_the_table() -> None:
     assert [(2, n) for n in planar()] + [(3, n) for n in spatial()] == FIELDS
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "name"), FIELDS)
 def test_jax_and_numpy_agree_on_points_of_any_shape(dim: int, name: str) -> None:
     f, x = field(dim, name), places(dim)
@@ -145,6 +146,7 @@ def test_jacobian_is_that_of_differences(dim: int, name: str) -> None:
     assert f.jacobian(places(dim)).shape == (3, 4, dim, dim)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "name"), FIELDS)
 def test_fields_are_pytrees_that_pass_through_jax(dim: int, name: str) -> None:
     f, x = field(dim, name), places(dim)

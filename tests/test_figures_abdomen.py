@@ -138,6 +138,7 @@ def test_little_tissue_is_lost() -> None:
     assert 0.985 < share < 1.0
 
 
+@pytest.mark.nightly
 def test_the_real_abdomen_opens_too(real_data: Callable[[str], Path]) -> None:
     scan = load("abdomen_ct", folder=real_data("abdomen_ct.nii.gz").parent)
     step = opening(Plane.along(scan.grid, "+y"), 75, 40, 300)

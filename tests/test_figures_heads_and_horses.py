@@ -42,6 +42,7 @@ def figure(request: pytest.FixtureRequest, real_data: Callable[[str], Path]) -> 
         return made(64, real=True)
 
 
+@pytest.mark.sampled(2)
 def test_the_head_is_where_its_points_are(figure: dict[str, Any]) -> None:
     points, field, voxel = figure["head_points"], figure["morph"].field(figure["head"].grid), 1.0
     assert_close(points.target + field.displacement(points.target), points.source, atol=1e-3 * voxel)

@@ -62,6 +62,7 @@ def test_the_tail_swings_and_nothing_shrinks(tmp_path: Path, monkeypatch: pytest
     assert animation.notes == ()
 
 
+@pytest.mark.nightly
 def test_the_papers_own_lobster_swims_too(real_data: Callable[[str], Path], tmp_path: Path,
                                           monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEFORMNB_DATA", str(real_data("lobster.nrrd").parent))

@@ -260,6 +260,7 @@ def test_green_over_magenta() -> None:
     assert picture[0, -2:].tolist() == [[0, 255, 0], [128, 0, 128]]
 
 
+@pytest.mark.nightly
 def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
     values = (250 * texture((24, 24, 24), scales=(2.0, 3.0))).astype(np.uint8)
     volume = Volume(values, Grid((24, 24, 24)), "cube")

@@ -133,6 +133,7 @@ def test_a_drag_that_cannot_be_fitted_is_not_safe() -> None:
 # ---- every kind of field ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kernel", [k for k in KERNELS if k not in ("linear", "wendland_c0")])
 def test_on_rasters_as_at_points(kernel: str) -> None:
     field = fit_rbf(dragged(2, 3.0), kernel=kernel, support=60.0)

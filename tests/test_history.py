@@ -198,6 +198,7 @@ def test_a_document_weighs_its_points_and_masks() -> None:
     assert 10 * own <= history.bytes - first <= 10 * (own + 10_000)
 
 
+@pytest.mark.nightly
 def test_thousands_of_edits_take_the_memory_of_two_hundred() -> None:
     history = History()
     points = ControlPoints.from_arrays(np.random.default_rng(1).random((50, 2)))

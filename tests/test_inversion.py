@@ -120,6 +120,7 @@ def test_nothing_happens_where_nothing_was_done() -> None:
 # ---- the certificate -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0, 20), st.sampled_from([2, 3]))
 def test_what_is_reached_is_right_and_all_is_reached_without_folds(seed: int, size: float, dim: int) -> None:

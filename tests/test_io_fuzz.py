@@ -107,6 +107,7 @@ def seeds(folder: Path, suffix: str) -> str:
     return name
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from deformnb.errors import VolumeFileError
 from deformnb.io import describe_file, read_volume
+from deformnb.io.tiff import read_header
 
 tifffile = pytest.importorskip("tifffile")
 
@@ -68,6 +69,11 @@ def test_stacks_of_imagej(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_volume(path).values, STACK)
     path.write_bytes(bytes(alone[:STACK.nbytes // 2]))
     refuse(path, "cut short|5 slices")
+    short = bytearray(whole)
+    second = struct.unpack_from(">I", whole, first + 2 + 12 * count)[0]
+    struct.pack_into(">I", short, second + 2 + 12 * struct.unpack_from(">H", whole, second)[0], 0)
+    path.write_bytes(bytes(short))
+    refuse(path, "claims 5 slices but it has 2 pages")
     for axes in ("CYX", "TYX"):
         tifffile.imwrite(path, STACK, imagej=True, metadata={"axes": axes})
         refuse(path, r"(channels|frames): 5")
@@ -183,6 +189,86 @@ def test_packing_without_its_package_is_named(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setitem(__import__("sys").modules, "imagecodecs", None)
     with pytest.raises(ImportError, match="pip install imagecodecs"):
         read_volume(tmp_path / "a.tif")
+
+
+def field_place(data: bytes, tag: int) -> int:
+    """Where the entry of a field of the first page begins, in a little-endian file that is no BigTIFF."""
+    first = struct.unpack_from("<I", data, 4)[0]
+    count = struct.unpack_from("<H", data, first)[0]
+    places = range(first + 2, first + 2 + 12 * count, 12)
+    return next(at for at in places if struct.unpack_from("<H", data, at)[0] == tag)
+
+
+@pytest.mark.parametrize(("tag", "name"), [(339, "sample format"), (317, "predictor"), (282, "resolution")])
+@pytest.mark.parametrize(("part", "number", "words"), [(2, 200, "field {} has the unknown type 200"),
+                                                       (4, 0, "lacks the field {}")])
+def test_a_damaged_field_does_not_count_as_absent(tag: int, name: str, part: int, number: int, words: str,
+                                                  tmp_path: Path) -> None:
+    if (name, part) == ("resolution", 4):
+        pytest.skip("a resolution without a value is one of 1, as ImageJ writes where it knows none")
+    pytest.importorskip("imagecodecs")
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK[0].astype(np.int16) - 100, byteorder="<", compression="zlib", predictor=True,
+                     metadata=None, resolution=(2.0, 4.0))
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<H", data, field_place(data, tag) + part, number)
+    path.write_bytes(bytes(data))
+    refuse(path, words.format(tag))
+
+
+def test_deflated_voxels_without_their_check_sum_are_refused(tmp_path: Path) -> None:
+    packed = zlib.compress(STACK[0].tobytes())
+    options = {"shape": (33, 47), "dtype": np.uint16, "compression": "zlib", "metadata": None, "rowsperstrip": 33}
+    tifffile.imwrite(tmp_path / "a.tif", iter([packed]), byteorder="<", **options)
+    np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values[0], STACK[0])
+    tifffile.imwrite(tmp_path / "a.tif", iter([packed[:-4]]), byteorder="<", **options)
+    refuse(tmp_path / "a.tif", "should have 3102 bytes but cannot be unpacked.*check sum")
+
+
+def test_fields_shared_by_many_pages_take_no_memory(tmp_path: Path) -> None:
+    import tracemalloc
+
+    # 100 pages of one voxel, and the horizontal resolution of each is the same mebibyte
+    path, pages, count = tmp_path / "a.tif", 100, 2**20
+    entries = [(256, 3, 1, 1), (257, 3, 1, 1), (258, 3, 1, 8), (273, 4, 1, 8), (279, 4, 1, 1)]
+    size = 2 + 12 * (len(entries) + 1) + 4
+    end = 8 + pages * size
+    data = struct.pack("<2sHI", b"II", 42, 8)
+    for page in range(1, pages + 1):
+        data += struct.pack("<H", len(entries) + 1)
+        data += b"".join(struct.pack("<HHII", *entry) for entry in [*entries, (282, 1, count, end)])
+        data += struct.pack("<I", 8 + page * size if page < pages else 0)
+    path.write_bytes(data + bytes(count))
+    tracemalloc.start()
+    assert read_volume(path, max_bytes=2**24).shape == (100, 1, 1)
+    assert tracemalloc.get_traced_memory()[1] < 2**23
+    tracemalloc.stop()
+
+
+def test_of_a_strip_with_too_many_plain_bytes_only_what_is_needed_is_read(tmp_path: Path) -> None:
+    import tracemalloc
+
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK[0], byteorder="<", metadata=None, rowsperstrip=33)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<HII", data, field_place(data, 279) + 2, 4, 1, 2**26)
+    path.write_bytes(bytes(data) + bytes(2**26))
+    tracemalloc.start()
+    refuse(path, "should have 3102 bytes but has 3103 or more")
+    assert tracemalloc.get_traced_memory()[1] < 2**22
+    tracemalloc.stop()
+
+
+def test_pages_that_go_while_they_are_read_are_missed(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK, metadata=None, photometric="minisblack")
+    header = read_header(path)
+    tifffile.imwrite(path, STACK[:3], metadata=None, photometric="minisblack")
+    with pytest.raises(VolumeFileError, match="had 5 pages and now has 3"):
+        list(header.blocks())
+    tifffile.imwrite(path, STACK[:, :1], metadata=None, photometric="minisblack")
+    with pytest.raises(VolumeFileError, match=r"page 1 has \(1, 47\)"):
+        list(header.blocks())
 
 
 def test_white_is_zero_and_colour_tables_are_said(tmp_path: Path) -> None:

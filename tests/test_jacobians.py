@@ -57,6 +57,7 @@ def away_from(edges: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.
 # ---- every field -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "name"), FIELDS)
 def test_every_field_differentiates_right(dim: int, name: str) -> None:
     assert_right(field(dim, name), places(dim))

@@ -70,6 +70,7 @@ def test_without_jupyterlab_nothing_is_copied(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.nightly
 def test_it_starts_jupyterlab_with_the_first_notebook(tmp_path: Path) -> None:
     pytest.importorskip("jupyterlab")
     own = {name: str(tmp_path / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR",

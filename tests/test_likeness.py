@@ -106,6 +106,7 @@ def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothi
     return climb.level(2)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", list(CASES))
 def test_the_slope_is_that_of_central_differences(case: str) -> None:
     points = lattice_points(96, 3, 2.0)

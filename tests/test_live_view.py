@@ -221,6 +221,7 @@ def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) 
     assert max(shown.volume.shape) <= largest
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("values", [
     np.zeros((3, 4, 5), bool), np.full((3, 4, 5), 7, np.int16), np.full((3, 4, 5), np.nan), np.ones((1, 1, 1)),
 ])
@@ -690,6 +691,13 @@ def test_gradients_are_central_differences_in_physical_units() -> None:
                   (padded[2:, 1:-1, 1:-1] - padded[:-2, 1:-1, 1:-1]) / 2 * 0.5 / spacing[2]], axis=-1) * 127 / 64
     g *= np.minimum(1, 127 / np.maximum(np.abs(g).max(axis=-1, keepdims=True), 1e-9))
     np.testing.assert_allclose(rgba[..., :3] - 128, g[2:7], atol=0.51)  # rounded to a byte
+
+
+@pytest.mark.parametrize(("vector", "side"), [
+    ([1, 0, 0], "L"), ([-1, 0, 0], "R"), ([0, 1, 0], "P"), ([0, -1, 0], "A"), ([0, 0, 1], "S"), ([0, 0, -1], "I"),
+    ([0, 0.8, -0.6], "PI"), ([-0.6, 0, 0.8], "SR"), ([0.95, 0.3, 0], "L")])
+def test_the_side_of_the_patient_is_that_of_lps(vector: list[float], side: str) -> None:
+    assert run_script(("camera.js",), "(vector) => sideOf(vector)", vector) == side
 
 
 def test_rings_of_blocks_are_empty_and_no_fewer() -> None:

@@ -89,6 +89,7 @@ def test_alike_already_nothing_is_moved() -> None:
     assert fitted.least == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.nightly
 def test_stages_are_fitted_as_they_are_done() -> None:
     """Three parts of the way, one after the other: the picture is warped three times."""
     ends = [TRUE.source + j / 3 * (TRUE.target - TRUE.source) for j in range(4)]
@@ -178,6 +179,7 @@ def _knees(real_data: Callable[[str], Path]) -> tuple[Picture, Picture]:
     return seen, project(bent, seen.plane, "slice")
 
 
+@pytest.mark.nightly
 def test_a_real_knee_bends_towards_its_bent_picture(real_data: Callable[[str], Path]) -> None:
     straight, bent = _knees(real_data)
     (nv, nu), (du, dv) = straight.raster.shape, straight.raster.spacing
@@ -237,6 +239,13 @@ def test_doubtful_places_are_left_and_named() -> None:
     assert snap_to_match(one, [0], spot, noise, **keep).left == {0: "nothing within 10 looks like it"}
     untouched = snap_to_match(one, None, spot, noise, **keep)
     assert untouched.points is one
+
+
+def test_even_places_look_like_nothing() -> None:
+    a, b = np.meshgrid(np.arange(96.0), np.arange(96.0))
+    here, there = (picture(np.clip(1 - ((a - i) ** 2 + (b - j) ** 2) / 16, 0, 1)) for i, j in ((40, 40), (43, 41)))
+    found = snap_to_match(ControlPoints.from_arrays([[40.0, 40.0]]), None, here, there, radius=5.0, search=14.0)
+    assert np.allclose(found.shift, [[3.0, 1.0]], atol=0.05)
 
 
 def test_the_correlation_is_that_of_the_disc() -> None:

@@ -100,6 +100,7 @@ def test_the_first_frame_is_the_original_and_the_middle_one_is_deformed(backend:
         np.testing.assert_array_equal(frames[k], frames[6 - k])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_pair_keeps_the_original_at_the_left(backend: str) -> None:
     volume, deformation = ball()
@@ -111,6 +112,7 @@ def test_a_pair_keeps_the_original_at_the_left(backend: str) -> None:
     assert middle(frames[1][:, 64:]) > middle(frames[1][:, :64]) + 10
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_camera_turns_and_keeps_its_scale(backend: str) -> None:
     k, j, i = np.indices((24, 24, 48))
@@ -127,6 +129,7 @@ def test_the_camera_turns_and_keeps_its_scale(backend: str) -> None:
     assert max(areas) < 1.35 * min(areas)  # a picture fitted to each side would be twice as large
 
 
+@pytest.mark.nightly
 def test_the_field_of_view_can_be_larger() -> None:
     volume, deformation = ball()
     wide = volume.grid.resampled(margin=(16.0, 0, 0))
@@ -160,6 +163,7 @@ def test_frames_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     frames.close()
 
 
+@pytest.mark.nightly
 def test_a_volume_is_not_deformed_again_where_only_the_camera_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[float] = []
     blended = Deformation.blended
@@ -464,6 +468,7 @@ def test_a_stopped_movie_gives_back_the_window(tmp_path: Path, monkeypatch: pyte
     assert list(frames) == []
 
 
+@pytest.mark.nightly
 def test_pairs_of_stills_and_movies_agree() -> None:
     volume, deformation = ball()
     look: dict[str, Any] = {"transfer": WHITE, "size": (64, 48), "backend": "core", "background": (0, 0, 0)}

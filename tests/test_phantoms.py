@@ -195,6 +195,16 @@ def test_labels_lie_on_the_volume(name):
     assert (volume.values[labels.values == 0] == 0).mean() > 0.95, "what has no label is air"
 
 
+def test_the_cubes_of_the_bar_begin_at_its_corner() -> None:
+    """The block begins at (28, 44, 76), its cubes are of 20, and so are as many voxels."""
+    bar = PHANTOMS["bar"].make((192, 128, 256), noise=0)
+    for y, sign in ((52, 1), (60, 1), (76, -1)):
+        columns = (34, 46, 50, 66, 70)
+        index = bar.grid.point_to_index([[x, y, 80.0] for x in columns]).round().astype(int)
+        found = [int(bar.values[k, j, i]) for i, j, k in index]
+        assert found == pytest.approx([105 + sign * way * 35 for way in (1, 1, -1, -1, 1)], abs=5)  # of soft edges
+
+
 def test_knee_bones_are_hard_shells_in_the_right_order():
     labels, values = knee_labels().values, knee(noise=0).values
     heights = {bone: np.argwhere(labels == bone)[:, 0].mean() for bone in (95, 96, 97, 98)}

@@ -59,7 +59,7 @@ def test_composite_and_shading_follow_the_formula(view: str, direction: str) -> 
     assert np.abs(wanted - composite(layers, dn, RAMP))[..., :3].max() > 0.1  # shading does something
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("layers", [32, 33, 70])
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_blocks_of_layers_do_not_show(method: str, layers: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,6 +173,7 @@ def ball(grid: Grid, centre: np.ndarray, radius: float) -> Volume:
     return Volume(np.clip(200 * (radius + 1 - distance), 0, 200).astype(np.uint8), grid)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("direction", "method"),
                          [("LPS", "mip"), ("RAS", "mip"), ("PIR", "composite"), ("SLA", "mean")])
 def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:

@@ -62,6 +62,7 @@ def test_points_in_space_keep_their_share_too() -> None:
     np.testing.assert_allclose(share(NEW, moved.target), share(OLD, points.target), atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
     """A volume twice and a half as large, turned and laid elsewhere, deforms to the same voxels."""
     values = np.random.default_rng(0).integers(0, 255, OLD.shape, dtype=np.uint8)

@@ -12,6 +12,7 @@ import sys
 import textwrap
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +80,17 @@ def _requirements(*extras: str) -> dict[str, str]:
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name)}
-    own |= {"deformnb", "benchmarks", "browser", "scripts", folder.name}
+    own |= {"deformnb", "benchmarks", "browser", "mutants", "scripts", folder.name}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
 
-def _import_names(path: Path) -> Iterator[str]:
+@cache
+def _import_names(path: Path) -> frozenset[str]:
+    return frozenset(_imports_of(path))
+
+
+def _imports_of(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -121,7 +127,8 @@ def test_conda_environment_equals_the_requirements() -> None:
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"])],
+    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"]),
+     ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
@@ -130,7 +137,7 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 
 def test_everything_required_is_imported() -> None:
-    assert set(_requirements()) - _imported(PACKAGE) == set()
+    assert set(_requirements("formats", "movie")) - _imported(PACKAGE) == set()
 
 
 def test_doctor_looks_for_what_is_required() -> None:

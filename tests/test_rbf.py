@@ -206,6 +206,7 @@ def whole_span(dim: int) -> Span:
     return Span(np.eye(dim), np.zeros((dim, dim)))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("trend", "dim"), [(t, d) for t in TRENDS for d in (2, 3)])
 def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, dim: int) -> None:
     x, d = sources(dim) / EXTENT, drag(dim) / EXTENT
@@ -225,6 +226,7 @@ def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, d
             assert float(jnp.sum(gradient * step)) == pytest.approx(float(wanted), rel=1e-6)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("trend", TRENDS)
 def test_gradients_stay_finite_where_nothing_is_dragged_and_the_points_form_a_ball(trend: str) -> None:
     x = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
@@ -508,6 +510,7 @@ def left_out_by_fits(points: ControlPoints, kernel: str, support: float, trend: 
     return np.array(errors)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kernel", [name for name, kind in KERNELS.items() if len(kind.shares) > 1])
 @pytest.mark.parametrize("trend", ["affine", "translation"])
 def test_the_chosen_support_is_the_longest_within_one_standard_error_of_the_best(kernel: str, trend: str) -> None:
@@ -545,6 +548,7 @@ def test_the_previous_fit_keeps_its_support_while_a_point_is_dragged() -> None:
     assert fit_rbf(dragged, previous=first).support == first.support != fit_rbf(dragged).support
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("pair", "most"), [((373, 374), 1.0), ((377, 378), 1.2), ((377, 379), 1.0), ((377, 380), 1.1),
                                             ((381, 382), 1.0)])
 def test_the_default_predicts_thompsons_nodes_about_as_well_as_a_thin_plate(pair: tuple[int, int], most: float) -> None:

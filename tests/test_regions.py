@@ -126,6 +126,7 @@ def test_no_distance_grows_faster_than_the_way(name: str) -> None:
     assert (rise <= np.linalg.norm(p - q, axis=1) * (1 + 1e-9) + 1e-12).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", IN_JAX)
 def test_jax_says_what_numpy_says(name: str) -> None:
     region, at = SHAPES[name], places(SHAPES[name].dim)
@@ -139,6 +140,7 @@ def test_jax_says_what_numpy_says(name: str) -> None:
     assert region.signed_distance(at.reshape(-1, 2, region.dim)).shape == (len(at) // 2, 2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", IN_JAX)
 def test_gradients_are_finite_everywhere_and_of_length_one_off_the_boundary(name: str) -> None:
     region = SHAPES[name]

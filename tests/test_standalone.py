@@ -219,6 +219,7 @@ def test_a_volume_beyond_the_limit_is_reduced_and_the_page_says_so() -> None:
     assert "24 x 16 x 20 voxels. This file" in standalone_html(editor, view)
 
 
+@pytest.mark.nightly
 def test_a_phantom_of_128_voxels_along_each_side_is_little_more_than_a_megabyte() -> None:
     volume = PHANTOMS["fish"].make((128, 128, 128))
     editor = Editor(project(volume, Plane.along(volume.grid, "-x")))
@@ -297,3 +298,22 @@ def test_a_model_without_jupyter_tells_of_changes_and_saves_them_once() -> None:
     assert out["told"] == [["a", 5], "any", ["a", 6], "any", "any", [{"type": "done"}, 1]]
     assert out["saved"] == [{"a": 5, "b": 2}]
     assert out["sent"] == [[{"type": "edit"}, 0]]
+
+
+def test_a_model_without_jupyter_goes_before_the_other_side_until_it_is_answered() -> None:
+    main = """() => { const told = [], model = new PlainModel({ a: [0], b: 0 }, { isAnswered: true });
+        const say = (what) => told.push([what, model.get("a"), model.get("b")]);
+        model.on("change:a", () => say("heard"));
+        const hand = (a) => { model.set("a", a); model.save_changes(); };
+        model.update({ a: [1] }); hand([2]);
+        model.update({ a: [1], b: 3 }); say("crossed");
+        hand([4]); model.answered({ a: [2] }); say("answered the first"); model.update({ a: [2] });
+        model.answered({ a: [4] }); say("answered");
+        model.update({ a: [5] }); hand([9]); model.answered({ a: [5] }); say("refused");
+        hand([6]); model.set("a", [7]); model.answered({ a: [6] }); say("ahead"); model.save_changes();
+        model.answered({ a: [7] }); model.update({ a: [8] });
+        return told; }"""
+    assert run_script(("plain_model.js",), main, None) == [
+        ["heard", [1], 0], ["heard", [2], 0], ["crossed", [2], 3], ["heard", [4], 3], ["answered the first", [4], 3],
+        ["answered", [4], 3], ["heard", [5], 3], ["heard", [9], 3], ["heard", [5], 3], ["refused", [5], 3],
+        ["heard", [6], 3], ["heard", [7], 3], ["ahead", [7], 3], ["heard", [8], 3]]

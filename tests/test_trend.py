@@ -14,7 +14,7 @@ from deformnb.compilation import float64
 from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
 from deformnb.rbf import RBFInterpolant, fit_rbf
-from deformnb.trend import TRENDS, complete, nearest_rotation, trend_named
+from deformnb.trend import TRENDS, complete, nearest_rotation, ridge_of, trend_named
 
 SUPPORT = 80.0
 
@@ -217,6 +217,15 @@ def test_the_smallest_turn_of_a_row_has_no_gap_at_half_a_turn(image: Any) -> Non
     oracle.assert_close(m @ [1, 0, 0], image, atol=1e-11)
     oracle.assert_close(m @ m.T, length**2 * np.eye(3), atol=1e-11)
     assert np.linalg.det(m) == pytest.approx(length**3, abs=1e-11)
+
+
+@pytest.mark.parametrize(("spread", "penalty"), [(1.0, 0.0), (0.25, 0.0), (0.125, 2.0), (0.05, 32.0),
+                                                 (0.0, 2 * 2499.0**2)])
+def test_the_penalty_across_a_thin_direction_is_that_of_its_formula(spread: float, penalty: float) -> None:
+    """((1/4 - s) / s)^2 / (1/2) below a quarter, by hand; no spread counts as 1e-4."""
+    turn = planar_turn(30)
+    expected = penalty * np.outer(turn[:, 1], turn[:, 1])
+    oracle.assert_close(ridge_of(turn, np.array([1.0, spread])), expected, atol=1e-9 * (1 + penalty))
 
 
 def test_unknown_trends_are_refused_with_a_list() -> None:

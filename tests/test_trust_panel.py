@@ -267,6 +267,7 @@ def test_only_the_newest_document_is_amended() -> None:
     now = session.deformation
     assert session.amend(now, now.with_step(0, replace(session.step, stages=2)), "said")
     assert (session.step.stages, session.step.trend, session.notice) == (2, "none", "said")
+    assert session.index == 0
     session.undo()
     assert (session.step.stages, session.step.trend) == (1, "rigid")
     session.redo()

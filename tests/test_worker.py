@@ -58,6 +58,20 @@ def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
     thread.close()
 
 
+def test_a_job_drops_what_waits_for_a_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
+    begun, may_end, done = threading.Event(), threading.Event(), list[str]()
+    worker = Worker(at_end=lambda: done.append("end"))
+    worker.latest("first", lambda: (begun.set(), may_end.wait(20), done.append("first"))[0])
+    assert begun.wait(20)
+    worker.at_rest(0.0, lambda: done.append("rest"))
+    worker.latest("next", lambda: done.append("next"))
+    may_end.set()
+    until(lambda: "end" in done)  # idle: what waits still would have been done by now
+    assert done == ["first", "next", "end"]
+    worker.close()
+
+
 def test_a_job_that_is_done_while_the_worker_is_closed_may_ask_for_a_rest(caplog: pytest.LogCaptureFixture) -> None:
     thread, begun, gate, done = Worker(), threading.Event(), threading.Event(), threading.Event()
 

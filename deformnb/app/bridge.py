@@ -182,9 +182,11 @@ class Bridge:
             raise DeformError("a change of state names its page.")
 
         def take() -> None:
-            self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
-            now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
-            self.in_loop(self._publish, {"widget": name, "state": now, "origin": page})
+            try:
+                self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
+            finally:  # taken or refused: the page of origin goes before what we say of these traits until it hears this
+                now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
+                self.in_loop(self._publish, {"widget": name, "state": now, "origin": page})
 
         self._later(take)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import anywidget
 import ipywidgets
 import traitlets
 
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.synced import SyncedWidget
 
 CLIP_FILES = ("clip_sliders.js",)
 """Scripts of the sliders, behind elements.js, camera.js and clipping.js."""
@@ -16,7 +16,7 @@ CLIP_FILES = ("clip_sliders.js",)
 CLIP_STYLES = ("clip_sliders.css",)
 
 
-class ClipControls(anywidget.AnyWidget):
+class ClipControls(SyncedWidget):
     """Three sliders with two ends each, a button that opens the volume towards the viewer, and one that closes it.
 
     Parameters

@@ -16,10 +16,10 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
-import anywidget
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view import ViewMeta
 
 _LOG = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ EditCallback = Callable[[Any, str], None]
 """Called with the value and "move" or "end"."""
 
 
-class AbstractEdited(ABC, anywidget.AnyWidget, metaclass=ViewMeta):
+class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     """A value that is changed by hand in the page.
 
     Notes

@@ -2,6 +2,7 @@
 
 Messages by the page:
 
+- ``{"type": "greet", "sender": id, "seq": 0}`` when a page opens, for the answer
 - ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
   "points": [...]}``
 - ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
@@ -16,13 +17,10 @@ which of its messages the points include (see sender.js).
 from __future__ import annotations
 
 import logging
-import threading
 import uuid
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 
@@ -43,6 +41,7 @@ from deformnb.widgets.point_messages import (
     message_from_page,
     points_to_json,
 )
+from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
@@ -78,13 +77,11 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
         return value
 
 
-class EditedPoints(anywidget.AnyWidget):
+class EditedPoints(SyncedWidget):
     """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
 
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
-    _holding_sync: bool
-    _states_to_send: set[str]
     chooses_support = True
     """Whether ``chosen_support`` follows the points; False where a session says what it is."""
 
@@ -112,7 +109,6 @@ class EditedPoints(anywidget.AnyWidget):
         self._callbacks: list[tuple[Callable[..., None], bool]] = []
         self._history_callbacks: list[HistoryCallback] = []
         self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
-        self._sending = threading.RLock()
         self._drawn: dict[str, float] = {}
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
@@ -187,40 +183,10 @@ class EditedPoints(anywidget.AnyWidget):
     def _note(self, message: Message) -> None:
         # After the points and not together with them: until the page reads this it leaves the points alone, and two
         # updates in order need no pause of all others (hold_sync), which threads would take from one another.
-        if message.seq <= self.seen.get(message.sender, -1) or _is_movement(message):
+        if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
             return
         others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
-
-    @contextmanager
-    def hold_sync(self) -> Iterator[None]:
-        """Tell the page of all traits at once, at the end; what another thread sets meanwhile is told with them.
-
-        ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
-        between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
-        """
-        if self._holding_sync:  # ipywidgets' own mark, as are the names to send
-            yield
-            return
-        self._holding_sync = True
-        try:
-            yield
-        finally:
-            with self._sending:
-                self._holding_sync = False
-                held = self._states_to_send
-                self._states_to_send = set()
-                if held:
-                    self.send_state(held)
-
-    def _should_send_property(self, key: str, value: Any) -> bool:
-        with self._sending:  # a name is held or sent; none falls between the two
-            return bool(super()._should_send_property(key, value))
-
-    def send_state(self, key: Any = None) -> None:
-        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
-        with self._sending:
-            super().send_state(key)
 
     def set_state(self, sync_data: Any) -> None:
         """Take what the page says of its traits, as far as it is right."""
@@ -285,5 +251,5 @@ class EditedPoints(anywidget.AnyWidget):
         return float(value)
 
 
-def _is_movement(message: Message) -> bool:
-    return isinstance(message, EditMessage) and message.phase == "move"
+def _changes_nothing(message: Message) -> bool:
+    return type(message) is Message or (isinstance(message, EditMessage) and message.phase == "move")

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import anywidget
 import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.synced import SyncedWidget
 
 LARGEST_DOWNLOAD = 128 * 2**20
 """Bytes of one download at most: a message of 256 MB was seen to break a front end."""
 
 
-class HandOver(anywidget.AnyWidget):
+class HandOver(SyncedWidget):
     """A line in the page that says what was handed over.
 
     Notes

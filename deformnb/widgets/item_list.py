@@ -11,11 +11,11 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import anywidget
 import traitlets
 
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited import is_whole
+from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ ActCallback = Callable[[str, int, Any], None]
 """Called with "choose", "switch" or one of :data:`COMMANDS`, the row's number, and True, False or a name."""
 
 
-class ItemList(anywidget.AnyWidget):
+class ItemList(SyncedWidget):
     """Rows that can be chosen, switched, renamed, moved, duplicated and removed.
 
     Parameters

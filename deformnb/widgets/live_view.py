@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import anywidget
 import ipywidgets
 import numpy as np
 import traitlets
@@ -36,6 +35,7 @@ from deformnb.widgets.shown_volume import Pieces, ShownVolume, shown_volume, who
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
 from deformnb.widgets.stills import Scene, preview_png, render_scene
+from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view import AbstractView, ViewMeta
 from deformnb.widgets.view_messages import take_traits
 
@@ -49,7 +49,7 @@ _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
 
 
-class LiveView(ShowsPoints, AnswersPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters

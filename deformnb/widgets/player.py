@@ -10,7 +10,6 @@ from __future__ import annotations
 import uuid
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 
@@ -18,6 +17,7 @@ from deformnb.animation import Animation
 from deformnb.easing import LOOPS
 from deformnb.errors import DeformError
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view_messages import take_traits
 
 FASTEST, SLOWEST = 20.0, 0.01
@@ -38,7 +38,7 @@ class _Seconds(traitlets.Float[float, float]):
         return float(seconds)
 
 
-class Player(anywidget.AnyWidget):
+class Player(SyncedWidget):
     """Plays from 0 to ``duration`` seconds.
 
     Parameters

@@ -154,6 +154,8 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
         _LOG.warning("a message to an editor was dropped: %s", error)
         return None
     try:
+        if content["type"] == "greet":
+            return Message(sender, seq)
         if content["type"] == "history":
             if content.get("way") not in ("undo", "redo"):
                 raise DeformError("a step of the history goes by undo or redo.")
@@ -166,7 +168,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
 def header(content: Any) -> tuple[str, int]:
     """Who sent a message, and its number; DeformError if it does not say."""
-    if not isinstance(content, dict) or content.get("type") not in ("edit", "history", "shapes", "choose"):
+    if not isinstance(content, dict) or content.get("type") not in ("greet", "edit", "history", "shapes", "choose"):
         raise DeformError("it is no edit.")
     sender, seq = content.get("sender"), content.get("seq")
     if not isinstance(sender, str) or not 1 <= len(sender) <= _LONGEST_SENDER or seq is None or not _is_id(seq):

@@ -15,7 +15,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from deformnb.degenerate import LARGEST_SET
 from deformnb.point_csv import LONGEST_TEXT
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.edited import LONGEST_MESSAGE, is_whole
+from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ ActCallback = Callable[[TableAct], str | None]
 """Does it and returns what to say about it, or None if it was refused."""
 
 
-class PointsTable(anywidget.AnyWidget):
+class PointsTable(SyncedWidget):
     """Rows of control points that can be sorted, written into, selected.
 
     Parameters

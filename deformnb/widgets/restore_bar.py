@@ -11,17 +11,17 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-import anywidget
 import traitlets
 
 from deformnb.recovery import COMMANDS, Recovery
 from deformnb.session import Session
 from deformnb.widgets.assets import joined, style
+from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
 
-class RestoreBar(anywidget.AnyWidget):
+class RestoreBar(SyncedWidget):
     """Writes a session after each edit and offers the lost ones on its volume; nothing is seen while there is none.
 
     Parameters

@@ -14,7 +14,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import anywidget
 import traitlets
 
 from deformnb.deformation import Deformation
@@ -22,11 +21,12 @@ from deformnb.session import Session
 from deformnb.widgets.assets import joined, style
 from deformnb.widgets.cell_widgets import weakly
 from deformnb.widgets.controls import Guard
+from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
 
-class SaveButton(anywidget.AnyWidget):
+class SaveButton(SyncedWidget):
     """Saves a session where it was saved or opened last, or else in a new file.
 
     Parameters

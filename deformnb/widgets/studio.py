@@ -350,7 +350,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._editors.beside.children = ()
 
     def close(self) -> None:
-        """End the studio with all its widgets and its threads; the next one's History has what was not saved."""
+        """End the studio with all its widgets and its threads; the next one's History has what was not saved.
+
+        ipywidgets keeps a studio that is not closed, with its volume, though no variable names it: a page may show it.
+        Its threads end when nothing is to be done, and each edit is written as before.
+        """
         worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
         if worker is None or worker.is_closed:
             super().close()

@@ -14,7 +14,6 @@ import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import anywidget
 import traitlets
 from numpy.typing import ArrayLike
 
@@ -35,6 +34,7 @@ from deformnb.widgets.refit import Following, Refit
 from deformnb.widgets.scene_loop import SceneLoop
 from deformnb.widgets.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
 from deformnb.widgets.static_picture import with_png
+from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view import AbstractView, ViewMeta
 from deformnb.widgets.volume_pages import TRANSPORTS, ServesPages, check_transport
 
@@ -46,7 +46,7 @@ _Result = TypeVar("_Result")
 _LOOK_EVERY = 0.02  # seconds between looks at whether the full picture has come
 
 
-class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, anywidget.AnyWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters

@@ -62,6 +62,7 @@ def nearest(points: ControlPoints) -> float:
     return float(gaps[~np.eye(len(points), dtype=bool)].min())
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("way", [(0.55, 0.0), (-0.3, 0.4), (0.0, -0.5)])
 @pytest.mark.parametrize("has_points", [True, False])
 def test_a_smudge_takes_along_what_lies_under_it_and_nothing_beyond(

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from browser.hosts import Lab, resting
 
-pytestmark = pytest.mark.needs_browser
+pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
 CELLS = [
     """

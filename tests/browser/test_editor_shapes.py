@@ -86,6 +86,7 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     assert (columns.min(), columns.max()) == pytest.approx((middle - 40, middle + 50), abs=4)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 @pytest.mark.parametrize("region", [Line([(71, -20), (78, 10), (64, 30), (76, 70)]),
                                     Polygon([(80, 0), (120, 5), (115, 50), (80, 45)]), "mask"])

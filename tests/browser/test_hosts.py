@@ -290,6 +290,7 @@ AGAIN = """async () => {
 }"""
 
 
+@pytest.mark.nightly
 def test_twenty_runs_of_the_cell_keep_nothing(shown: Shown) -> None:
     if not isinstance(shown.host, Lab):
         pytest.skip("Notebook 7 is made of the same parts as JupyterLab, and Voila runs a cell once")

@@ -95,6 +95,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", but({"source", "moved on, paper", "modulate"}, *CASES))
 def test_a_cut_is_as_open_as_in_the_core(drawn: tuple[LivePage, LiveView], name: str) -> None:
     page, view = drawn
@@ -123,6 +124,7 @@ def early() -> dict[str, Deformation]:
             "cut twice": Deformation((in_space, pulled(6.0, plane=other)))}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", but({"in space", "paper, before a bend"}, *early()))
 def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, LiveView], name: str) -> None:
     page, view = drawn

@@ -76,6 +76,7 @@ def view_on_page(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
     page.close()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", list(fields()))
 def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage, LiveView], name: str) -> None:
     page, view = view_on_page

@@ -101,6 +101,7 @@ def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
     assert page.errors == []
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", list(fields()))
 def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
     view = opened(page)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from browser.hosts import Lab
 
-pytestmark = pytest.mark.needs_browser
+pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
 CELLS = [
     """

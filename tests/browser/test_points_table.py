@@ -380,3 +380,16 @@ def test_a_point_in_space_comes_into_the_middle_of_pictures_that_are_zoomed_in(p
             assert np.abs(np.subtract(middle, wanted)).max() < 0.1
     finally:
         editor.close()
+
+
+def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_selected(table: TableOnPage) -> None:
+    table.on_page.held = []
+    table.cell(1, "drag").click()  # the editor's page hears of it from Python, later
+    table.on_page.wait("true")
+    assert table.editor.selected == [1]
+    assert table.on_page.held == [("selected", [1])]
+    chosen = "{ %s.select([3]); models.editor.fromPython('selected', [1]); return [...%s.selected]; }"
+    assert table.on_page.js(chosen % (PAGE, PAGE)) == [3]
+    table.on_page.held = None
+    table.on_page.wait(f"[...{TABLE}.selected].join() === '3'")
+    assert table.editor.selected == [3]

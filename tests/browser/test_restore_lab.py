@@ -38,14 +38,12 @@ def points(page: Any) -> Any:
     return page.evaluate(f"() => {EDITOR}.points.map(({{ source, target }}) => [source, target])")
 
 
-def test_a_view_that_was_loaded_too_slowly_says_so(lab: Lab, browser: Any) -> None:
+def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
     # anywidget waits two seconds for the module of a model; here it has no time at all, as on a machine too busy.
     page.add_init_script("""const timeout = AbortSignal.timeout;
         AbortSignal.timeout = (ms) => timeout(ms === 2000 ? 0 : ms);""")
     lab.open_notebook(page, [SETUP], "slow.ipynb")
-    ready(page)
-    page.mouse.dblclick(*at(page, 20, 20))
     page.wait_for_function("document.querySelector('.dnb-ed-hint')?.textContent.endsWith('run the cell again')",
                            timeout=60_000)
     page.close()

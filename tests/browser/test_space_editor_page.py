@@ -257,6 +257,7 @@ def test_where_points_overlap_the_one_on_the_slice_is_grabbed(opened: Callable[.
     assert np.flatnonzero(np.abs(moved).max(axis=1)).tolist() == [0]
 
 
+@pytest.mark.nightly
 def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Callable[..., Opened]) -> None:
     center = np.asarray(waves().grid.center)
     source = center + np.random.default_rng(1).uniform(-15, 15, (16, 3))

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.needs_browser
 VIEW = "document.querySelector('.dnb-view').deformnb"
 
 
+@pytest.mark.nightly
 def test_a_page_without_a_kernel_is_cut_open(browser: Any, tmp_path: Path) -> None:
     grid = Grid((20, 24, 28))
     k, j, i = (np.abs(2 * a / n - 1) for a, n in zip(np.indices(grid.shape), grid.shape, strict=True))

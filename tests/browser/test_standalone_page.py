@@ -242,6 +242,7 @@ def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., O
     assert dice(silhouette(image), silhouette(view.still((image.shape[1], image.shape[0])))) > 0.965
 
 
+@pytest.mark.nightly
 def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: Path) -> None:
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 0.0])

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from browser.hosts import Lab, resting, told
 
-pytestmark = pytest.mark.needs_browser
+pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
 SETUP = """
 import json

@@ -205,6 +205,7 @@ def test_nothing_can_be_dragged_on_the_original(three: EditorOnPage, points: Con
     assert three.points == points
 
 
+@pytest.mark.nightly
 def test_areas_and_strains_have_the_right_colours(opened: Any, picture: Picture) -> None:
     a0, a1, b0, b1 = picture.raster.box
     corners, centre = np.array([[a0, b0], [a1, b0], [a0, b1], [a1, b1]]), np.array([(a0 + a1) / 2, (b0 + b1) / 2])

@@ -56,6 +56,7 @@ def opened(lab: Lab, tab: Any, cell: str, name: str) -> None:
     tab.wait_for_function(f"{VIEW}?.isFull", timeout=120_000)
 
 
+@pytest.mark.nightly
 def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> None:
     """Callbacks of sliders come from several threads, of which OpenGL bears one."""
     opened(lab, tab, SLIDER, "slider.ipynb")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from browser.hosts import Lab
 
-pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl]
+pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl, pytest.mark.nightly]
 
 SHOW = """
 import numpy as np

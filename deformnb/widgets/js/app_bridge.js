@@ -32,8 +32,9 @@ class AppWidgets {
 
   hear({ widget, content, buffers, state, origin }) {
     const model = this.models[widget];
-    if (!model || origin === APP_PAGE) return;
-    if (state) model.update(appState(state));
+    if (!model) return;
+    if (state && origin === APP_PAGE) model.answered(appState(state));
+    else if (state) model.update(appState(state));
     else model.receive(content, (buffers || []).map(appBytes));
   }
 
@@ -49,7 +50,8 @@ class AppWidgets {
     const ids = answer.models;
     const model = new PlainModel(appState(answer.state), {
       deliver: (content) => this.call("deformnb.message", [name, content]),
-      save: (changed) => this.call("deformnb.state", [name, APP_PAGE, changed]),
+      save: (changed) => this.call("deformnb.state", [name, APP_PAGE, changed], () => model.answered(changed)),
+      isAnswered: true,
     });
     model.widget_manager = { get_model: (id) => this.open(ids[id.replace("IPY_MODEL_", "")]) };
     this.models[name] = model;
@@ -57,7 +59,7 @@ class AppWidgets {
   }
 
   // A call that fails because the connection has gone is no news: the page says so by itself.
-  call(method, given) { this.session.call(method, given).catch(() => {}); }
+  call(method, given, failed = () => {}) { this.session.call(method, given).catch(failed); }
 }
 
 const AppWidget = {

@@ -15,6 +15,7 @@ class EditorPage extends EditorHand {
     this.id = Math.random().toString(36).slice(2);
     this.sender = senderOf(this.bus, model);
     this.sender.receive();
+    this.selection = new RestingTrait(model, "selected");
     Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
       selected: new Set(model.get("selected")), layered: null,
       error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isSelecting: false, isComparing: false, isFitted: true, frame: 0,
@@ -69,7 +70,7 @@ class EditorPage extends EditorHand {
       this.model.on(name, guarded);
       handlers.push([name, guarded]);
     };
-    on("change:selected", () => this.select(this.model.get("selected"), false));
+    on("change:selected", () => { if (!this.selection.isAhead) this.select(this.model.get("selected"), false); });
     on("change:chosen_shape", () => this.receiveChosen());
     on("change:image", () => this.loadPicture());
     on("change:raster", () => this.loadPicture());
@@ -93,6 +94,7 @@ class EditorPage extends EditorHand {
     const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => { this.receiveChosen(); this.invalidate(); } };
     this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.bus.addEventListener("deformnb:points", this.moved);
+    this.sender.greet();
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.observer.observe(this.root);
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -118,13 +120,14 @@ class EditorPage extends EditorHand {
     this.sender.flush();
     this.unlisten();
     this.closed.abort();
+    this.selection.close();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.bus.removeEventListener("deformnb:points", this.moved);
     this.dark.removeEventListener("change", this.repaint);
     this.observer.disconnect();
     this.themes.disconnect();
     cancelAnimationFrame(this.frame);
-    for (const timer of [this.restTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    for (const timer of [this.restTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.bus.views -= 1;
     if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
     this.root.remove();
@@ -223,8 +226,7 @@ class EditorPage extends EditorHand {
     if (next.size) this.chooseShape(null);
     this.invalidate();
     if (isSame || !isShared) return;
-    clearTimeout(this.selectTimer); // a band selects many times before it is done
-    this.selectTimer = setTimeout(() => { this.model.set("selected", [...this.selected]); this.model.save_changes(); }, 150);
+    this.selection.tellSoon([...this.selected]);
   }
 
   toggleSelected(id) {

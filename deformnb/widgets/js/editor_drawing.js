@@ -17,6 +17,9 @@ const SILENCE = {
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
+const FINAL = new Set(["deaf", "lost"]); // of these it is said as long as the page stands
+const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
+
 class EditorDrawing {
   rate = new DrawRate();
 
@@ -197,7 +200,7 @@ class EditorDrawing {
 
   showStatus() {
     const text = SILENCE[this.sender.status];
-    if (text) this.hint(text, 8000);
+    if (text) this.hint(text, FINAL.has(this.sender.status) ? LONGEST_TIMER : 8000);
     else if (Object.values(SILENCE).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 

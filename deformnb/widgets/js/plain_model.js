@@ -4,12 +4,15 @@
 //   const close = await widget.render({ model, el });
 //   model.receive(content, buffers)      a custom message for the page
 //   model.update(state)                  traits that the other side has changed
+//   model.answered(state)                its values of traits that we have saved: where `isAnswered`, once for each save
 //
-// `deliver` gets what the page sends with model.send; `save` gets the traits that the page has changed.
+// `deliver` gets what the page sends with model.send; `save` gets the traits that the page has changed. Until our last
+// save of a trait is answered, what the other side says of that trait is from before.
 
 class PlainModel {
-  constructor(state, { deliver = () => {}, save = () => {}, models = {} } = {}) {
-    Object.assign(this, { state: { ...state }, deliver, save, handlers: new Map(), changed: {} });
+  constructor(state, { deliver = () => {}, save = () => {}, models = {}, isAnswered = false } = {}) {
+    Object.assign(this, { state: { ...state }, deliver, save, isAnswered, handlers: new Map(), changed: {},
+      unanswered: new Map() });
     this.widget_manager = { get_model: async (id) => {
       if (!models[id]) throw new Error(`there is no model ${id}`);
       return models[id];
@@ -25,9 +28,11 @@ class PlainModel {
   }
 
   save_changes() {
-    const { changed } = this;
+    const { changed, unanswered } = this, names = Object.keys(changed);
     this.changed = {};
-    if (Object.keys(changed).length) this.save(changed);
+    if (!names.length) return;
+    if (this.isAnswered) for (const name of names) unanswered.set(name, (unanswered.get(name) ?? 0) + 1);
+    this.save(changed);
   }
 
   send(content, _callbacks, buffers = []) { this.deliver(content, buffers); }
@@ -46,7 +51,16 @@ class PlainModel {
 
   receive(content, buffers = []) { this.#tell("msg:custom", content, buffers); }
 
-  update(state) { this.#take(state); }
+  update(state) {
+    this.#take(Object.fromEntries(Object.entries(state).filter(([name]) => !this.unanswered.get(name))));
+  }
+
+  answered(state) {
+    for (const name of Object.keys(state)) this.unanswered.set(name, Math.max(0, (this.unanswered.get(name) ?? 0) - 1));
+    const others = Object.entries(state).filter(([name, value]) => JSON.stringify(value) !== JSON.stringify(this.state[name])
+      && !(name in this.changed));
+    this.update(Object.fromEntries(others)); // what was refused; the same value again is no news
+  }
 
   #take(given) {
     const news = Object.entries(given).filter(([name, value]) => this.state[name] !== value);

@@ -43,7 +43,7 @@ class Sender {
     this.flush();
     for (const [name, handler] of Object.entries(this.models[at].handlers)) model.off(name, handler);
     this.models.splice(at, 1);
-    if (this.models.length === 0) this.clock.cancel(this.timer);
+    if (this.models.length === 0) for (const timer of [this.timer, this.greeting]) this.clock.cancel(timer);
   }
 
   // listener("points") after other points are there, listener("status") after `status` has changed, listener("history")
@@ -248,6 +248,22 @@ class Sender {
     if (!this.isHeard && this.model?.widget_manager?.kernel?.status === "idle") this.#tell("deaf");
   }
 
+  // A page that opens says so to Python: where nobody hears it, that must be seen before anything is edited. A busy kernel
+  // answers later; of one that is idle, no answer will come.
+  greet() {
+    if (this.isHeard || this.isGreeted || this.model?.widget_manager?.kernel === undefined) return; // a host that does not say
+    this.isGreeted = true;
+    try { this.model.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
+    this.#expectAnswer();
+  }
+
+  #expectAnswer() {
+    const kernel = this.model?.widget_manager?.kernel;
+    if (this.isHeard) return;
+    if (this.isCut || kernel === null) { this.#tell("lost"); return; }
+    this.greeting = this.clock.later(() => { this.#deaf(); this.#expectAnswer(); }, LOST_AFTER);
+  }
+
   #tell(status) {
     if (status === this.status && status !== "lost") return; // what is lost is said of each edit
     this.status = status;
@@ -255,6 +271,30 @@ class Sender {
   }
 
   #notify(what) { for (const listener of this.listeners) listener(what); }
+}
+
+// A trait that a hand changes several times before it is done, such as what a band selects. It is told after a rest; until
+// then what Python says of it is from before.
+const REST_OF_HAND = 150; // milliseconds
+
+class RestingTrait {
+  constructor(model, name) { Object.assign(this, { model, name, timer: null }); }
+
+  get isAhead() { return this.timer !== null; }
+
+  tellSoon(value) {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.model.set(this.name, value);
+      this.model.save_changes();
+    }, REST_OF_HAND);
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    this.timer = null;
+  }
 }
 
 // The sender of an editor's bus, made when first asked for; anywidget's `initialize` asks before any view does.

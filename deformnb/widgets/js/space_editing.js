@@ -228,8 +228,7 @@ class SpaceEditing extends EditorDrawing {
     this.selected = next;
     this.invalidate();
     if (isSame || !isShared) return;
-    clearTimeout(this.selectTimer);
-    this.selectTimer = setTimeout(() => { this.model.set("selected", [...this.selected]); this.model.save_changes(); }, 150);
+    this.selection.tellSoon([...this.selected]);
   }
 
   toggleSelected(id) {

@@ -13,6 +13,7 @@ class SpaceEditorPage extends SpaceHand {
       selected: new Set(model.get("selected")), drag0: null, isAdding: false, isSelecting: false, isComparing: false, isSpaceDown: false,
       frame: 0, facts: {}, looked: new Set(), waitingSince: -Infinity, pendingLook: null, shownCount: 0 });
     this.sender = senderOf(this.bus, model);
+    this.selection = new RestingTrait(model, "selected");
     this.sender.receive();
     this.points = this.sender.points;
     this.panes = model.get("panes");
@@ -61,7 +62,7 @@ class SpaceEditorPage extends SpaceHand {
       handlers.push([name, guarded]);
     };
     on("msg:custom", (message, buffers) => this.message(message, buffers ?? []));
-    on("change:selected", () => this.select(this.model.get("selected"), false));
+    on("change:selected", () => { if (!this.selection.isAhead) this.select(this.model.get("selected"), false); });
     on("change:cursor", () => this.receiveCursor());
     on("change:panes", () => this.setPanes());
     on("change:theme", () => this.applyTheme());
@@ -74,6 +75,7 @@ class SpaceEditorPage extends SpaceHand {
       if (phase === "move") { this.points = points; this.invalidate(); } else this.receive();
     });
     this.bus.addEventListener("deformnb:points", this.moved);
+    this.sender.greet();
     const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
     this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -103,12 +105,13 @@ class SpaceEditorPage extends SpaceHand {
     this.sender.flush();
     this.unlisten();
     this.closed.abort();
+    this.selection.close();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.bus.removeEventListener("deformnb:points", this.moved);
     this.observer.disconnect();
     this.themes.disconnect();
     cancelAnimationFrame(this.frame);
-    for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.selectTimer, this.alertTimer]) clearTimeout(timer);
+    for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }

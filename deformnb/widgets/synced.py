@@ -1,0 +1,81 @@
+"""What all our widgets have in common: traits that the page, the kernel's messages and other threads set at once.
+
+ipywidgets expects one thread. Studios compute in another, and the two rules that follow are held here for all widgets:
+
+1. What is set while traits are held back (``hold_sync``) reaches the page, whichever thread sets it.
+2. Where Python and the page set a trait at once, the value that Python holds in the end is told last. ipywidgets
+   answers a page before it takes the page's value: what another thread tells between the two would stay in the page.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import anywidget
+
+__all__ = ["SyncedWidget"]
+
+
+class SyncedWidget(anywidget.AnyWidget):
+    """An anywidget whose traits may be set from several threads.
+
+    Examples
+    --------
+    >>> widget = SyncedWidget()
+    >>> with widget.hold_sync():
+    ...     widget.tooltip = "told at the end"
+    >>> widget.close()
+    """
+
+    _holding_sync: bool  # ipywidgets' own mark, as are the names to send
+    _states_to_send: set[str]
+
+    def setup_instance(self, *given: Any, **named: Any) -> None:
+        """Called by traitlets before anything is set."""
+        self._sending = threading.RLock()
+        self._sent_since: set[str] = set()  # since the page has set a trait
+        super().setup_instance(*given, **named)
+
+    @contextmanager
+    def hold_sync(self) -> Iterator[None]:
+        """Tell the page of all traits at once, at the end; what another thread sets meanwhile is told with them.
+
+        ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
+        between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
+        """
+        if self._holding_sync:
+            yield
+            return
+        self._holding_sync = True
+        try:
+            yield
+        finally:
+            with self._sending:
+                self._holding_sync = False
+                held = self._states_to_send
+                self._states_to_send = set()
+                if held:
+                    self.send_state(held)
+
+    def _should_send_property(self, key: str, value: Any) -> bool:
+        with self._sending:  # a name is held or sent; none falls between the two
+            return bool(super()._should_send_property(key, value))
+
+    def send_state(self, key: Any = None) -> None:
+        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
+        with self._sending:
+            self._sent_since.update(self.keys if key is None else [key] if isinstance(key, str) else key)
+            super().send_state(key)
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits."""
+        with self._sending:
+            self._sent_since.clear()
+        super().set_state(sync_data)
+        with self._sending:
+            crossed = self._sent_since.intersection(sync_data)
+            if crossed:
+                self.send_state(crossed)
