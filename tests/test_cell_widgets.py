@@ -77,6 +77,7 @@ def a_space_editor() -> SpaceEditor:
 MAKERS = (a_volume_view, a_live_view, a_space_editor)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[], Any]) -> None:
     first = make()

@@ -123,6 +123,7 @@ def test_nothing_moves_along_the_direction_of_looking(antigonia: Transformation)
     assert half[..., 20:].max() == 0
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("pair", thompson_pairs(), ids=lambda pair: pair[1])
 def test_every_pair_of_thompson_works(pair: tuple[str, str], fish: Volume) -> None:
     source, target = pair

@@ -190,6 +190,7 @@ def test_the_picture_before_has_the_same_box(session: Session, tmp_path: Path) -
     assert path.stat().st_size > 1000
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("look", [
     {"camera": {"direction": (0, 1, 0), "zoom": 2.0}},

@@ -91,6 +91,7 @@ def test_a_map_that_folds_is_seen_whole() -> None:
     assert (high >= last - 2).all()
 
 
+@pytest.mark.nightly
 def test_several_steps_and_cuts_are_followed() -> None:
     volume = brick()
     plane = Plane.along(volume.grid, "+y")

@@ -114,6 +114,7 @@ def test_both_ways_end_at_the_same_surface(figure: dict[str, Any]) -> None:
     assert surface.enclosed == pytest.approx(abs(direct.enclosed), rel=0.03)
 
 
+@pytest.mark.sampled(2)
 def test_the_head_of_the_horse_is_up(figure: dict[str, Any]) -> None:
     mesh, direct, length, drag = figure["mesh"], figure["direct"], figure["length"], figure["drag"]
     risen = (direct.box[1, 2] - mesh.box[1, 2]) / length[2]

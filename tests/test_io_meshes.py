@@ -217,7 +217,7 @@ print("all")
 """
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 @pytest.mark.parametrize(("kind", "binary"), [  # an OBJ file of others does not say where it ends
     (kind, binary) for kind in sorted(MESH_FORMATS) for binary in (True, False) if binary or kind != "obj"])

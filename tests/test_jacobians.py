@@ -74,6 +74,7 @@ def test_an_outer_sum_is_that_of_its_points(dim: int) -> None:
             oracle.assert_close(got, np.moveaxis(field(dim, name).jacobian(at), (-2, -1), (0, 1)), atol=2e-5)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kernel", ["wendland_c2", "wendland_c4", "gaussian"])
 def test_at_the_control_points(kernel: str) -> None:
     given = points()
@@ -201,7 +202,7 @@ def test_the_derivative_along_the_depth_is_that_of_the_weight() -> None:
 # ---- cuts and parts --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("rule", CUT_RULES)
 @pytest.mark.parametrize("name", CUTS)
 def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
@@ -226,7 +227,7 @@ PARTS = {"fixed": [RigidPart(BOX)], "turned": [RigidPart(BOX, TURN)], "mask": [R
          "all": [RigidPart(BOX, TURN), RigidPart(WALL), RigidPart(DISC)], "reach": [RigidPart(WALL, reach=20.0)]}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("weight", WEIGHTS)
 @pytest.mark.parametrize("name", PARTS)
 def test_beside_rigid_parts(name: str, weight: str) -> None:

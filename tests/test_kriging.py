@@ -125,6 +125,7 @@ def test_single_radii_are_left_aside() -> None:
     assert np.isnan(process_scale(fit_system(own, support=SUPPORT)))
 
 
+@pytest.mark.nightly
 def test_the_scale_is_the_one_that_makes_the_data_likeliest() -> None:
     # Draws from the process itself: the estimate scatters about the truth by 1 / sqrt(2 x 2 x 47),
     # the mean of eight by 0.026.

@@ -292,6 +292,7 @@ def test_what_is_no_extrusion_is_sampled_in_space() -> None:
     np.testing.assert_allclose([low, high], [content["box"]["low"], content["box"]["high"]], atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_of_a_composition_the_last_extrusion_stays_one() -> None:
     shown, plane = shown_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
     steps = [Deformation.on_picture(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
@@ -452,6 +453,7 @@ def test_a_still_shows_the_deformed_volume_from_the_camera() -> None:
     np.testing.assert_allclose(middle(), before, atol=1.2)
 
 
+@pytest.mark.nightly
 def test_a_screenshot_without_a_page_is_the_still() -> None:
     view = Recorded(ball(), width=80, height=64)
     image = asyncio.run(view.screenshot(timeout=0.01))
@@ -541,6 +543,7 @@ def test_a_broken_picture_does_not_keep_the_widget_from_being_shown(monkeypatch:
     assert "could not be drawn" in caplog.text
 
 
+@pytest.mark.nightly
 def test_the_background_is_the_pages_where_one_is_there() -> None:
     view = Recorded(ball())
     assert view.background == "auto"

@@ -79,6 +79,7 @@ def test_the_boundary_runs_along_the_faces(dim: int) -> None:
         assert mask.signed_distance(place) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_jax_says_what_numpy_says(dim: int) -> None:
     mask = Mask(blob(lattice_of(dim).shape), lattice_of(dim))
@@ -102,6 +103,7 @@ def test_beyond_the_lattice_there_is_nothing_of_a_mask_inside_it(dim: int) -> No
     assert (d <= nearest + np.linalg.norm(np.ptp(box, axis=0))).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_empty_mask_is_nowhere_and_a_full_one_all_around(dim: int) -> None:
     lattice = lattice_of(dim)
@@ -112,6 +114,7 @@ def test_an_empty_mask_is_nowhere_and_a_full_one_all_around(dim: int) -> None:
             np.testing.assert_allclose(measured, sign * 1e15, rtol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("weight", ["saturated", "distance"])
 def test_an_empty_part_is_not_felt_beside_another(weight: str) -> None:
     """At twice the diagonal its motion had a share in the other part's surroundings."""

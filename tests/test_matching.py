@@ -36,6 +36,7 @@ def _misses(points: ControlPoints, true: ControlPoints = TRUE) -> Any:
 # -- all targets -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("measure", ["ncc", "ssd", "mi"])
 def test_a_known_deformation_is_found_again(measure: str) -> None:
     """The targets were moved by 3.7 pixels on average; half a pixel is the worst that is left."""
@@ -112,6 +113,7 @@ def test_a_map_never_folds_though_the_likeness_asks_for_it() -> None:
     assert np.linalg.det(jacobian).min() > 0
 
 
+@pytest.mark.nightly
 def test_points_in_space_are_fitted_to_volumes() -> None:
     values = texture((32, 32, 32), scales=(2.0, 4.0))
     grid = Grid((32, 32, 32), (1.5, 1.0, 1.0))

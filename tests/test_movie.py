@@ -112,7 +112,7 @@ def test_a_pair_keeps_the_original_at_the_left(backend: str) -> None:
     assert middle(frames[1][:, 64:]) > middle(frames[1][:, :64]) + 10
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.nightly
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_camera_turns_and_keeps_its_scale(backend: str) -> None:
     k, j, i = np.indices((24, 24, 48))
@@ -138,6 +138,7 @@ def test_the_field_of_view_can_be_larger() -> None:
     assert middle(frames[0]) == pytest.approx(63.5 + 20 * 64 / 32.64, abs=1)  # beyond the box of the volume itself
 
 
+@pytest.mark.nightly
 def test_a_frame_can_be_painted_on() -> None:
     volume, deformation = ball()
     frames = deformation_frames(volume, deformation, strengths=4, size=(16, 12), backend="core")
@@ -265,6 +266,7 @@ def test_a_gif_keeps_time_repeats_and_does_not_flicker(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame[:8], found[0][:8])
 
 
+@pytest.mark.nightly
 def test_a_gif_keeps_the_colour_of_its_background(tmp_path: Path) -> None:
     volume, deformation = ball()
     frames = list(deformation_frames(volume, deformation, strengths=4, size=(64, 48), backend="core"))

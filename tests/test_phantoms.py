@@ -41,6 +41,7 @@ def test_every_object_of_the_paper_has_a_phantom():
     assert all(row.view in VIEWS and row.projection in ("mip", "slice") for row in PHANTOMS.values())
 
 
+@pytest.mark.sampled(3)
 def test_default_volume_is_a_ct_like_byte_volume(named):
     _, volume = named
     assert volume.dtype == np.uint8
@@ -57,6 +58,7 @@ def test_air_is_exactly_zero_outside(named):
     assert empty >= 3, f"{row.title} touches more than one side of its box; scans are cut at most above and below"
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", NAMES)
 def test_same_bytes_again_and_whatever_the_slabs(name, monkeypatch):
     make = PHANTOMS[name].make
@@ -66,6 +68,7 @@ def test_same_bytes_again_and_whatever_the_slabs(name, monkeypatch):
     np.testing.assert_array_equal(first, make(COARSE).values)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", NAMES)
 def test_anatomy_stays_in_place_at_another_resolution(name):
     make = PHANTOMS[name].make
@@ -79,6 +82,7 @@ def test_anatomy_stays_in_place_at_another_resolution(name):
     np.testing.assert_allclose(a, b, atol=0.25, err_msg="the centre of mass moved by a quarter of a coarse voxel")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", NAMES)
 def test_progress_reaches_one_and_may_cancel(name):
     seen: list[float] = []

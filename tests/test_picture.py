@@ -306,7 +306,7 @@ def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int])
     assert np.isfinite(tilted.values).all()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("dtype", ["bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float64"])
 def test_every_type_of_voxel_gives_the_same_picture(method: str, dtype: str) -> None:
@@ -428,6 +428,7 @@ def test_a_bad_pixel_size_is_refused(spacing: float) -> None:
         project(volume_of(np.zeros((2, 2, 2), np.uint8)), "+z", spacing=spacing)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_progress_rises_to_one_and_can_stop_the_work(method: str) -> None:
     volume = volume_of(noise((70, 3, 3)))

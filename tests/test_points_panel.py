@@ -133,6 +133,7 @@ def test_errors_and_suspects_come_from_the_worker(desk: Desk) -> None:
     assert list(np.flatnonzero(np.frombuffer(desk.table.flags, np.uint8) & 4)) == [12]
 
 
+@pytest.mark.nightly
 def test_errors_stay_until_the_next_ones_are_there_and_go_with_the_step(desk: Desk) -> None:
     desk.session.edit_points(desk.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
     desk.think()

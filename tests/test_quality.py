@@ -143,6 +143,7 @@ def landmarks(dim: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return source, 1.1 * source @ turn.T + 4 * np.sin(source / 30) + rng.normal(0, 1, source.shape)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("trend", ["affine", "similarity", "rigid"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_two_landmarks_in_the_wrong_order_are_named_and_nobody_else(trend: str, dim: int) -> None:

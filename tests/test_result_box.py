@@ -183,6 +183,7 @@ def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
         studio.close()
 
 
+@pytest.mark.nightly
 def test_previews_and_points_in_space_keep_the_box() -> None:
     studio = Studio(a_brick(), output=a_brick().grid.crop((-2, -2, -2), (20, 20, 30)))
     try:

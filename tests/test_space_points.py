@@ -134,6 +134,7 @@ def test_an_end_of_it_ends_it(volume: Volume, editor: SpaceEditor, points: Contr
     assert view.points_editor is None
 
 
+@pytest.mark.nightly
 def test_a_view_drawn_in_python_follows_too(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
     view = VolumeView(volume, method="core", width=80, height=64)
     before = view.still((80, 64))

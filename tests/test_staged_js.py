@@ -80,6 +80,7 @@ def oracle(points: ControlPoints, settings: dict[str, Any], parts: list[RigidPar
     return fit_points(points if strength == 1 else points.blended(strength), parts, **given)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", list(CASES))
 def test_stages_in_the_browser_are_those_of_the_package(name: str) -> None:
     found = answer(*CASES[name])

@@ -295,6 +295,7 @@ def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> Non
     assert_array_equal(studio.result().values, studio.volume.values)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("how", ["cut", "space", "blend", "off"])
 def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path, how: str) -> None:
     draws(studio, "cuts", "add cut", a_line(studio))

@@ -337,6 +337,7 @@ def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeyp
     assert np.abs(picture(view.frames[-1][1][0]) - view.still()).mean() < 3
 
 
+@pytest.mark.nightly
 @pytest.mark.needs_gl
 def test_twenty_pages_and_views_one_after_the_other_leave_no_thread() -> None:
     before = threading.active_count()

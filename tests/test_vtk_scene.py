@@ -135,6 +135,7 @@ def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> St
                 **options)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend"])
 def test_both_ways_show_cuts_as_the_core_does(scene: Any, name: str) -> None:
     volume = shape_without_symmetry()

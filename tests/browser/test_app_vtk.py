@@ -130,6 +130,7 @@ def test_pictures_follow_while_the_mouse_is_down_and_undo_brings_them_back(tab: 
     assert abs(middle(rest(tab)) - middle(before)) < 0.004
 
 
+@pytest.mark.nightly
 def test_rapid_drags_end_as_the_last_of_them(tab: PictureTab) -> None:
     tab.add_in_the_middle()
     before = rest(tab)
@@ -145,6 +146,7 @@ def test_rapid_drags_end_as_the_last_of_them(tab: PictureTab) -> None:
     rest(tab)
 
 
+@pytest.mark.nightly
 def test_a_hand_on_the_picture_turns_it_and_the_cube_looks_from_a_side(tab: PictureTab) -> None:
     rest(tab)
     first = tab.seen()["camera"]["direction"]

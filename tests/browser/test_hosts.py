@@ -239,6 +239,7 @@ def test_the_exception_of_a_callback_is_seen(shown: Shown) -> None:
     assert shown.told(lambda state: state["edits"] == edits + 2)["targets"][0] == pytest.approx([2, 2], abs=0.05)
 
 
+@pytest.mark.sampled(3)
 def test_the_page_can_be_loaded_again(shown: Shown) -> None:
     _skip_twin(shown)
     edits = shown.told()["edits"]

@@ -96,6 +96,7 @@ def middle(image: np.ndarray) -> np.ndarray:
     return np.array([places.mean() for places in np.nonzero(lit(image))[::-1]])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("direction", "perspective"), [((0, 1, 0), False), ((1, 0.4, -0.3), True), ((0, 0, -1), True)])
 def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, direction: Any, perspective: bool) -> None:
     here = shown(one())

@@ -196,6 +196,7 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     assert shown.errors == []
 
 
+@pytest.mark.nightly
 def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
     page = shown.page
     shown.host.run(page, "studio.session.reset(); studio.session.set_view('+y')")
