@@ -16,13 +16,13 @@ from scipy.interpolate import RBFInterpolator
 
 from benchmarks import peers, problem
 from benchmarks.timing import Case, Group
-from deformnb.cuts import Cut, sides_of
-from deformnb.deformation import Step
-from deformnb.plane import Plane
-from deformnb.regions import HalfSpace, Line
-from deformnb.rigid_parts import RigidPart
-from deformnb.volume import Grid, Volume
-from deformnb.warp import Warper
+from deformnb.document.deformation import Step
+from deformnb.rbf.cuts import Cut, sides_of
+from deformnb.rbf.regions import HalfSpace, Line
+from deformnb.rbf.rigid import RigidPart
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import Warper
 
 FILL = 0.0
 

@@ -13,14 +13,14 @@ from scipy.interpolate import LinearNDInterpolator
 
 from benchmarks import problem
 from benchmarks.timing import Case, Group
-from deformnb.extrusion import extrude, modulate, replicate
-from deformnb.fields import AbstractField
-from deformnb.folds import jacobian_determinant
-from deformnb.forward import warp_points
-from deformnb.inversion import invert
-from deformnb.plane import Plane, Raster
-from deformnb.rbf import fit_rbf
-from deformnb.volume import Grid
+from deformnb.analysis.folds import jacobian_determinant
+from deformnb.rbf.extrusion import extrude, modulate, replicate
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid
+from deformnb.warping.inverse import invert
+from deformnb.warping.points import warp_points
 
 NODES = 100_000
 

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from benchmarks import problem
 from benchmarks.timing import Case, Group
-from deformnb.control_points import ControlPoints
-from deformnb.fields import raster_lines
-from deformnb.kernels import WendlandC2
-from deformnb.kriging import uncertainty
-from deformnb.plane import Raster
-from deformnb.quality import fit_quality
-from deformnb.rbf import fit_rbf
+from deformnb.analysis.quality import fit_quality
+from deformnb.analysis.uncertainty import uncertainty
+from deformnb.rbf.fields import raster_lines
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.kernels import WendlandC2
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Raster
 
 
 def groups(options: Namespace) -> Iterator[Group]:

@@ -13,9 +13,9 @@ from scipy.interpolate import RBFInterpolator
 
 from benchmarks import problem
 from benchmarks.timing import Case, Group
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Raster
-from deformnb.rbf import fit_rbf
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Raster
 
 
 def groups(options: Namespace) -> Iterator[Group]:

@@ -13,12 +13,12 @@ from scipy import ndimage
 
 from benchmarks import peers, problem
 from benchmarks.timing import Case, Group
-from deformnb.extrusion import extrude, modulate, replicate
-from deformnb.fields import AbstractField, DisplacementField
-from deformnb.plane import Plane, Raster
-from deformnb.rbf import fit_rbf
-from deformnb.volume import Volume
-from deformnb.warp import Warper
+from deformnb.rbf.extrusion import extrude, modulate, replicate
+from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Volume
+from deformnb.warping.warper import Warper
 
 FILL = 0.0
 

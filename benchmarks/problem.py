@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from deformnb.control_points import ControlPoints
-from deformnb.volume import Grid, Volume
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Grid, Volume
 
 AMPLITUDE = 0.05
 """Size of the drags as a share of the edge of the volume: 13 voxels of 256."""

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.cli import main
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, VolumeReference
+from deformnb.cli.main import main
+from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.io import write_volume
 from deformnb.io.documents import write_deformation
-from deformnb.volume import Volume
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Volume
 
 
 def remarks(stderr: str) -> str:

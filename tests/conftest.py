@@ -34,7 +34,7 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" i
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("needs_gl") is None:
         return
-    from deformnb.render import gl_status
+    from deformnb.imaging.render import gl_status
 
     works, found, remedy = gl_status()
     if not works:

@@ -8,10 +8,10 @@ from unittest import mock
 
 import numpy as np
 
-from deformnb.autosave import Autosave
-from deformnb.volume import Grid, Volume
+from deformnb.session.autosave import Autosave
+from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
-from deformnb.widgets.point_messages import points_to_json
+from deformnb.widgets.protocol import points_to_json
 
 
 def a_volume() -> Volume:
@@ -66,6 +66,6 @@ def wait_for(condition: Any, seconds: float = 20.0) -> None:
 
 def crash(saving: Autosave) -> None:
     """Leave what a session has written as if its process had been killed."""
-    with mock.patch("deformnb.autosave.mark"):  # nobody says that it was closed
+    with mock.patch("deformnb.session.autosave.mark"):  # nobody says that it was closed
         saving.close()
         assert saving._job.left(60)

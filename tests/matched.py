@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from deformnb.control_points import ControlPoints
-from deformnb.fields import AbstractField
-from deformnb.plane import Picture, Plane, Raster
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture, Plane, Raster
 
 PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
 

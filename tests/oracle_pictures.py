@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.plane import Picture
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Volume
+from deformnb.volume.plane import Picture
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Volume
 
 # Towards the lamp in (u, v, n): above the viewer's left shoulder.
 LAMP = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])

@@ -14,7 +14,7 @@ import msgpack
 
 from deformnb.app.desk import Desk
 from deformnb.app.server import AppServer
-from deformnb.session import Session
+from deformnb.session.session import Session
 
 PATIENCE = 30.0  # seconds, on a busy machine
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from deformnb.widgets.assets import joined
+from deformnb.widgets.bundle import joined
 
 # A function of the input that returns the output; both are JSON. NaN and infinity do not survive JSON, so no test
 # relies on them.

@@ -30,8 +30,8 @@ from deformnb import (
     write_volume,
 )
 from deformnb.checks import finite_array, is_finite, shown_value
-from deformnb.deformation import MOST_STEPS
-from deformnb.fields import Identity
+from deformnb.document.deformation import MOST_STEPS
+from deformnb.rbf.fields import Identity
 
 HUGE = 10**400
 WRONG: dict[str, Any] = {

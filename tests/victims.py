@@ -20,16 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.autosave import Autosave
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
+from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, FileChangedError
+from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_deformation, read_document, write_deformation
 from deformnb.io.formats import read_volume, write_volume
-from deformnb.io.known_files import KnownFiles
-from deformnb.session import Session
-from deformnb.session_store import restore, saved_sessions
-from deformnb.volume import Grid, Volume
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.autosave import Autosave
+from deformnb.session.session import Session
+from deformnb.session.store import restore, saved_sessions
+from deformnb.volume.volume import Grid, Volume
 
 ROUNDS = {"save": 40, "writers": 20, "pairs": 23}
 

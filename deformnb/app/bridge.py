@@ -21,7 +21,7 @@ from deformnb.app.files import WANTED
 from deformnb.app.guard import Answer
 from deformnb.app.remote import AREA
 from deformnb.errors import DeformError
-from deformnb.widgets.edited import is_whole
+from deformnb.widgets.inputs.base import is_whole
 
 TOPIC = "deformnb.widget"
 """Under which pages hear of messages for their widgets."""

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from deformnb.errors import DeformError
-from deformnb.extrusion import EXTRUSIONS
-from deformnb.kernels import KERNELS
-from deformnb.picture import PROJECTIONS
-from deformnb.staged import MOST_STAGES
-from deformnb.trend import TRENDS
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.extrusion import EXTRUSIONS
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.stages import MOST_STAGES
+from deformnb.rbf.trends import TRENDS
 from deformnb.widgets.camera import SHOWS, SIDES
-from deformnb.widgets.judgement import OVERLAY_WORDS
-from deformnb.widgets.steps_panel import MODES
+from deformnb.widgets.studio.diagnostics import OVERLAY_WORDS
+from deformnb.widgets.studio.panels.steps import MODES
 
 
 @dataclass(frozen=True)

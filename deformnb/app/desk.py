@@ -17,19 +17,17 @@ from deformnb.app.files import DeskFiles
 from deformnb.app.parts import DeskParts
 from deformnb.app.trust import DeskTrust
 from deformnb.app.volumes import Volumes, facing, nearly_facing
-from deformnb.deformation import lone_support
-from deformnb.document import to_json
+from deformnb.document.deformation import lone_support
+from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
-from deformnb.recovery import COMMANDS, Recovery
-from deformnb.session import Session
-from deformnb.transfer import TransferFunction
-from deformnb.widgets.edited import is_whole
-from deformnb.widgets.history_rows import go_to, history_rows
-from deformnb.widgets.point_labels import JOINING, edit_label
-from deformnb.widgets.shape_messages import shapes_of
-from deformnb.widgets.studio_editors import make_editor, show_step
-from deformnb.widgets.studio_link import StudioLink
-from deformnb.widgets.studio_picture import looks_alike, picture_key
+from deformnb.session.autosave import COMMANDS, Recovery
+from deformnb.session.session import Session
+from deformnb.volume.transfer import TransferFunction
+from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.protocol import shapes_of
+from deformnb.widgets.studio.editors import looks_alike, make_editor, picture_key, show_step
+from deformnb.widgets.studio.labels import JOINING, edit_label, go_to, history_rows
+from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)

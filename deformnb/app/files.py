@@ -17,14 +17,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from deformnb.deformation import Deformation
-from deformnb.document import from_json
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import from_json
 from deformnb.errors import Cancelled, DeformError, OtherVolumeError
-from deformnb.exports import EXPORTS, Frozen, Seen, export
-from deformnb.session import Session
-from deformnb.widgets.cell_widgets import close_all
-from deformnb.widgets.studio_parts import last_step
-from deformnb.widgets.worker import Worker
+from deformnb.session.exports import EXPORTS, Frozen, Seen, export
+from deformnb.session.session import Session
+from deformnb.widgets.studio.studio import last_step
+from deformnb.widgets.worker import Worker, close_all
 
 WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
           "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}

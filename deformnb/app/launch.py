@@ -18,12 +18,12 @@ from deformnb.app.desk import Desk
 from deformnb.app.guard import checked_host, is_loopback
 from deformnb.app.server import AppServer
 from deformnb.datasets.phantoms import PHANTOMS
-from deformnb.deformation import Deformation
+from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.opening import best_view
-from deformnb.plane import VIEWS
-from deformnb.session import Session
-from deformnb.volume import Volume
+from deformnb.session.inputs import best_view
+from deformnb.session.session import Session
+from deformnb.volume.plane import VIEWS
+from deformnb.volume.volume import Volume
 
 
 def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:

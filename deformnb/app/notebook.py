@@ -19,8 +19,8 @@ from deformnb.app.remote import AREA, MouseLooks, about_picture
 from deformnb.app.server import AppServer
 from deformnb.errors import DeformError
 from deformnb.widgets.camera import checked_camera
-from deformnb.widgets.scene_loop import Frame
-from deformnb.widgets.view_messages import text, whole
+from deformnb.widgets.protocol import text, whole
+from deformnb.widgets.vtk.render_loop import Frame
 from deformnb.widgets.worker import Worker
 
 _NAME = "trame"  # of the frame among the view's pages

@@ -16,7 +16,7 @@ from deformnb.app.page_parts import (
     trust_part,
 )
 from deformnb.app.remote import AREA
-from deformnb.widgets.result_box import LARGER
+from deformnb.widgets.studio.panels.files import LARGER
 
 _TABS = (("settings", "Settings", settings_part), ("look", "Look", look_part), ("points", "Points", points_part),
          ("trust", "Trust", trust_part), ("history", "History", history_part))

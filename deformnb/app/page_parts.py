@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from deformnb.app.controls import AbstractControl, Choice, Number, Switch
-from deformnb.widgets.depth_panel import HINTS
+from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),

@@ -8,20 +8,20 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from deformnb.session import Session
-from deformnb.transfer import TransferFunction
-from deformnb.widgets.clip_controls import ClipControls
-from deformnb.widgets.controls import Guard
-from deformnb.widgets.curve_editor import CurveEditor
-from deformnb.widgets.depth_keys import DepthKeys
-from deformnb.widgets.depth_panel import DepthPanel, Preview
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.item_list import ItemList
-from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.points_panel import PointsPanel
-from deformnb.widgets.points_table import PointsTable
-from deformnb.widgets.steps_panel import StepsPanel
-from deformnb.widgets.transfer_editor import TransferEditor
+from deformnb.session.session import Session
+from deformnb.volume.transfer import TransferFunction
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.clip_controls import ClipControls
+from deformnb.widgets.inputs.curve_editor import CurveEditor
+from deformnb.widgets.inputs.depth_keys import DepthKeys
+from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.inputs.points_table import PointsTable
+from deformnb.widgets.inputs.transfer_editor import TransferEditor
+from deformnb.widgets.studio.controls import Guard
+from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
+from deformnb.widgets.studio.panels.points import PointsPanel
+from deformnb.widgets.studio.panels.steps import StepsPanel
+from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.worker import Worker
 
 WIDGETS: dict[str, type[Any]] = {

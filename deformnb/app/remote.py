@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from deformnb.errors import DeformError
-from deformnb.plane import Plane
-from deformnb.volume import Grid
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid
 from deformnb.widgets.camera import checked_camera, seen_height
-from deformnb.widgets.frames import FrameSender
-from deformnb.widgets.scene_loop import Frame, SceneLoop
-from deformnb.widgets.view_messages import text, whole
+from deformnb.widgets.protocol import text, whole
+from deformnb.widgets.view.transport import FrameSender
+from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
 from deformnb.widgets.worker import Worker
 
 AREA = "volume"
@@ -94,7 +94,7 @@ class RemoteView(MouseLooks):
     Parameters
     ----------
     make_scene : makes the scene from a size in pixels, in the thread of the scene, once a page has said its size: a
-        :class:`~deformnb.widgets.scene_loop.Scene` that has ``set_camera`` and ``set_shows``.
+        :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
     push : called with a picture's JPEG and what the page wants to know of it: what trame's area does, and ``n`` (its
         number, that the page answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer`` (1
@@ -148,7 +148,7 @@ class RemoteView(MouseLooks):
 
     @property
     def camera(self) -> dict[str, Any]:
-        """Where the viewer stands, as in :class:`~deformnb.widgets.view.CameraTrait`."""
+        """Where the viewer stands, as in :class:`~deformnb.widgets.view.base.CameraTrait`."""
         return self._camera
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
@@ -159,7 +159,7 @@ class RemoteView(MouseLooks):
         self._loop.change(key, function, draw=self.is_used)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`."""
+        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
         self._shows = shows
         self._loop.set_shows(shows)
         self.change("shows", lambda scene: scene.set_shows(shows))

@@ -33,7 +33,7 @@ from deformnb.app.guard import (
 from deformnb.app.page import build_page
 from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
-from deformnb.widgets.assets import joined, style
+from deformnb.widgets.bundle import joined, style
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there

@@ -13,13 +13,21 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from deformnb.document.step_checks import LEAST
 from deformnb.errors import DeformError
-from deformnb.session import Session
-from deformnb.trust import LEAST
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.judgement import NO_HAZE, Haze, HazeKeeper, Judgement, facts_html, point_name, suspects_of
-from deformnb.widgets.result_box import cut_off_text
-from deformnb.widgets.safety import Safety
+from deformnb.session.session import Session
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.studio.diagnostics import (
+    NO_HAZE,
+    Haze,
+    HazeKeeper,
+    Judgement,
+    Safety,
+    facts_html,
+    point_name,
+    suspects_of,
+)
+from deformnb.widgets.studio.panels.files import cut_off_text
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)

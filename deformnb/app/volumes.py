@@ -9,17 +9,17 @@ from typing import Any
 
 from deformnb.app.remote import RemoteView, dragged
 from deformnb.errors import DeformError
-from deformnb.exports import Seen
-from deformnb.fields import AbstractField
-from deformnb.plane import Plane
-from deformnb.session import Session
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Grid
+from deformnb.rbf.fields import AbstractField
+from deformnb.session.exports import Seen
+from deformnb.session.session import Session
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid
 from deformnb.widgets.camera import checked_camera
-from deformnb.widgets.core_scene import make_scene
-from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.pages import about
-from deformnb.widgets.refit import Following, Refit
+from deformnb.widgets.view.base import Following, Refit
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.stills import make_scene
+from deformnb.widgets.view.volume_view import about
 
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 
@@ -101,7 +101,7 @@ class Volumes:
         self._change("projection", lambda scene: scene.set_projection(projection))
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.SHOWS`."""
+        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
         self.live.shows = shows
         if self.remote is not None:
             self.remote.set_shows(shows)

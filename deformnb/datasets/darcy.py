@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.control_points import ControlPoints
 from deformnb.errors import DeformError
+from deformnb.rbf.points import ControlPoints
 
 Nodes = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -170,7 +170,7 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
     box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source net is laid
         over it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture
-        (:attr:`deformnb.plane.Raster.box`); default is ``box`` itself, which makes a deep fish small in a low box.
+        (:attr:`box`); default is ``box`` itself, which makes a deep fish small in a low box.
     scale : one of :data:`SCALES`. "inside": equal area, or less if the target net would leave the frame. "area" and
         "length" keep the area or the length of the fish; a slender fish that becomes a deep one then needs an output
         grid with a margin above and below.

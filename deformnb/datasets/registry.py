@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.volume import Float3, Volume
+from deformnb.volume.volume import Float3, Volume
 
 Progress = Callable[[float], None]
 

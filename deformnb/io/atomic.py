@@ -1,4 +1,14 @@
-"""Writing that either finishes or never happened."""
+"""Writing that either finishes or never happened.
+
+Files that belong to a process for as long as it lives: the system lets go of a lock when its holder dies.
+
+A process id in a file's name says less: it is given to another process one day, and nothing on another machine.
+
+Which files may be replaced without being asked: those that hold what was opened or written here.
+
+The rule of all that a session writes, and of documents: a file is never replaced unless the session itself has opened
+or written what is in it, or it is said that it may be (``overwrite=True``, or an answer in the page).
+"""
 
 from __future__ import annotations
 
@@ -9,15 +19,131 @@ import platform
 import secrets
 import shutil
 import stat
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
+from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from deformnb.errors import FileChangedError, VolumeFileError
 from deformnb.io.headers import fail, human_bytes, shown
-from deformnb.io.locks import held, sweep
+
+
+def try_lock(descriptor: int) -> bool | None:
+    """Lock an open file, without waiting: True if it is ours now, False if it is another's, None if nobody can tell.
+
+    It ends when the last copy of the descriptor is closed, at the latest with the process.
+    """
+    try:
+        try:
+            import fcntl
+        except ImportError:  # Windows
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]  # not on this system
+        else:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:  # a network drive without locks
+        return None
+    return True
+
+
+def hold(path: Path) -> int | None:
+    """Make a file and keep it locked; returns its descriptor, which lets go when it is closed.
+
+    None if it was swept away as a dead process's in the moment between the two; make another one.
+
+    Raises
+    ------
+    FileExistsError
+        If there is one already.
+    OSError
+        If it cannot be made.
+    """
+    descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+    return held(path, descriptor)
+
+
+def held(path: Path, descriptor: int) -> int | None:
+    """Lock a file that was just made and is open, as :func:`hold`; closes it where it is gone."""
+    if try_lock(descriptor) is not False and _is_at(path, descriptor):
+        return descriptor
+    os.close(descriptor)
+    return None
+
+
+def hold_folder(path: Path) -> int | None:
+    """Lock a folder; returns its descriptor, None where the system has no such locks."""
+    try:
+        return held(path, os.open(path, os.O_RDONLY))
+    except OSError:  # Windows opens no folders
+        return None
+
+
+def _is_at(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def is_abandoned(path: Path) -> bool:
+    """True if nobody holds this file: whoever made it has died or let go. A file that is gone is abandoned.
+
+    Where locks do not work nothing counts as abandoned.
+    """
+    descriptor = None
+    try:
+        descriptor = os.open(path, os.O_RDWR)
+        return try_lock(descriptor) is True
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def sweep(path: Path, unless: Callable[[], bool] = bool) -> bool:
+    """Remove a file or a folder that nobody holds; returns whether it is gone.
+
+    On POSIX it is removed while the lock is ours, so its maker cannot take it for its own meanwhile.
+
+    Parameters
+    ----------
+    unless : asked once nobody else can hold it; it stays if the answer is yes.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    try:
+        if try_lock(descriptor) is not True or unless():
+            return False
+        if os.name != "nt":
+            _remove(path)
+    finally:
+        os.close(descriptor)
+    if os.name == "nt":  # no open file can be removed there
+        _remove(path)
+    return not path.exists()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
 
 _SUFFIX = ".deformnb.tmp"
 # A lock may say nothing of a process on another machine that shares the folder: only our own leftovers are swept.
@@ -209,3 +335,103 @@ def flush_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+_MOST = 1000  # files of one session
+_PATIENCE = 2.0  # seconds for another writer's rename; a lock that never comes must not stop the work
+
+
+class KnownFiles:
+    """Files by what was in them when they were last read or written here; times do not count.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "fish.json"
+    >>> files = KnownFiles()
+    >>> files.check(path)  # there is none
+    >>> _ = path.write_bytes(b"mine")
+    >>> files.remember(path)
+    >>> files.check(path)
+    >>> _ = path.write_bytes(b"yours")
+    >>> files.check(path)
+    Traceback (most recent call last):
+        ...
+    deformnb.errors.FileChangedError: fish.json has been changed by someone else since ...
+    """
+
+    def __init__(self) -> None:
+        self._digests: dict[Path, bytes] = {}
+        self._lock = threading.Lock()
+
+    def remember(self, path: str | PathLike[str], content: bytes | None = None) -> None:
+        """Take the file for one's own, with this content or as it is now; what is no file is none."""
+        with suppress(OSError):
+            digest = _digest(path) if content is None else hashlib.sha256(content).digest()
+            with self._lock:
+                place = _real(path)
+                self._digests.pop(place, None)
+                self._digests[place] = digest
+                while len(self._digests) > _MOST:
+                    del self._digests[next(iter(self._digests))]
+
+    def has(self, path: str | PathLike[str]) -> bool:
+        """Whether a file was opened or written here, whatever it holds now."""
+        return _real(path) in self._digests
+
+    def check(self, path: str | PathLike[str]) -> None:
+        """Refuse to write over what was neither opened nor written here.
+
+        Raises
+        ------
+        FileChangedError
+            If the file is there and holds something else.
+        """
+        place = _real(path)
+        known = self._digests.get(place)
+        if not place.exists() or place.is_dir():  # of a folder whoever writes says more
+            return
+        with suppress(OSError):  # what cannot be read may hold anything
+            if known is not None and _digest(place) == known:
+                return
+        what = ("was there before, and was neither opened nor saved here" if known is None else
+                "has been changed by someone else since it was opened or saved here")
+        raise FileChangedError(f"{shown(Path(path).name)} {what}. Save under another name, or with overwrite=True to "
+                               "replace it.")
+
+    @contextmanager
+    def writing(self, path: str | PathLike[str], *, overwrite: bool = False) -> Iterator[None]:
+        """The work that makes a file: checked before it begins, and one's own afterwards."""
+        if not overwrite:
+            self.check(path)
+        yield
+        self.remember(path)
+
+    @contextmanager
+    def replacing(self, path: Path) -> Iterator[None]:
+        """The moment in which a file is replaced: checked once more, and no other session's writer comes between."""
+        descriptor = None
+        with suppress(OSError):
+            descriptor = os.open(path, os.O_RDWR)
+        try:
+            if descriptor is not None and os.name != "nt":  # an open file cannot be replaced there
+                end = time.monotonic() + _PATIENCE
+                while try_lock(descriptor) is False and time.monotonic() < end:
+                    time.sleep(0.002)
+            self.check(path)
+            if descriptor is not None and os.name == "nt":
+                os.close(descriptor)
+                descriptor = None
+            yield
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+
+
+def _digest(path: str | PathLike[str]) -> bytes:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
+
+
+def _real(path: str | PathLike[str]) -> Path:
+    return Path(path).expanduser().resolve()

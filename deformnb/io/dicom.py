@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError, MissingPackageError, VolumeFileError
 from deformnb.io.headers import Header, fail, shown, triple, volume_shape
-from deformnb.volume import Float3, Matrix3
+from deformnb.volume.volume import Float3, Matrix3
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 

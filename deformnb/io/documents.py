@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from deformnb.cuts import Cut
-from deformnb.deformation import Deformation, Step
-from deformnb.document import LONGEST, from_json, to_json
+from deformnb.document.deformation import Deformation, Step
+from deformnb.document.json_format import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.io.atomic import atomic_write
+from deformnb.io.atomic import KnownFiles, atomic_write
 from deformnb.io.formats import FORMATS
 from deformnb.io.headers import fail, shown
-from deformnb.io.known_files import KnownFiles
-from deformnb.rigid_parts import RigidPart
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.rigid import RigidPart
 
 _HERE = KnownFiles()  # of all that belongs to no session
 

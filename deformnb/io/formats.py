@@ -18,9 +18,9 @@ from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
-from deformnb.io.packing import Progress
-from deformnb.known_spacings import known_spacing
-from deformnb.volume import Float3, Grid, Volume, voxel_checksum
+from deformnb.io.streams import Progress
+from deformnb.volume.known_spacings import known_spacing
+from deformnb.volume.volume import Float3, Grid, Volume, voxel_checksum
 
 Writer = Callable[[Volume, Path, bool, Progress], None]
 
@@ -175,7 +175,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     name : of the volume; by default the file's name without its suffix.
     series : which DICOM series, if there are several (its number, UID or description).
     spacing : (x, y, z) instead of the file's; origin and direction stay as the file says. By default the file's, but
-        for a public volume whose files are known to be wrong (:mod:`deformnb.known_spacings`); a note says so.
+        for a public volume whose files are known to be wrong (:mod:`deformnb.volume.known_spacings`); a note says so.
     is_labels : voxels are names of regions; by default what the file says, else only bool voxels are, and a note asks
         where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
@@ -242,7 +242,7 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
                   voxels: bool = False, progress: Progress = None) -> FileDescription:
     """What a volume file is; reads its header alone unless the range of values is asked for with ``voxels``.
 
-    (The voxels are read too where the header is that of a volume in :mod:`deformnb.known_spacings`.)
+    (The voxels are read too where the header is that of a volume in :mod:`deformnb.volume.known_spacings`.)
 
     Raises
     ------

@@ -25,9 +25,8 @@ from deformnb.io.headers import (
     shown,
     volume_shape,
 )
-from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
-from deformnb.io.streams import Source, checked_blocks
-from deformnb.volume import Float3, Matrix3, Volume
+from deformnb.io.streams import Progress, Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.volume.volume import Float3, Matrix3, Volume
 
 _TYPES = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
-from deformnb.io.atomic import atomic_write, check_target, sweep_folder, temporary_name
+from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
 from deformnb.io.headers import fail, shown
-from deformnb.io.locks import hold_folder
 
 Image = NDArray[np.uint8]
 Progress = Callable[[int, int], None]

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.headers import Header, fail, triple, volume_shape
-from deformnb.io.packing import Progress, write_packed
-from deformnb.io.streams import Source, take
-from deformnb.volume import Float3, Grid, Matrix3, Volume
+from deformnb.io.streams import Progress, Source, take, write_packed
+from deformnb.volume.volume import Float3, Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}

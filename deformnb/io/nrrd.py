@@ -28,9 +28,8 @@ from deformnb.io.headers import (
     triple,
     volume_shape,
 )
-from deformnb.io.packing import Progress, stored_dtype, write_packed, write_pair
-from deformnb.io.streams import Source, checked_blocks
-from deformnb.volume import Volume
+from deformnb.io.streams import Progress, Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.volume.volume import Volume
 
 _TYPES = {
     "i1": ("signed char", "int8", "int8_t"),

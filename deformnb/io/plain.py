@@ -28,10 +28,8 @@ import numpy as np
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.headers import Blocks, Header, fail, shown, volume_shape
-from deformnb.io.packing import Progress, slabs_of_bytes
-from deformnb.io.streams import Source, checked_bytes
-from deformnb.volume import Volume
-from deformnb.voxels import cast
+from deformnb.io.streams import Progress, Source, checked_bytes, slabs_of_bytes
+from deformnb.volume.volume import Volume, cast
 
 _FORMAT = "deformnb volume"
 _VERSION = 1

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import MissingPackageError
 from deformnb.io.headers import Header, fail, regular_file, shown, volume_shape
-from deformnb.volume import Float3
+from deformnb.volume.volume import Float3
 
 SUFFIXES = (".tif", ".tiff")
 

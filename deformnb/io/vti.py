@@ -13,10 +13,9 @@ import numpy as np
 
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import Header, fail, floats, integers, shown, triple, volume_shape
-from deformnb.io.packing import LEVEL, Progress, needed_bytes, slabs_of_bytes, stored_dtype
-from deformnb.io.streams import stream_blocks
+from deformnb.io.streams import LEVEL, Progress, needed_bytes, slabs_of_bytes, stored_dtype, stream_blocks
 from deformnb.io.vtk_xml import TYPES, Tag, VtkXml
-from deformnb.volume import Matrix3, Volume
+from deformnb.volume.volume import Matrix3, Volume
 
 _NAMES = {dtype: name for name, dtype in TYPES.items()}
 _BLOCK = 2**20

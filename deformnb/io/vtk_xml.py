@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from deformnb.errors import VolumeFileError
 from deformnb.io.headers import fail, integers, shown
 from deformnb.io.streams import Pieces, Stream, take
-from deformnb.voxels import optional_package
+from deformnb.volume.volume import optional_package
 
 TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
          "UInt64": "u8", "Float32": "f4", "Float64": "f8"}

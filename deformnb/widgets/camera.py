@@ -9,10 +9,10 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.clipping import WHOLE, Clip, checked_clip
 from deformnb.errors import DeformError
-from deformnb.plane import Plane
-from deformnb.volume import Grid
+from deformnb.volume.clip import WHOLE, Clip, checked_clip
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid
 
 Image: TypeAlias = NDArray[np.uint8]
 Progress: TypeAlias = Callable[[float], None]

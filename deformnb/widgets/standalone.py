@@ -23,25 +23,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.deformation import Deformation, Step, VolumeReference
-from deformnb.document import to_json
+from deformnb.document.deformation import Deformation, Step, VolumeReference
+from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
-from deformnb.extrusion import Extrusion, extrude
-from deformnb.fields import AbstractField, Composed, Identity
 from deformnb.io.atomic import atomic_write, check_target
-from deformnb.kernels import KERNELS
-from deformnb.trend import TRENDS
-from deformnb.volume import Volume
-from deformnb.widgets.assets import joined, style
+from deformnb.rbf.extrusion import Extrusion, extrude
+from deformnb.rbf.fields import AbstractField, Composed, Identity
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.trends import TRENDS
+from deformnb.volume.volume import Volume
+from deformnb.widgets.bundle import joined, style
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.card_cuts import cut_plane
-from deformnb.widgets.card_maps import MOST_MAPS, CardMaps, card_maps
-from deformnb.widgets.clip_controls import CLIP_FILES, CLIP_STYLES
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.refit import with_map
-from deformnb.widgets.shown_volume import ShownVolume, shown_volume
-from deformnb.widgets.stills import as_png, render_scene
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.clip_controls import CLIP_FILES, CLIP_STYLES
+from deformnb.widgets.packed_volume import ShownVolume, shown_volume
+from deformnb.widgets.textures import MOST_MAPS, CardMaps, card_maps, cut_plane
+from deformnb.widgets.view.base import with_map
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.stills import as_png, render_scene
 
 Progress = Callable[[float], None]
 
@@ -89,7 +88,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
 
     Examples
     --------
-    >>> from deformnb.control_points import ControlPoints
+    >>> from deformnb.rbf.points import ControlPoints
     >>> page = standalone_html(Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [4, 8]])), title="A < B")
     >>> "<title>A &lt; B</title>" in page
     True

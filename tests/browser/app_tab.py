@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from running_app import RunningApp
 
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
 
 PATIENCE = 30_000  # milliseconds, on a busy machine
 

@@ -13,10 +13,10 @@ from browser.live_page import ARGUMENTS, LivePage
 from running_app import RunningApp
 from scripts import chromium
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Picture
-from deformnb.session import Session
-from deformnb.widgets.editor import Editor
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ import numpy as np
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.picture import project
-from deformnb.plane import Picture, Raster
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture, Raster
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
 
 PAGE = "document.querySelector('.dnb-editor').deformnb"
 

@@ -11,7 +11,7 @@ import pytest
 from browser.app_tab import PATIENCE, Tab, cube
 from running_app import RunningApp
 
-from deformnb.session import Session
+from deformnb.session.session import Session
 
 pytestmark = pytest.mark.needs_browser
 

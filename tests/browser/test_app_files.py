@@ -12,7 +12,7 @@ from browser.app_tab import PATIENCE, Tab, cube
 from running_app import RunningApp
 
 from deformnb.io import read_volume
-from deformnb.session import Session
+from deformnb.session.session import Session
 
 pytestmark = pytest.mark.needs_browser
 

@@ -36,7 +36,7 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
 @pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_the_command_ends_at_once_although_a_foreign_page_was_there(browser: Any, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "deformnb.cli", "app", "--no-browser"]
+    command = [sys.executable, "-m", "deformnb", "app", "--no-browser"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=tmp_path)
     page = browser.new_page()
     try:

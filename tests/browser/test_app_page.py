@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from running_app import RunningApp
 
 from deformnb.app.desk import Desk
-from deformnb.control_points import ControlPoints
 from deformnb.datasets import PHANTOMS
-from deformnb.document import from_json
-from deformnb.session import Session
+from deformnb.document.json_format import from_json
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
 
 pytestmark = pytest.mark.needs_browser
 
@@ -180,7 +180,7 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
 
 def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1e6
-    monkeypatch.setattr("deformnb.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
+    monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     thumb = tab.page.get_by_role("slider", name="Strength")
     mouse, session = tab.page.mouse, tab.app.desk.session
     for toward in (-20, 25):

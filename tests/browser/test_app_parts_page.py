@@ -11,7 +11,7 @@ import pytest
 from browser.app_tab import PATIENCE, Tab, eventually
 from running_app import RunningApp
 
-from deformnb.deformation import Deformation
+from deformnb.document.deformation import Deformation
 
 pytestmark = pytest.mark.needs_browser
 

@@ -14,7 +14,7 @@ from browser.app_tab import PATIENCE, Tab, cube, dice, silhouette
 from numpy.typing import NDArray
 from running_app import RunningApp
 
-from deformnb.session import Session
+from deformnb.session.session import Session
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl]
 

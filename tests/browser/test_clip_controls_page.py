@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.clip_controls import ClipControls
-from deformnb.widgets.live_view import LiveView
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.inputs.clip_controls import ClipControls
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 
@@ -150,7 +150,7 @@ def test_a_perspective_has_no_bar_and_says_why(page: LivePage) -> None:
     (5, "voxels", "5 voxels"),
 ])
 def test_words_of_lengths(page: LivePage, length: float, unit: str, wanted: str) -> None:
-    from deformnb.widgets.assets import joined
+    from deformnb.widgets.bundle import joined
 
     text = page.page.evaluate("([js, l, u]) => new Function(js + '; return lengthText(' + l + ', \"' + u + '\");')()",
                               [joined("elements.js", "scale_bar.js"), length, unit])

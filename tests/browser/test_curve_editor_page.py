@@ -13,8 +13,8 @@ import pytest
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.transfer import TransferFunction, preset
-from deformnb.volume import Volume
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Volume
 from deformnb.widgets import CurveEditor, DepthKeys, TransferEditor
 
 pytestmark = pytest.mark.needs_browser

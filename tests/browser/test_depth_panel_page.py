@@ -10,11 +10,11 @@ import pytest
 from browser.live_page import LivePage
 
 from deformnb.datasets import PHANTOMS
-from deformnb.session import Session
+from deformnb.session.session import Session
 from deformnb.widgets import LiveView
-from deformnb.widgets.depth_panel import DepthPanel
-from deformnb.widgets.studio_editors import make_editor
-from deformnb.widgets.studio_link import StudioLink
+from deformnb.widgets.studio.editors import make_editor
+from deformnb.widgets.studio.panels.depth import DepthPanel
+from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
 pytestmark = pytest.mark.needs_browser

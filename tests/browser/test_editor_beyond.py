@@ -10,12 +10,12 @@ import pytest
 from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 
-from deformnb.control_points import ControlPoints
-from deformnb.picture import project
-from deformnb.plane import Picture
-from deformnb.session import Session
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.studio_editors import make_editor, show_step
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.studio.editors import make_editor, show_step
 
 pytestmark = pytest.mark.needs_browser
 

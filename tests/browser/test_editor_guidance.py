@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Picture
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.point_messages import EditMessage
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.protocol import EditMessage
 
 pytestmark = pytest.mark.needs_browser
 

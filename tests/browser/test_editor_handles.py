@@ -11,9 +11,9 @@ from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Picture
-from deformnb.widgets.editor import Editor
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
 

@@ -12,12 +12,12 @@ from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.cuts import Cut
-from deformnb.folds import jacobian_determinant
-from deformnb.plane import Picture
-from deformnb.regions import Line
-from deformnb.widgets.editor import Editor
+from deformnb.analysis.folds import jacobian_determinant
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Line
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
-from deformnb.picture import project
-from deformnb.plane import VIEWS, Picture
-from deformnb.volume import Grid, Volume
-from deformnb.warp import warp_picture
-from deformnb.widgets.editor import Editor
+from deformnb.document.deformation import Deformation
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import VIEWS, Picture
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp_picture
+from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
 

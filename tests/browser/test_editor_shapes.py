@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
-from deformnb.control_points import ControlPoints
-from deformnb.cuts import CUT_RULES, Cut
 from deformnb.errors import DeformError
-from deformnb.masks import Mask
-from deformnb.plane import Picture
-from deformnb.regions import HalfSpace, Line, Polygon
-from deformnb.rigid_parts import RigidPart, without_conflicts
-from deformnb.warp import warp_picture
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.shape_messages import ShapesMessage
+from deformnb.rbf.cuts import CUT_RULES, Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
+from deformnb.rbf.rigid import RigidPart, without_conflicts
+from deformnb.volume.plane import Picture
+from deformnb.warping.warper import warp_picture
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.protocol import ShapesMessage
 
 pytestmark = pytest.mark.needs_browser
 

@@ -12,12 +12,12 @@ from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE as SPACE
 from browser.test_space_editor_page import Opened, waves
 
-from deformnb.control_points import ControlPoints
-from deformnb.cuts import Cut
-from deformnb.plane import Picture
-from deformnb.regions import Line
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Line
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.space_editor import SpaceEditor
 
 pytestmark = pytest.mark.needs_browser
 

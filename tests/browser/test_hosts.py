@@ -17,10 +17,10 @@ from browser.hosts import Host, Lab, Notebook, Voila, quiet, resting, running, t
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Raster
-from deformnb.rbf import fit_rbf
-from deformnb.warp import warp_picture
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Raster
+from deformnb.warping.warper import warp_picture
 
 pytestmark = pytest.mark.needs_browser
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.widgets.item_list import ItemList
+from deformnb.widgets.inputs.item_list import ItemList
 
 pytestmark = pytest.mark.needs_browser
 

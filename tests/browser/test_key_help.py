@@ -12,10 +12,10 @@ from browser.live_page import LivePage
 from browser.test_space_editor_page import Opened, waves
 from scripts import run_script
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Picture
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.space_editor import SpaceEditor
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.space_editor import SpaceEditor
 
 JS = files("deformnb.widgets") / "js"
 

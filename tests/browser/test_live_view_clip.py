@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.clipping import WHOLE
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
-from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.document.deformation import Deformation
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.clip import WHOLE
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

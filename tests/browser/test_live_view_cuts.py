@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.control_points import ControlPoints
-from deformnb.cuts import CUT_RULES, Cut
-from deformnb.deformation import Deformation, Step
-from deformnb.picture import project
-from deformnb.plane import Plane
-from deformnb.regions import HalfSpace, Line
-from deformnb.rigid_parts import RigidPart
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
+from deformnb.document.deformation import Deformation, Step
+from deformnb.imaging.picture import project
+from deformnb.rbf.cuts import CUT_RULES, Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace, Line
+from deformnb.rbf.rigid import RigidPart
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

@@ -10,13 +10,13 @@ import pytest
 from browser.live_page import LivePage
 from numpy.typing import NDArray
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
-from deformnb.fields import AbstractField
-from deformnb.plane import Plane
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.document.deformation import Deformation, Step
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

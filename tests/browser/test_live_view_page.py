@@ -12,15 +12,15 @@ import pytest
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
-from deformnb.field_of_view import grown
-from deformnb.picture import project
-from deformnb.plane import VIEWS, Plane
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
+from deformnb.analysis.extent import grown
+from deformnb.document.deformation import Deformation, Step
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

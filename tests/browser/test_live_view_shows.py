@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
-from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
+from deformnb.document.deformation import Deformation, Step
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

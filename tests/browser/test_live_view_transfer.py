@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.transfer import TransferFunction
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

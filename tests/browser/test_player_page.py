@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.animation import Animation
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Keyframe
-from deformnb.picture import project
-from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.player import Player
+from deformnb.document.animation import Animation
+from deformnb.document.deformation import Deformation, Keyframe
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.player import Player
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

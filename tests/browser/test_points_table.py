@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage, five_points, smooth_picture
 from browser.live_page import LivePage
-from test_history_panel import Guarded
+from widgets.studio.panels.test_steps_history import Guarded
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation, Step
-from deformnb.session import Session
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.history_panel import HistoryPanel
-from deformnb.widgets.points_panel import PointsPanel
-from deformnb.widgets.points_table import PointsTable
-from deformnb.widgets.space_editor import SpaceEditor
-from deformnb.widgets.space_pictures import PANES, Pane
+from deformnb.document.deformation import Deformation, Step
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.editor.space_slices import PANES, Pane
+from deformnb.widgets.inputs.points_table import PointsTable
+from deformnb.widgets.studio.panels.points import PointsPanel
+from deformnb.widgets.studio.panels.steps import HistoryPanel
 
 pytestmark = pytest.mark.needs_browser
 

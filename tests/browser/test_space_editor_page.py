@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.control_points import ControlPoints
-from deformnb.rbf import fit_rbf
-from deformnb.transfer import preset
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.space_editor import SpaceEditor
-from deformnb.widgets.space_pictures import PANES, Pane, SpacePictures, folding
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.transfer import preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding
 
 pytestmark = pytest.mark.needs_browser
 

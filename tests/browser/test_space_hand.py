@@ -13,9 +13,9 @@ from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
 
-from deformnb.control_points import ControlPoints
-from deformnb.widgets.space_editor import SpaceEditor
-from deformnb.widgets.space_pictures import SpacePictures
+from deformnb.rbf.points import ControlPoints
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.editor.space_slices import SpacePictures
 
 pytestmark = pytest.mark.needs_browser
 

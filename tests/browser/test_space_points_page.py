@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.control_points import ControlPoints
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
-from deformnb.widgets.space_editor import SpaceEditor
-from deformnb.widgets.volume_view import VolumeView
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.volume_view import VolumeView
 
 pytestmark = pytest.mark.needs_browser
 

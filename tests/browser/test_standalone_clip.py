@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.control_points import ControlPoints
-from deformnb.picture import project
-from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
+from deformnb.imaging.picture import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.standalone import write_standalone
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

@@ -14,19 +14,19 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.cuts import Cut
-from deformnb.deformation import Deformation
-from deformnb.document import from_json
-from deformnb.picture import project
-from deformnb.plane import Plane
-from deformnb.regions import Line
-from deformnb.volume import Grid, Volume
-from deformnb.warp import warp_picture
-from deformnb.widgets.editor import Editor
-from deformnb.widgets.live_view import LiveView
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import from_json
+from deformnb.imaging.picture import project
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Line
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp_picture
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.standalone import write_standalone
-from deformnb.widgets.studio import Studio
+from deformnb.widgets.studio.studio import Studio
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from browser.editor_page import EditorOnPage
 
-from deformnb.control_points import ControlPoints
-from deformnb.plane import Picture
-from deformnb.widgets.editor import Editor
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
 

@@ -13,8 +13,8 @@ from browser.live_page import LivePage
 from PIL import Image
 
 from deformnb.datasets import PHANTOMS
-from deformnb.transfer import TransferFunction, preset
-from deformnb.volume import Volume
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Volume
 from deformnb.widgets import LiveView, TransferEditor
 
 pytestmark = pytest.mark.needs_browser

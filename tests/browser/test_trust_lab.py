@@ -14,7 +14,7 @@ import json
 import numpy as np
 from ipywidgets import Label
 from deformnb import Grid, Volume
-from deformnb.trust import step_folds
+from deformnb.document.step_checks import step_folds
 from deformnb.widgets import Studio
 z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 22 ** 2

@@ -11,8 +11,8 @@ import pytest
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.live_view import LiveView
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
 

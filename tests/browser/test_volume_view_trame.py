@@ -14,11 +14,11 @@ from browser.foreign_page import ask_for_sockets, blank_pages
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.control_points import ControlPoints
-from deformnb.deformation import Deformation
-from deformnb.plane import Plane
-from deformnb.volume import Grid, Volume
-from deformnb.widgets.volume_view import VolumeView
+from deformnb.document.deformation import Deformation
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.volume_view import VolumeView
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl,
               pytest.mark.skipif(importlib.util.find_spec("trame_rca") is None, reason="trame-rca is not installed")]

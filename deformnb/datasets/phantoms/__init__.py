@@ -28,7 +28,7 @@ from deformnb.datasets.phantoms.knee import LABELS as KNEE_LABELS
 from deformnb.datasets.phantoms.knee import knee, knee_labels
 from deformnb.datasets.phantoms.lobster import lobster
 from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render, render_labels
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 __all__ = ["PHANTOMS", "Part", "Phantom", "Scene", "abdomen", "abdomen_labels", "bar", "fish", "head", "horse", "knee",
            "knee_labels", "lobster", "render", "render_labels"]
@@ -58,7 +58,7 @@ class Phantom:
     make : ``make(shape=None, *, dtype="uint8", noise=3.0, progress=None)`` returns the volume.
     title : for a menu.
     figure : the figures of the paper it stands in for.
-    view : the picture plane that shows it best, one of :data:`deformnb.plane.VIEWS`.
+    view : the picture plane that shows it best, one of :data:`deformnb.volume.plane.VIEWS`.
     projection : what makes that picture readable, "mip" or "slice".
     axes : what the x, y and z axes mean.
     labels : function of the label volume on the same grid, if there is one.

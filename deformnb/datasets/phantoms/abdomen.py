@@ -24,7 +24,7 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 LABELS = {3: "liver", 4: "spleen", 6: "pancreas", 7: "aorta", 8: "inferior vena cava", 9: "colon and ileum",
           10: "gallbladder",

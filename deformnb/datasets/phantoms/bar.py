@@ -8,7 +8,7 @@ import numpy as np
 
 from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render
 from deformnb.datasets.phantoms.shapes import Array, Block, Tube
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 LOW, HIGH = (28.0, 44.0, 76.0), (228.0, 84.0, 116.0)
 CELL = 20.0

@@ -28,7 +28,7 @@ from deformnb.datasets.phantoms.shapes import (
     path,
     smooth_curve,
 )
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 Line = tuple[tuple[float, float], ...]
 

@@ -24,7 +24,7 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 LENGTHS = (184.0, 250.0, 228.0)
 MIDDLE = 92.0

@@ -10,7 +10,7 @@ from functools import cache
 
 from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 MIDDLE, GROUND = 40.0, 6.0
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render, render_labels
 from deformnb.datasets.phantoms.shapes import Array, Blend, Both, Ellipsoid, Loft, Shell, Solid, Triple, Tube, path
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 LABELS = {95: "femur", 96: "tibia", 97: "fibula", 98: "patella", 12: "vastus lateralis", 13: "vastus medialis",
           15: "biceps femoris", 16: "semimembranosus", 20: "medial gastrocnemius", 21: "lateral gastrocnemius",

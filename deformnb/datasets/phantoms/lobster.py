@@ -25,7 +25,7 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume import Volume
+from deformnb.volume.volume import Volume
 
 MIDDLE = 120.0
 LENGTHS = (240.0, 330.0, 78.4)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deformnb.datasets.phantoms.shapes import Array, Solid, window
 from deformnb.errors import DeformError
-from deformnb.volume import DTYPES, Float3, Grid, Volume
+from deformnb.volume.volume import DTYPES, Float3, Grid, Volume
 
 Value = float | Callable[[Array, Array, Array], Array]
 Progress = Callable[[float], None]

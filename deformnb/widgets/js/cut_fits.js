@@ -1,4 +1,4 @@
-// Fits that cuts keep apart, equal to deformnb.cuts in the plane (Eqs. 7-8). Needs rbf.js, regions.js,
+// Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8). Needs rbf.js, regions.js,
 // rigid_fits.js, staged_fits.js. No DOM.
 //
 //   layeredFit(points, settings)  -> {fits: [{key, sides, fit}], regions, rule, ...}; settings as of rbfFit, and

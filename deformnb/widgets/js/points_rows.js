@@ -78,7 +78,7 @@ function orderedPoints(points, column, isDown, dim) {
   });
 }
 
-// The points as CSV with a line of names, which Python takes back (deformnb.point_csv).
+// The points as CSV with a line of names, which Python takes back (deformnb.io.landmarks).
 function pointsAsCsv(points, dim) {
   const columns = pointColumns(dim).filter(({ key }) => !["drag", "error", "go"].includes(key));
   const quoted = (text) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);

@@ -1,4 +1,4 @@
-// The fit of control points on a picture, equal to deformnb.rbf.fit_rbf for dimension 2. Needs rbf_solve.js. No DOM.
+// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. Needs rbf_solve.js. No DOM.
 //
 //   rbfFit(points, settings)    -> fit; throws RbfError with a message for people
 //   rbfAt(fit, a, b)            -> [da, db], the backward displacement at a place of the picture
@@ -30,7 +30,7 @@ const RBF_NO_ANGLE = 1e-6;
 const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
 
 // share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps.
-// profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.kernels.
+// profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
 const RBF_KERNELS = {
   wendland_c2: {
     title: "Wendland C2", order: 0, compact: true, share: 1, gaps: 16,
@@ -104,7 +104,7 @@ function rbfFit(points, settings = {}) {
     throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
       "for; switch some off or thin them out.");
   }
-  // The radius is that of the points as dragged, at full strength, as in deformnb.deformation.Step.
+  // The radius is that of the points as dragged, at full strength, as in deformnb.document.deformation.Step.
   const radius = rbfRadius(active, rbfSupport(points, settings), trend);
   const ready = rbfPrepare(active, kernel, radius, trend, smoothing, strength);
   if (ready.n === 0) return rbfIdentity(ready, kernel, "none", 1);

@@ -1,9 +1,9 @@
-// The linear algebra behind rbf.js: deformnb.rbf.solve and deformnb.trend, for dimension 2, dense, in float64.
+// The linear algebra behind rbf.js: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, for dimension 2, dense, in float64.
 // Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
 
 // alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
 // scales: null, or support / R_j of points with support radii R_j of their own.
-// span: {basis, ridge}, what the points determine of a linear map, as in deformnb.trend.Span.
+// span: {basis, ridge}, what the points determine of a linear map, as in deformnb.rbf.trends.Span.
 function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
   const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
   for (let i = 0; i < n; i++) {
@@ -284,7 +284,7 @@ function rbfPrincipal(rows) {
 
 const RBF_THIN = 0.25, RBF_SOFTNESS = 0.5, RBF_LEAST_SPREAD = 1e-4;
 
-// How far places spread across their longest direction, relative to it, in the thinner of two sets: deformnb.trend.
+// How far places spread across their longest direction, relative to it, in the thinner of two sets: deformnb.rbf.trends.
 // thin_directions in the plane. A symmetric matrix is [xx, xy, yy].
 function rbfSpreads(targets, sources) {
   const [x, y] = [targets, sources].map(rbfScaled);
@@ -334,7 +334,7 @@ function rbfRotationOf(fit) {
   return [[c / length, -s / length], [s / length, c / length]];
 }
 
-// ---- remarks on a fit, as deformnb.degenerate makes them ------------------------------------------------------------
+// ---- remarks on a fit, as deformnb.rbf.conditioning makes them ------------------------------------------------------------
 
 // Positions of the neighbours of a point, nearest first, itself left out.
 function rbfNeighbours(merged, k, count) {
@@ -413,7 +413,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
       const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
       const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
-      // In quarters of an octave, as in deformnb.degenerate: neither rounding nor a small move changes who is named.
+      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes who is named.
       const degree = Math.round(4 * Math.log2(beside / along));
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }

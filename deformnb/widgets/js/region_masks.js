@@ -1,4 +1,4 @@
-// Masks as regions, equal to deformnb.regions.Mask in the plane: {kind: "mask", shape: [nv, nu], spacing, origin, bits},
+// Masks as regions, equal to deformnb.rbf.regions.Mask in the plane: {kind: "mask", shape: [nv, nu], spacing, origin, bits},
 // bits being base64 of zlib of the pixels, eight to a byte, the first in the highest bit. Needs regions.js. No DOM.
 
 function maskRegion(data) {

@@ -1,4 +1,4 @@
-// Fits beside rigid parts, equal to deformnb.rigid_parts in the plane (Eq. 6). Needs rbf.js and regions.js. No DOM.
+// Fits beside rigid parts, equal to deformnb.rbf.rigid in the plane (Eq. 6). Needs rbf.js and regions.js. No DOM.
 //
 //   rigidFit(points, parts, settings) -> as rbfFit; with parts switched on also {base, rigid}
 //   fieldAt(fit, a, b), fieldOnRaster(fit, raster, out), isStill(fit)    as rbfAt and rbfOnRaster, of any fit, in stages

@@ -1,4 +1,4 @@
-// Fits in stages, equal to deformnb.staged in the plane. Needs rigid_fits.js. No DOM.
+// Fits in stages, equal to deformnb.rbf.stages in the plane. Needs rigid_fits.js. No DOM.
 //
 //   stagedFit(points, parts, settings)  -> as rigidFit; with settings.stages > 1 also {stages}: the fits, first to last
 //   stagedAt(fit, a, b), stagedOnRaster(fit, raster, out)    for fieldAt and fieldOnRaster

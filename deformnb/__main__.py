@@ -1,0 +1,7 @@
+"""``python -m deformnb`` is the command ``deformnb``."""
+
+import sys
+
+from deformnb.cli.main import main
+
+sys.exit(main())

@@ -1,0 +1,1 @@
+"""What a deformation does: folds, strain, fit quality, uncertainty, extent."""

@@ -1,0 +1,123 @@
+"""What works on this machine, and what to install for the rest."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the report: a part, whether it works, what was found, and what to do where it does not."""
+
+    part: str
+    works: bool
+    found: str
+    remedy: str = ""
+
+
+OPTIONAL = {
+    "SimpleITK": ("SimpleITK objects", "formats"),
+    "nibabel": ("nibabel objects", "formats"),
+    "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
+    "pydicom": ("DICOM series", "formats"),
+    "imageio-ffmpeg": ("MP4 movies", "movie"),
+    "jupyterlab": ("notebooks in the browser", "notebook"),
+}
+"""Optional packages: what each is for and the extra that installs it."""
+
+REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca", "trame-vuetify",
+            "ipywidgets", "anywidget", "pooch", "pillow")
+
+
+def doctor() -> list[Check]:
+    """Look at this machine; takes a few seconds and changes nothing.
+
+    Examples
+    --------
+    >>> from deformnb.cli.doctor import doctor
+    >>> doctor()[0].part
+    'Python'
+    """
+    checks = [Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}, "
+                                    f"{os.cpu_count()} cores")]
+    checks += [_package(name) for name in REQUIRED]
+    checks += [_guarded("computing (JAX)", _jax), _guarded("kept compilations", _cache), _guarded("OpenGL (VTK)", _gl)]
+    checks += [_optional(name) for name in OPTIONAL]
+    return checks
+
+
+def report(checks: list[Check]) -> str:
+    """The checks as a table of plain text."""
+    wide = max(len(c.part) for c in checks)
+    lines = []
+    for c in checks:
+        lines.append(f"{'ok     ' if c.works else 'missing'}  {c.part:{wide}}  {c.found}")
+        if not c.works and c.remedy:
+            lines.append(f"{'':9}{'':{wide}}  -> {c.remedy}")
+    return "\n".join(lines)
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _package(name: str) -> Check:
+    version = _version(name)
+    return Check(name, version is not None, version or "not installed", f"pip install {name}")
+
+
+def _optional(name: str) -> Check:
+    use, extra = OPTIONAL[name]
+    version = _version(name)
+    found = f"{version} ({use})" if version else f"not installed: no {use}"
+    return Check(name, version is not None, found, f"pip install 'deformnb[{extra}]'")
+
+
+def _guarded(part: str, check: Callable[[], Check]) -> Check:
+    """A broken installation can raise anything; the report must still come out."""
+    try:
+        return check()
+    except Exception as error:
+        return Check(part, False, f"{type(error).__name__}: {error}", "reinstall the package it names")
+
+
+def _jax() -> Check:
+    import jax
+    import numpy as np
+
+    from deformnb.rbf.interpolant import fit_rbf
+    from deformnb.rbf.points import ControlPoints
+
+    points = ControlPoints.from_arrays(np.eye(3, 2), np.diag([1.5, 1.0, 1.0])[:, :2])
+    exact = bool(np.abs(fit_rbf(points).displacement([1.5, 0.0]) - [-0.5, 0.0]).max() < 1e-12)
+    devices = ", ".join(str(d) for d in jax.devices())
+    return Check("computing (JAX)", exact, f"{devices}; float64 solve {'exact' if exact else 'WRONG'}",
+                 "reinstall jax and jaxlib of one version")
+
+
+def _cache() -> Check:
+    from deformnb._jax import use_disk_cache
+
+    folder = use_disk_cache()
+    if folder is None:
+        return Check("kept compilations", True, "switched off by DEFORMNB_COMPILATION_CACHE=off")
+    parent = folder
+    while parent and not os.path.isdir(parent):
+        parent = os.path.dirname(parent)
+    place = parent or "/"
+    return Check("kept compilations", os.access(place, os.W_OK), folder,
+                 f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew")
+
+
+def _gl() -> Check:
+    from deformnb.imaging.render import gl_status
+
+    works, reason, remedy = gl_status()
+    return Check("OpenGL (VTK)", works, reason, remedy)

@@ -1,0 +1,236 @@
+"""The command ``deformnb``: demo, app, lab, warp, replay, info, datasets, doctor.
+
+Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NoReturn, TypeAlias
+
+from deformnb.cli.warp import add_replay, add_spacing, add_warp, read_input, stages
+from deformnb.errors import Cancelled, DeformError, UnknownKindError
+
+EXIT_ERROR = 2
+EXIT_INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    parser = _parser()
+    if not given:
+        parser.print_help(sys.stderr)
+        return EXIT_ERROR
+    try:
+        options = parser.parse_args(_joined(given))
+    except SystemExit as end:  # --help, --version, or a mistake that argparse has named
+        return int(end.code or 0)
+    try:
+        options.run(options)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here, where a reader that has gone is caught
+    except (KeyboardInterrupt, Cancelled):
+        return _fail("stopped; nothing half-done was left behind.", EXIT_INTERRUPTED)
+    except DeformError as error:
+        return _fail(str(error))
+    except MemoryError:
+        return _fail("there is not enough memory for this; use a smaller volume or a coarser resolution (--spacing).")
+    except BrokenPipeError:  # the reader of our output has gone, as in "deformnb info FILE | head -1"
+        # What is still to be written would fail again when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        return _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}.")
+    except Exception as error:
+        if options.traceback:
+            raise
+        return _fail(f"unexpected {type(error).__name__}: {error} (--traceback before the command shows where).")
+    return 0
+
+
+def _fail(message: str, code: int = EXIT_ERROR) -> int:
+    line = " ".join(message.split())  # other packages' messages may have several lines
+    print(f"deformnb: {line}", file=sys.stderr)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line for a mistake, like all other errors."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_ERROR, f"{self.prog}: {message} ({self.prog} --help shows how)\n")
+
+
+def _joined(arguments: list[str]) -> list[str]:
+    """``--view -x`` as ``--view=-x``: argparse would take -x, or -1e3, for an option."""
+    out: list[str] = []
+    for argument in arguments:
+        if out and out[-1] in ("--view", "--side", "--fill", "--strength") and argument.startswith("-"):
+            out[-1] += f"={argument}"
+        else:
+            out.append(argument)
+    return out
+
+
+def _parser() -> argparse.ArgumentParser:
+    from deformnb import __version__
+    from deformnb.app import add_app
+    from deformnb.cli.lab import add_lab
+
+    parser = _Parser(prog="deformnb", description="Deform volumes by control points on a picture of them.",
+                     epilog="Start with: deformnb demo. Each command has its own --help.")
+    parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
+    parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, add_replay, _add_info, _add_datasets,
+                _add_doctor):
+        add(commands)
+    return parser
+
+
+Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
+
+
+def _add_demo(commands: Commands) -> None:
+    what = "turn a carp into another fish the way D'Arcy Thompson drew it"
+    p = commands.add_parser("demo", help=what, description=f"""{what[0].upper()}{what[1:]}: the net of one species is
+        laid around the fish on a picture, its nodes are moved to the net of the other, and the volume follows. Writes
+        pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
+    p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
+    add_spacing(p)
+    p.add_argument("--species", default="Antigonia", help="Thompson's species to end with: Antigonia, Scorpaena, "
+                   "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)")
+    p.add_argument("--view", default="-x",
+                   help="along which axis to look at the side of the fish: +x -x +y -y +z -z (default %(default)s)")
+    p.add_argument("--head", choices=("left", "right"), default="left",
+                   help="where the head points on that picture (default %(default)s)")
+    p.add_argument("--out", metavar="FOLDER", default="deformnb-demo",
+                   help="folder for the results (default %(default)s)")
+    p.add_argument("--renderer", default="auto", help="auto, vtk (needs OpenGL) or core (default %(default)s)")
+    p.add_argument("--force", action="store_true", help="overwrite files that are no earlier results of the demo")
+    p.set_defaults(run=_demo)
+
+
+def _add_info(commands: Commands) -> None:
+    what = "say what is in a file: a volume, a session, a mesh or landmarks"
+    p = commands.add_parser("info", help=what, description=f"{what.capitalize()}.")
+    p.add_argument("file", help="a volume, a folder of slices, a session (.json), a mesh or landmarks")
+    p.set_defaults(run=_info)
+
+
+def _add_datasets(commands: Commands) -> None:
+    what = "list the real volumes with their credits, or fetch one"
+    p = commands.add_parser("datasets", help=what, description=f"{what.capitalize()}.")
+    p.add_argument("name", nargs="?", help="the one to download; prints where it is then (default: list all)")
+    p.set_defaults(run=_datasets)
+
+
+def _add_doctor(commands: Commands) -> None:
+    what = "say which parts work on this machine and what to install for the others"
+    p = commands.add_parser("doctor", help=what, description=f"{what.capitalize()}.")
+    p.set_defaults(run=_doctor)
+
+
+# ---- the commands ---------------------------------------------------------------------------------------------------
+
+
+def _demo(options: argparse.Namespace) -> None:
+    from deformnb.imaging.demo import check_demo, run_demo
+
+    check_demo(options.species, options.view, options.renderer)
+    with _folder(Path(options.out), options) as folder, stages() as stage:
+        volume = read_input(options.volume, options.spacing, stage) if options.volume else None
+        done = run_demo(folder, volume=volume, species=options.species, view=options.view, head=options.head,
+                        renderer=options.renderer, stage=stage)
+    print("\n".join(f"{what:30} {path}" for what, path in done.written))
+    again = ["deformnb", "warp", folder / "session.json", options.volume or folder / "volume.nii.gz",
+             folder / "half.nii.gz", "--strength", "0.5", "--margin", *(f"{m:g}" for m in done.result.margin)]
+    if options.volume and options.spacing:
+        again += ["--spacing", *(f"{s:g}" for s in options.spacing)]
+    print(f"half way there: {shlex.join(map(str, again))}")
+
+
+def _app(options: argparse.Namespace) -> None:
+    from deformnb.app.launch import check_app, made_up_carp, open_app
+    from deformnb.session.inputs import as_deformation
+
+    check_app(options.host, options.port, options.side, options.idle)
+    deformation = as_deformation(options.session)
+    with stages() as stage:
+        volume = (read_input(options.file, options.spacing, stage) if options.file
+                  else made_up_carp(stage("make the carp")))
+    open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
+             browser=not options.no_browser, idle=options.idle)
+
+
+@contextlib.contextmanager
+def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
+    """The folder for the results of the demo, checked before any work; gone again if nothing came of it."""
+    from deformnb.imaging.demo import FILES
+    from deformnb.io.atomic import check_target
+
+    if folder.exists() and not folder.is_dir():
+        raise DeformError(f"{folder} is a file; name a folder for the results with --out.")
+    present = [name for name in FILES if (folder / name).exists()]
+    if options.volume and any(Path(options.volume).resolve() == (folder / name).resolve() for name in FILES):
+        raise DeformError(f"{options.volume} would be overwritten; name another folder for the results with --out.")
+    if present and "session.json" not in present and not options.force:
+        raise DeformError(f"{folder / present[0]} is already there and not from an earlier demo; name another folder "
+                          "with --out, or --force to overwrite it.")
+    is_new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        for name in FILES:
+            check_target(folder / name)
+        yield folder
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):  # not empty: what is there is whole
+                folder.rmdir()
+
+
+def _info(options: argparse.Namespace) -> None:
+    from deformnb.io import describe_file
+    from deformnb.io.documents import describe_document
+    from deformnb.io.landmarks import describe_landmarks, is_landmarks, landmark_suffixes
+    from deformnb.io.meshes import describe_mesh, is_mesh, mesh_suffixes
+
+    path = Path(options.file)
+    if is_landmarks(path):
+        rows = describe_landmarks(path)
+    elif is_mesh(path):
+        rows = describe_mesh(path)
+    elif path.suffix.lower() == ".json" and not path.is_dir():
+        rows = describe_document(path)
+    else:
+        try:
+            rows = describe_file(path).rows()
+        except UnknownKindError as error:
+            raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}) and sessions "
+                              "(.json) are known too.") from None
+    wide = max(len(key) for key in rows)
+    print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
+
+
+def _datasets(options: argparse.Namespace) -> None:
+    from deformnb import datasets
+
+    print(datasets.credits() if options.name is None else datasets.fetch(options.name, progress=sys.stderr.isatty()))
+
+
+def _doctor(_: argparse.Namespace) -> None:
+    from deformnb.cli.doctor import doctor, report
+
+    print(report(doctor()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

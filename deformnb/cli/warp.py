@@ -1,0 +1,481 @@
+"""The command ``deformnb warp``: a session applied to a volume, and to what belongs to it.
+
+The command ``deformnb replay``: a session applied to many files, with progress, resume and a summary.
+
+What the commands tell while they work: notes, and how far a piece of work has come.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from deformnb.errors import DeformError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deformnb.document.deformation import Deformation
+    from deformnb.volume.volume import Grid, Volume
+
+_PATIENCE = 1.0  # seconds of silence
+
+Stage: TypeAlias = Callable[[str], Callable[[float], None]]
+
+
+def note(*notes: str) -> None:
+    """Remarks on standard error."""
+    for text in notes:
+        print(f"deformnb: note: {text}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def stages() -> Iterator[Stage]:
+    """A function that begins a piece of work by name and returns what is told how far it has come.
+
+    What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
+    """
+    make = _Bar if sys.stderr.isatty() else _Line
+    current: list[_Bar | _Line] = []
+
+    def stage(name: str) -> Callable[[float], None]:
+        while current:
+            current.pop().finish()
+        current.append(make(name))
+        return current[0].move
+
+    try:
+        yield stage
+        while current:
+            current.pop().finish()
+    finally:
+        while current:
+            current.pop().abandon()
+
+
+class _Bar:
+    """A progress bar that appears after one second."""
+
+    def __init__(self, name: str) -> None:
+        from tqdm import tqdm
+
+        self._bar = tqdm(total=100, desc=name, delay=_PATIENCE, file=sys.stderr, leave=True,
+                         bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}")
+
+    def move(self, share: float) -> None:
+        self._bar.update(max(0.0, 100 * min(share, 1.0) - self._bar.n))
+
+    def finish(self) -> None:
+        self._bar.close()
+
+    abandon = finish
+
+
+class _Line:
+    """A line for logs when work of more than a second is done."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._start = name, time.monotonic()
+
+    def move(self, share: float) -> None:
+        """A log needs no bars."""
+
+    def finish(self) -> None:
+        elapsed = time.monotonic() - self._start
+        if elapsed > _PATIENCE:
+            print(f"{self._name:28} {elapsed:4.0f} s", file=sys.stderr)
+
+    def abandon(self) -> None:
+        """It was not finished."""
+
+
+# What only voxels have: (option, its value where it is not given).
+_OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None))
+
+
+def add_warp(commands: Any) -> None:
+    """Add the command to argparse's commands."""
+    p = commands.add_parser(
+        "warp", help="apply a session to a volume, a mesh or landmarks",
+        description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
+        usage="deformnb warp SESSION INPUT OUTPUT [options]")
+    p.add_argument("session", help="a document written by deformnb (.json)")
+    p.add_argument("input", help="the volume to deform, or a mesh (.ply .stl .obj .vtp) or landmarks (.mrk.json .fcsv "
+                   ".csv of BigWarp) in its space")
+    p.add_argument("output", help="the file to write; its suffix decides the format")
+    add_spacing(p)
+    p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
+    p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
+    p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
+    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
+    p.add_argument("--resolution", type=float, nargs="+", metavar="S",
+                   help="voxel size of the result, one length or three (x y z; default as the input)")
+    p.add_argument("--margin", nargs="+", metavar="M",
+                   help='field of view: "fit" is as large as the deformed matter needs, 0 the box of the input; or a '
+                   "length to add on every side, one or three (x y z), negative crops (default the session's)")
+    p.add_argument("--volume", metavar="FILE",
+                   help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
+                   "lie")
+    p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
+    p.set_defaults(run=_warp)
+
+
+def add_spacing(p: argparse.ArgumentParser) -> None:
+    """The option for what is wrong in many files."""
+    p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                   help="true voxel size of the input, where its file is wrong")
+
+
+def _warp(options: argparse.Namespace) -> None:
+    from deformnb.io.documents import read_deformation
+    from deformnb.io.landmarks import is_landmarks
+    from deformnb.io.meshes import is_mesh
+
+    given, target = Path(options.input), Path(options.output)
+    follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
+    if follows is None:
+        if options.volume is not None:
+            raise DeformError("--volume is for meshes and landmarks; a volume lies in its own space.")
+        _check_output(target, force=options.force)
+    else:
+        _check_follower(options, target)
+    if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
+        raise DeformError(f"the session comes first: deformnb warp {given.name} {Path(options.session).name} "
+                          f"{target.name}.")
+    document = read_deformation(options.session)
+    with stages() as stage:
+        if options.strength != 1:
+            document = document.blended(options.strength)
+        (follows or _warp_volume)(document, options, stage)
+    print(target)
+
+
+def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from deformnb.io import write_volume
+
+    target = Path(options.output)
+    volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
+    note(*_differences(document, volume))
+    output = _output_grid(document, volume, options)
+    given = {} if output is None else {"output": output}
+    warped = document.apply(volume, fill=options.fill, method=options.method, progress=stage("deform"), **given)
+    note(*(text for text in warped.notes if text not in volume.notes))
+    write_volume(warped, target, progress=stage(f"write {target.name}"))
+
+
+def _follow_mesh(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from deformnb.io.meshes import read_mesh, write_mesh
+    from deformnb.warping.mesh import warp_mesh
+
+    grid = _space(document, options)
+    stage(f"read {Path(options.input).name}")
+    mesh = read_mesh(options.input)
+    stage("deform")
+    moved = warp_mesh(mesh, document.field(grid))
+    note(*moved.notes)
+    write_mesh(moved, options.output)
+
+
+def _follow_landmarks(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    from deformnb.io.landmarks import read_landmarks, write_landmarks
+    from deformnb.warping.points import warp_landmarks
+
+    grid = _space(document, options)
+    landmarks = read_landmarks(options.input)
+    stage("deform")
+    moved = warp_landmarks(landmarks, document.field(grid))
+    note(*moved.notes)
+    write_landmarks(moved, options.output)
+
+
+def _check_follower(options: argparse.Namespace, target: Path) -> None:
+    """What a mesh or landmarks cannot be asked for, and where they shall go."""
+    from deformnb.io.atomic import check_target
+    from deformnb.io.landmarks import check_landmark_target
+    from deformnb.io.meshes import check_mesh_target, is_mesh
+
+    name = Path(options.input).name
+    for option, absent in _OF_VOLUMES:
+        if getattr(options, option) != absent:
+            raise DeformError(f"--{option} is for volumes, and {name} is none.")
+    if options.volume is None:
+        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not say where that lies.")
+    check: Callable[[Path], object] = check_mesh_target if is_mesh(name) else check_landmark_target
+    check(target)
+    check_target(target)
+    _refuse_present(target, force=options.force)
+
+
+def _space(document: Deformation, options: argparse.Namespace) -> Grid:
+    """The grid of the volume of a session, from the header of its file."""
+    grid = read_grid(options.volume, options.spacing)
+    if document.volume is not None and document.volume.shape != grid.shape:
+        note(f"the session was made on another volume ({document.volume.name or 'unnamed'}).")
+    note(*document.notes(grid))
+    return document.own_grid(grid)
+
+
+def read_grid(path: str, spacing: Sequence[float] | None) -> Grid:
+    """Where a volume lies, from the header of its file; of a mesh, where the volume lies that is made of it."""
+    from dataclasses import replace
+
+    from deformnb.io import describe_file
+    from deformnb.io.meshes import is_mesh, read_mesh
+    from deformnb.warping.mesh import grid_around
+
+    grid = grid_around(read_mesh(path)) if is_mesh(path) else describe_file(path).grid
+    return grid if spacing is None else replace(grid, spacing=(spacing[0], spacing[1], spacing[2]))
+
+
+def _check_output(target: Path, *, force: bool) -> None:
+    """What would only be noticed after the work."""
+    from deformnb.io.atomic import check_target
+    from deformnb.io.formats import format_of
+
+    format_of(target, writing=True)
+    check_target(target)
+    _refuse_present(target, force=force)
+
+
+def _refuse_present(target: Path, *, force: bool) -> None:
+    if target.exists() and not force:
+        raise DeformError(f"{target} is already there; choose another name, or --force to overwrite it.")
+
+
+def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
+    """Why the result may not be what the author of a session saw."""
+    made = document.volume
+    if made is None:
+        return
+    if not (made.matches(volume) or made.has_labels(volume)):
+        yield f"the session was made on another volume ({made.name or 'unnamed'})."
+    elif any(abs(a - b) > 1e-5 * a for a, b in
+             zip(made.spacing, document.own_grid(volume.grid).spacing, strict=True)):
+        was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))
+        yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
+
+
+def _output_grid(document: Deformation, volume: Volume, options: argparse.Namespace) -> Grid | None:
+    if options.resolution is None and options.margin is None:
+        _affordable(document.output, volume)
+        return None  # the document's own
+    spacing = options.resolution
+    if spacing is not None and len(spacing) not in (1, 3):
+        raise DeformError(f"--resolution takes one length or three (x y z), got {len(spacing)}.")
+    grid, margin = _box(document, volume, options.margin)
+    if spacing is not None or margin:
+        grid = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
+                              margin=margin)
+    return _affordable(grid, volume)
+
+
+def _box(document: Deformation, volume: Volume, given: Sequence[str] | None) -> tuple[Grid, Any]:
+    """The box of a result, and what to add to it."""
+    from deformnb.analysis.extent import MOST, field_of_view
+
+    if given is None:
+        return document.output or volume.grid, 0.0
+    if list(given) == ["fit"]:
+        found = field_of_view(volume, document.field(volume.grid))
+        if found.is_limited:
+            note(f"the deformed matter needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
+        return found.grid, 0.0
+    try:
+        margin = [float(length) for length in given]
+    except ValueError:
+        raise DeformError(f'--margin takes "fit" or lengths, got {" ".join(given)[:40]!r}.') from None
+    if len(margin) not in (1, 3):
+        raise DeformError(f"--margin takes one length or three (x y z), got {len(margin)}.")
+    return volume.grid, margin if len(margin) == 3 else margin[0]
+
+
+def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
+    """The grid, if there is memory for a volume on it."""
+    from deformnb.io import available_memory
+
+    if output is None:
+        return None
+    needed, free = output.size * volume.dtype.itemsize, available_memory()
+    if needed > free:
+        voxels = " x ".join(map(str, output.shape[::-1]))
+        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} "
+                          "GiB are free; choose a coarser --resolution.")
+    return output
+
+
+def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
+    """A volume of a file; a mesh becomes a body. What is to be said of it is printed."""
+    from deformnb.io import read_volume
+    from deformnb.io.meshes import is_mesh, read_mesh
+    from deformnb.session.inputs import body_of
+
+    if is_mesh(path):
+        if spacing is not None:
+            raise DeformError(f"--spacing is for volumes, and {Path(path).name} is none.")
+        return body_of(read_mesh(path), stage(f"fill {Path(path).name}"))
+    given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
+    volume = read_volume(path, spacing=given, is_labels=is_labels, progress=stage(f"read {Path(path).name}"))
+    note(*volume.notes)
+    return volume
+
+
+def add_replay(commands: Any) -> None:
+    """Add the command to argparse's commands."""
+    p = commands.add_parser(
+        "replay", help="apply a session to many files, and go on where it was stopped",
+        usage="deformnb replay SESSION INPUT [INPUT ...] --out FOLDER [options]",
+        description="""Apply a session to many volumes, meshes and landmarks. What is done is remembered beside the
+        results: run it again after a stop or an error, and only what is missing or out of date is done.""")
+    p.add_argument("session", help="a document written by deformnb (.json)")
+    p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
+    p.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results; made if it is not there")
+    p.add_argument("--place", default="as it is", help='"as it is" keeps all coordinates (default); "by the box" lays '
+                   "the box of the session's volume on that of each input")
+    p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
+    p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
+    p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
+    p.add_argument("--labels", action="store_true", help="the volumes hold labels: keep their values")
+    p.add_argument("--volume", metavar="FILE", help="the volume in whose space meshes and landmarks lie")
+    add_spacing(p)
+    p.add_argument("--suffix", default="", help="format of the resulting volumes, such as .nii.gz (default as input)")
+    p.add_argument("--summary", metavar="FILE", help="write what came of each file as JSON")
+    p.add_argument("--force", action="store_true", help="overwrite files that no replay has written")
+    p.set_defaults(run=_replay)
+
+
+def _replay(options: argparse.Namespace) -> None:
+    from deformnb.io.atomic import atomic_write, check_target
+    from deformnb.io.documents import check_json_target, read_deformation
+    from deformnb.session.batch import as_rows, replay, summary
+
+    _check(options)
+    document = read_deformation(options.session)
+    if options.strength != 1:
+        document = document.blended(options.strength)
+    if options.summary:
+        check_json_target(options.summary, "a summary")
+        check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
+    with stages() as stage:
+        results = replay(document, options.inputs, options.out, work=_Work(options, stage),
+                         options=_made_with(options, document), suffix=options.suffix, overwrite=options.force)
+    print("\n".join(summary(results)))
+    if options.summary:
+        with atomic_write(options.summary) as file:
+            file.write((json.dumps(as_rows(results), indent=1) + "\n").encode())
+    failed = sum(r.state == "failed" for r in results)
+    if failed:
+        raise DeformError(f"{failed} of {len(results)} files failed, see above; the others are done.")
+
+
+def _is_summary(path: Path) -> bool:
+    """Whether an earlier replay has written this file: then the next one may replace it."""
+    from deformnb.session.batch import Replayed
+
+    try:
+        rows = json.loads(path.read_bytes())
+        names = {field.name for field in fields(Replayed)}
+        return isinstance(rows, list) and len(rows) > 0 and all(row.keys() == names for row in rows)
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return False
+
+
+def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:
+    """All that results depend on besides the document's steps and their inputs."""
+    from deformnb.session.batch import stamp
+
+    made = {name: getattr(options, name) for name in ("place", "method", "fill", "labels", "volume", "spacing")}
+    if options.volume and Path(options.volume).exists():  # where it is missing and wanted, every file says so
+        made["volume_stamp"] = stamp(Path(options.volume))
+    if options.place != "as it is" and document.volume is not None:
+        made["box"] = repr(document.volume.grid)
+    return made
+
+
+def _check(options: argparse.Namespace) -> None:
+    """What would be wrong for every file alike."""
+    from deformnb.document.transplant import PLACES
+    from deformnb.io.formats import format_of
+    from deformnb.io.meshes import is_mesh
+
+    if options.place not in PLACES:
+        raise DeformError(f"unknown place {options.place!r}; choose one of {', '.join(PLACES)}.")
+    if options.suffix:
+        format_of(Path(f"x{options.suffix}"), writing=True)
+    if options.volume and is_mesh(options.volume):
+        raise DeformError(f"--volume names the volume in whose space meshes lie, and {options.volume} is a mesh.")
+
+
+class _Work:
+    """What is done to one file."""
+
+    def __init__(self, options: argparse.Namespace, stage: Stage) -> None:
+        self._options, self._stage = options, stage
+        self._grid: Grid | None = None
+
+    def __call__(self, document: Deformation, path: Path, target: Path,
+                 progress: Callable[[float], None]) -> Mapping[str, Any]:
+        from deformnb.document.transplant import placed
+        from deformnb.io.landmarks import is_landmarks
+        from deformnb.io.meshes import is_mesh
+
+        if is_mesh(path) or is_landmarks(path):
+            grid = self._space(path)
+            document = placed(document, grid, self._options.place)
+            grid = document.own_grid(grid)
+            facts = _facts(document, grid)
+            (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
+            return facts
+        volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
+        document = placed(document, volume.grid, self._options.place)
+        # First: what is written must be remembered at once, or counts as foreign.
+        facts = _facts(document, document.own_grid(volume.grid))
+        self._write(document, volume, target)
+        return facts
+
+    def _write(self, document: Deformation, volume: Any, target: Path) -> None:
+        from deformnb.io import write_volume
+
+        warped = document.apply(volume, fill=self._options.fill, method=self._options.method,
+                                progress=self._stage(f"deform {target.name}"))
+        note(*(text for text in warped.notes if text not in volume.notes))
+        write_volume(warped, target, progress=self._stage(f"write {target.name}"))
+
+    def _space(self, path: Path) -> Grid:
+        if self._options.volume is None:
+            raise DeformError(f"{path.name} does not say where its volume lies; name that with --volume FILE.")
+        if self._grid is None:
+            self._grid = read_grid(self._options.volume, self._options.spacing)
+        return self._grid
+
+    def _mesh(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:
+        from deformnb.io.meshes import read_mesh, write_mesh
+        from deformnb.warping.mesh import warp_mesh
+
+        self._stage(f"deform {path.name}")
+        moved = warp_mesh(read_mesh(path), document.field(grid))
+        note(*moved.notes)
+        write_mesh(moved, target)
+
+    def _landmarks(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:
+        from deformnb.io.landmarks import read_landmarks, write_landmarks
+        from deformnb.warping.points import warp_landmarks
+
+        self._stage(f"deform {path.name}")
+        moved = warp_landmarks(read_landmarks(path), document.field(grid))
+        note(*moved.notes)
+        write_landmarks(moved, target)
+
+
+def _facts(document: Deformation, grid: Grid) -> dict[str, Any]:
+    """What a summary says of a deformation on a volume."""
+    from deformnb.document.step_checks import document_folds
+
+    folds = document_folds(document, grid)
+    return {"min det J": float(folds.least), "folded": f"{100 * folds.share:.2g} %"}

@@ -1,0 +1,594 @@
+"""The document: everything a user did to a volume, immutable, independent of any volume's voxels.
+
+A :class:`Deformation` is a list of :class:`Step`, done one after the other (section 4.3 of the paper: deform on one
+plane, turn the volume, deform on another). An edit makes a new document, so undo is the list of old ones, and the same
+document can be applied to another volume. ``document.py`` turns it into JSON and back.
+
+How time passes in an animation: between two key frames, and after the last one.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from deformnb.checks import is_finite, shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import box_diagonal, usual_support
+from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
+from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
+from deformnb.rbf.fields import AbstractField, Identity, blend, compose
+from deformnb.rbf.interpolant import choose_support
+from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion
+from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.stages import Fit, check_stages, fit_points
+from deformnb.rbf.trends import trend_named
+from deformnb.volume.known_spacings import KnownSpacing, older_document
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Matrix3, Volume, voxel_checksum
+from deformnb.warping.warper import warp
+
+EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
+"""How time passes from one key frame to the next, by name: at an even pace, or slowly at both ends."""
+
+LOOPS = {"once": "from the first key frame to the last", "loop": "over and over from the beginning",
+         "swing": "there and back, over and over"}
+"""What comes after the last key frame."""
+
+
+MOST_STEPS = 500
+"""Steps of a deformation: composed fields call one another, and Python allows a depth of 1000 calls."""
+
+
+def lone_support(grid: Grid) -> float:
+    """The reach of points that say nothing of it themselves, such as one point without trend.
+
+    A quarter of the volume's diagonal is a bump that one can see and grab.
+    """
+    return 0.25 * grid.diagonal
+
+
+SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
+"""Supports by rule instead of by number: what each makes of a set of control points."""
+
+
+def support_radius(support: float | str | None, chosen: float | None, points: ControlPoints,
+                   kernel: str) -> float | None:
+    """The support radius of a set of points: as given, by a rule, as it was chosen, or the usual one."""
+    if isinstance(support, str):
+        return SUPPORT_RULES[support](points)
+    return support or chosen or usual_support(points, kernel_named(kernel))
+
+
+class ChosenSupport(NamedTuple):
+    """A support radius in physical units, and the name of the kernel that it was chosen for."""
+
+    radius: float
+    kernel: str
+
+
+def check_support(support: Any) -> None:
+    """Refuse what is no support of a step."""
+    if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
+        return
+    if not (is_finite(support) and support > 0):
+        raise DeformError("the support radius must be a positive length, None or one of "
+                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One deformation: control points on a plane with a rule of extrusion, or control points in space.
+
+    Parameters
+    ----------
+    maps : one set of control points; several for the rule "interpolate".
+    plane : where the points lie; None for points in space (dimension 3, Eq. 9).
+    kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`.
+    support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
+        takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
+        before 2.0 do.
+    smoothing : lambda of the fit, 0 interpolates.
+    extrusion : a name of :data:`~deformnb.rbf.extrusion.EXTRUSIONS`.
+    curve : f(z) of the rule "modulate": a formula, or values at equal steps.
+    knots : depths in [0, 1] of the maps of the rule "interpolate".
+    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
+        way.
+    enabled : a step that is switched off stays in the list.
+    name : shown to people.
+    extra : fields of a newer minor version, kept for saving.
+    parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
+    cuts : along which matter comes apart (Eq. 7), in the same coordinates.
+    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
+    stages : in how many equal parts the points go their way, one map after the other; see :mod:`stages`. On a
+        plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
+    chosen_support : what :func:`choose_support` found for these points while ``support`` is None, and
+        for which kernel; None for points at one place. It is kept while points are dragged, so that the map does not
+        jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so
+        does a step with another kernel.
+
+    Raises
+    ------
+    DeformError
+        If the parts do not fit together.
+    """
+
+    maps: tuple[ControlPoints, ...]
+    plane: Plane | None = None
+    kernel: str = "wendland_c2"
+    support: float | str | None = None
+    trend: str = "affine"
+    smoothing: float = 0.0
+    extrusion: str = "replicate"
+    curve: str | tuple[float, ...] = "z"
+    knots: tuple[float, ...] = ()
+    strength: float = 1.0
+    enabled: bool = True
+    name: str = ""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    parts: tuple[RigidPart, ...] = ()
+    cuts: tuple[Cut, ...] = ()
+    cut_rule: str = "source"
+    stages: int = 1
+    chosen_support: ChosenSupport | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
+            if not isinstance(getattr(self, name), str):
+                object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
+        self._check_kinds()
+        kernel_named(self.kernel)
+        trend_named(self.trend)
+        if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
+            known = ", ".join(EXTRUSIONS)
+            raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
+        if not is_finite(self.strength):
+            raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
+        check_support(self.support)
+        if not (is_finite(self.smoothing) and self.smoothing >= 0):
+            raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
+        dim = 3 if self.plane is None else 2
+        wanted = len(self.knots) if self.extrusion == "interpolate" else 1
+        if len(self.maps) != wanted:
+            raise DeformError(f"the rule {self.extrusion!r} needs {wanted} set(s) of points, got {len(self.maps)}.")
+        if any(m.dim != dim for m in self.maps):
+            raise DeformError(
+                "control points on a plane have two coordinates, control points in space have three and no plane; "
+                f"these have {self.maps[0].dim} and {'no' if dim == 3 else 'a'} plane."
+            )
+        if dim == 3 and self.extrusion != "replicate":
+            raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
+        self._check_shapes(dim)
+        self.weights()  # checks the curve and the knots
+        if self.support is not None:
+            object.__setattr__(self, "chosen_support", None)
+        else:
+            object.__setattr__(self, "chosen_support", self._choose_support())
+
+    def _check_kinds(self) -> None:
+        for given in self.maps:
+            if not isinstance(given, ControlPoints):
+                raise DeformError(f"the maps of a step are ControlPoints, got {_kind(given)}; "
+                                  "make some with ControlPoints.from_arrays(sources, targets).")
+        if not isinstance(self.plane, Plane | None):
+            raise DeformError(f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
+                              "Plane.along(volume.grid, \"+y\") makes one.")
+
+    def _check_shapes(self, dim: int) -> None:
+        if self.cut_rule not in CUT_RULES:
+            raise DeformError(f"unknown rule {self.cut_rule!r} of cuts; choose one of {', '.join(CUT_RULES)}.")
+        for kind, what, given in ((RigidPart, "parts", self.parts), (Cut, "cuts", self.cuts)):
+            for shape in given:
+                if not isinstance(shape, kind):
+                    raise DeformError(f"the {what} of a step must be of type {kind.__name__}, got {shape!r:.60}.")
+                if shape.region.dim != dim:
+                    way = "take the silhouette(plane) of a mask" if dim == 2 else "give it three coordinates"
+                    raise DeformError(f"the {what} of this step need regions of dimension {dim}, as its points have; "
+                                      f"one has {shape.region.dim}: {way}.")
+        check_stages(self.stages, self.parts)
+        if len(self.cuts) > MOST_CUTS:
+            raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
+
+    def _choose_support(self) -> ChosenSupport | None:
+        if self.chosen_support is not None:
+            try:
+                kept = ChosenSupport(*self.chosen_support)
+            except TypeError:
+                raise DeformError(f"the chosen support of a step must be a radius and the name of a kernel, got "
+                                  f"{self.chosen_support!r:.60}.") from None
+            check_support(kept.radius)
+            if kept.kernel == self.kernel:
+                return kept
+        return self._found_support(self.maps)
+
+    def _found_support(self, maps: tuple[ControlPoints, ...], current: float | None = None) -> ChosenSupport | None:
+        radius = choose_support(maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
+        return None if radius is None else ChosenSupport(radius, self.kernel)
+
+    @property
+    def points(self) -> ControlPoints:
+        """The (first) set of control points."""
+        return self.maps[0]
+
+    def with_points(self, points: ControlPoints, key: int = 0) -> Step:
+        """The same step with another set of control points (the key-th, for the rule "interpolate")."""
+        if not 0 <= key < len(self.maps):
+            raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
+        maps, chosen = (*self.maps[:key], points, *self.maps[key + 1 :]), self.chosen_support
+        if self.support is None and not points.has_places_of(self.maps[key]):
+            chosen = self._found_support(maps, chosen and chosen.radius)
+        return replace(self, maps=maps, chosen_support=chosen)
+
+    def support_for(self, points: ControlPoints) -> float | None:
+        """The support radius for one of the sets, or for the part of it between cuts; None for points at one place
+        that say nothing of it.
+        """
+        return support_radius(self.support, self.chosen_support and self.chosen_support.radius, points,
+                              self.kernel)
+
+    def weights(self) -> Weights:
+        """Knots and weights of the extrusion rule."""
+        arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
+        return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
+
+    def fits(self, grid: Grid) -> tuple[Fit, ...]:
+        """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
+        return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
+
+    def fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
+        """For each set of control points the fits of the regions that have some; without cuts there is one region."""
+        regions = self.cut_regions
+        if not regions:
+            return [{(): self._fit(points, grid)} for points in self.maps]
+        return [decoupled_fits(points, regions, lambda some: self._fit(some, grid)) for points in self.maps]
+
+    @property
+    def cut_regions(self) -> tuple[AbstractRegion, ...]:
+        """The regions of the cuts that are switched on."""
+        return tuple(cut.region for cut in self.cuts if cut.enabled)
+
+    def _fit(self, points: ControlPoints, grid: Grid) -> Fit:
+        dragged = points if self.strength == 1 else points.blended(self.strength)
+        support = self.support_for(points) or lone_support(grid)
+        parts = [part.scaled(self.strength) for part in self.parts if part.enabled]
+        return fit_points(dragged, parts, stages=self.stages, kernel=self.kernel, support=support, trend=self.trend,
+                          smoothing=self.smoothing)
+
+    def field(self, grid: Grid, found: list[dict[Sides, Fit]] | None = None) -> AbstractField:
+        """The backward displacement in space of this step on a volume's grid.
+
+        Parameters
+        ----------
+        found : its :meth:`fits_of_regions` on that grid, if they are solved already.
+        """
+        regions, found = self.cut_regions, self.fits_of_regions(grid) if found is None else found
+        sides = sorted({side for fits in found for side in fits})
+        nothing = Identity(2 if self.plane else 3)
+        maps = [[fits.get(side, nothing) for fits in found] for side in sides]
+        fields = [m[0] if self.plane is None else extrude(self.plane, grid, m, self.weights()) for m in maps]
+        if not regions:
+            return fields[0]
+        return Decoupled(tuple(fields), tuple(sides), regions, self.plane, self.cut_rule, _pixel(grid, self.plane))
+
+
+def _pixel(grid: Grid, plane: Plane | None) -> float:
+    """The size of a voxel as it is seen on a plane, or in space: over which a cut is softened."""
+    spacing = np.asarray(grid.spacing)
+    if plane is None:
+        return float(spacing.mean())
+    along = np.abs(plane.frame[:2] @ np.asarray(grid.direction)) ** 2  # [u v, axis x y z], rows add up to 1
+    return float((along @ spacing).mean())
+
+
+def _kind(given: Any) -> str:
+    """What something is, for messages."""
+    kind = type(given).__name__
+    return f"{kind} {shown_value(given)}" if isinstance(given, str | int | float) else kind
+
+
+def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
+    """Steps as a tuple, or what to give instead."""
+    if isinstance(given, Step):
+        raise DeformError(f"the steps of {whose} are a list; write [step], or (step,) with its comma.")
+    try:
+        steps = tuple(given)
+    except TypeError:
+        raise DeformError(f"the steps of {whose} are a list of Step, got {_kind(given)}.") from None
+    if all(isinstance(step, Step) for step in steps):
+        return steps
+    wrong = next(step for step in steps if not isinstance(step, Step))
+    way = "Deformation.on_picture and Deformation.in_space make one of points"
+    if isinstance(wrong, Deformation):
+        way = "first.then(second) joins two deformations"
+    elif isinstance(wrong, AbstractField):
+        way = "a document keeps control points and no fields; warp(volume, field) applies one"
+    raise DeformError(f"the steps of {whose} are of type Step, got {_kind(wrong)}; {way}.")
+
+
+_LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cuts"}
+
+
+def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
+    try:
+        return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
+    except (TypeError, ValueError, OverflowError):
+        what = _LISTS.get(name, "numbers" if name == "knots" else "numbers or a formula")
+        raise DeformError(f"the {name} of a step must be {what}, got {shown_value(value)}.") from None
+
+
+@dataclass(frozen=True)
+class VolumeReference:
+    """Which volume a document was made on: enough to find it again and to notice that it changed.
+
+    Parameters
+    ----------
+    name : of the volume; never a path.
+    shape, spacing : of its grid.
+    sha256 : of type, shape and voxels.
+    origin, direction : of its grid; None in documents of before 1.2.
+    """
+
+    name: str
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    sha256: str
+    origin: tuple[float, float, float] | None = None
+    direction: Matrix3 | None = None
+
+    @classmethod
+    def of(cls, volume: Volume) -> VolumeReference:
+        """The reference of a volume."""
+        grid, checksum = volume.grid, voxel_checksum(volume.dtype, volume.shape, volume.values)
+        return cls(volume.name, volume.shape, grid.spacing, checksum, grid.origin, grid.direction)
+
+    @property
+    def grid(self) -> Grid | None:
+        """Where the volume lay; None if that is not known."""
+        if self.origin is None or self.direction is None:
+            return None
+        return Grid(self.shape, self.spacing, self.origin, self.direction)
+
+    def matches(self, volume: Volume) -> bool:
+        """True if the voxels are the same; the name does not count."""
+        return self.shape == volume.shape and self.sha256 == VolumeReference.of(volume).sha256
+
+    def has_labels(self, volume: Volume) -> bool:
+        """True for labels as large as the volume: they have other voxels and may well belong to it."""
+        return volume.is_labels and self.shape == volume.shape
+
+
+class LazyReference:
+    """The reference of a volume, made by the first call and kept; the volume itself is not kept for longer."""
+
+    def __init__(self, volume: Volume) -> None:
+        self._volume: Volume | None = volume
+        self._made: VolumeReference | None = None
+        self._making = threading.Lock()
+
+    def __call__(self) -> VolumeReference:
+        with self._making:
+            if self._made is None:
+                assert self._volume is not None
+                self._made, self._volume = VolumeReference.of(self._volume), None
+            return self._made
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """The steps of a document at one moment of an animation; see :mod:`deformnb.document.animation`.
+
+    Parameters
+    ----------
+    time : seconds from the beginning.
+    steps : as they are then.
+    """
+
+    time: float
+    steps: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", _checked_steps(self.steps, "a key frame"))
+        if not (np.isfinite(self.time) and self.time >= 0):
+            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {self.time}.")
+
+
+MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
+"""How several steps become one displacement: one after the other, exactly, or as the sum of all."""
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """An immutable list of steps, applied first to last.
+
+    Parameters
+    ----------
+    steps : the steps in the order in which they are done.
+    name : shown to people.
+    volume : the volume it was made on, if known.
+    extra : fields of a newer minor version, kept for saving.
+    mode : a name of :data:`MODES`.
+    keyframes : of an animation, their times rising.
+    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`, how it is played.
+    output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
+
+    Examples
+    --------
+    >>> from deformnb.volume.volume import Grid, Matrix3, Volume
+    >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
+    >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
+    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation.apply(volume).shape
+    (4, 8, 8)
+    """
+
+    steps: tuple[Step, ...] = ()
+    name: str = ""
+    volume: VolumeReference | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    mode: str = "compose"
+    keyframes: tuple[Keyframe, ...] = ()
+    easing: str = "linear"
+    loop: str = "once"
+    output: Grid | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", _checked_steps(self.steps, "a deformation"))
+        keys = tuple(self.keyframes) if isinstance(self.keyframes, Iterable) else (self.keyframes,)
+        for key in keys:
+            if not isinstance(key, Keyframe):
+                raise DeformError(f"the key frames of a deformation are of type Keyframe, got {_kind(key)}; "
+                                  "Keyframe(seconds, steps) makes one.")
+        object.__setattr__(self, "keyframes", keys)
+        longest = max(map(len, (self.steps, *(key.steps for key in self.keyframes))))
+        if longest > MOST_STEPS:
+            raise DeformError(f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. "
+                              "Apply it in parts.")
+        if not isinstance(self.output, Grid | None):
+            raise DeformError(f"the output of a deformation is a Grid or None, got {shown_value(self.output)}.")
+        for what, value, known in (("mode", self.mode, MODES), ("easing", self.easing, EASINGS),
+                                   ("loop", self.loop, LOOPS)):
+            if not isinstance(value, str) or value not in known:
+                raise DeformError(f"unknown {what} {shown_value(value)} of a deformation; choose one of "
+                                  f"{', '.join(known)}.")
+        times = [key.time for key in self.keyframes]
+        if any(late <= early for early, late in pairwise(times)):
+            raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")
+
+    @classmethod
+    def on_picture(cls, grid: Grid, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
+        """One step on a picture of a volume.
+
+        Parameters
+        ----------
+        grid : of the volume.
+        view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane.
+        points : control points in the picture's coordinates.
+        options : further fields of :class:`Step`.
+        """
+        plane = view if isinstance(view, Plane) else Plane.along(grid, view)
+        return cls((Step((points,), plane, **options),))
+
+    @classmethod
+    def in_space(cls, points: ControlPoints, **options: Any) -> Deformation:
+        """One step with control points (x, y, z) in space."""
+        return cls((Step((points,), None, **options),))
+
+    def then(self, following: Step | Deformation) -> Deformation:
+        """One more step at the end, or all steps of another deformation.
+
+        Parameters
+        ----------
+        following : done after this one. A deformation brings its steps, and its ``output`` if it has one; all else
+            (name, volume, how it is played) stays that of this one.
+
+        Raises
+        ------
+        DeformError
+            If two deformations do not make one: with key frames, or with several steps that are added up ("blend").
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
+        >>> first = second = Deformation.in_space(points)
+        >>> len(first.then(second).steps)
+        2
+        """
+        if not isinstance(following, Deformation):
+            return replace(self, steps=(*self.steps, following))
+        for one in (self, following):
+            if one.keyframes:
+                raise DeformError("deformations with key frames cannot be joined; join their steps: "
+                                  "Deformation((*first.steps, *second.steps)).")
+            if one.mode != "compose" and len(one.steps) > 1:
+                raise DeformError(f"one of these deformations adds up its {len(one.steps)} steps (mode {one.mode!r}), "
+                                  "and a document has one mode; apply one after the other: "
+                                  "second.apply(first.apply(volume)).")
+        return replace(self, steps=(*self.steps, *following.steps), mode="compose",
+                       output=self.output if following.output is None else following.output)
+
+    def with_step(self, index: int, step: Step) -> Deformation:
+        """Another step in the place of an old one."""
+        self._check(index)
+        return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
+
+    def without_step(self, index: int) -> Deformation:
+        """One step less."""
+        self._check(index)
+        return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
+
+    def moved_step(self, index: int, to: int) -> Deformation:
+        """The same steps with one of them at another place in the order."""
+        self._check(index)
+        self._check(to)
+        rest = [step for k, step in enumerate(self.steps) if k != index]
+        return replace(self, steps=(*rest[:to], self.steps[index], *rest[to:]))
+
+    def _check(self, index: int) -> None:
+        if not 0 <= index < len(self.steps):
+            raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
+
+    def blended(self, strength: float) -> Deformation:
+        """Every step ``strength`` times as strong."""
+        return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
+
+    def field(self, grid: Grid) -> AbstractField:
+        """The backward displacement in space of all enabled steps, composed exactly or blended."""
+        return self._solved(grid)[0]
+
+    def _solved(self, grid: Grid) -> tuple[AbstractField, tuple[str, ...]]:
+        """The field and the remarks of all fits, each solved once."""
+        found = [(step, step.fits_of_regions(grid)) for step in self.steps if step.enabled]
+        notes = (note for _, fits in found for regions in fits for fit in regions.values() for note in fit.notes)
+        return MODES[self.mode](*(step.field(grid, fits) for step, fits in found)), tuple(dict.fromkeys(notes))
+
+    def notes(self, grid: Grid) -> tuple[str, ...]:
+        """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
+
+        Parameters
+        ----------
+        grid : of the volume that the document is applied to.
+        """
+        known = self.older_spacing(grid)
+        found = self._solved(self.own_grid(grid))[1]
+        return found if known is None else (known.older_note, *found)
+
+    def older_spacing(self, grid: Grid) -> KnownSpacing | None:
+        """The volume, if this was made on a known one with the wrong spacing of its file and ``grid`` has the true one.
+
+        See :mod:`deformnb.volume.known_spacings`.
+        """
+        made = self.volume
+        return None if made is None else older_document(made.sha256, made.spacing, grid)
+
+    def own_grid(self, grid: Grid) -> Grid:
+        """Where a volume lies in the coordinates of this document: on its own grid, but for :meth:`older_spacing`."""
+        known = self.older_spacing(grid)
+        return grid if known is None else known.as_in_file(grid)
+
+    def apply(self, volume: Volume, **options: Any) -> Volume:
+        """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warping.warper.warp`.
+
+        The result has the notes of the volume, and those of this document. One that was made on a known volume with the
+        wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
+        """
+        known, grid = self.older_spacing(volume.grid), self.own_grid(volume.grid)
+        output = self.output or grid
+        if known is not None and (options.get("output") is not None or output.direction != grid.direction):
+            raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
+                              f"studio on this volume and save it anew, or read the volume with "
+                              f"spacing={known.header_spacing}.")
+        field, notes = self._solved(grid)
+        if known is None:
+            warped = warp(volume, field, **{"output": self.output, **options})
+        else:
+            as_then = warp(replace(volume, grid=grid), field, **{**options, "output": output})
+            warped = replace(as_then, grid=known.corrected(output, volume.grid))
+            notes = (known.older_note, *notes)
+        return replace(warped, notes=tuple(dict.fromkeys((*volume.notes, *notes))))

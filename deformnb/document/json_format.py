@@ -1,0 +1,543 @@
+"""A deformation as JSON text and back.
+
+The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
+document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
+
+The reader trusts nothing: no NaN, no infinity, bounded size and nesting, and every error names the place in the
+document. Nothing in a document is ever executed, unpickled, or used as a path.
+
+Typed access to what was read as JSON: nothing is believed, and every complaint names the place.
+
+Regions, rigid parts and cuts as plain data: in documents, and in what widgets tell their pages.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import re
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import prod
+from typing import Any, NoReturn
+
+import numpy as np
+
+from deformnb.checks import LARGEST_COORDINATE, shown_value
+from deformnb.document.deformation import ChosenSupport, Deformation, Keyframe, Step, VolumeReference
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
+from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid
+
+
+class Reader:
+    """Typed access to a JSON object; every complaint names the place."""
+
+    def __init__(self, data: Any, where: str) -> None:
+        if not isinstance(data, dict):
+            raise DeformError(f"{where} must be an object, got {type(data).__name__}.")
+        self.data, self.where = data, where
+
+    def value(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
+        value = self.data.get(key, default)
+        if value is ... or not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+            what = " or ".join(k.__name__ for k in kinds)
+            got = "nothing" if value is ... else repr(value)[:40]
+            raise DeformError(f"{self.where}.{key} must be of type {what}, got {got}.")
+        return value
+
+    def text(self, key: str, default: Any = ...) -> str:
+        return str(self.value(key, (str,), default))
+
+    def flag(self, key: str, default: Any = ...) -> bool:
+        return bool(self.value(key, (bool,), default))
+
+    def integer(self, key: str, default: Any = ...) -> int:
+        value = self.value(key, (int,), default)
+        if abs(value) > 2**53:
+            raise DeformError(f"{self.where}.{key} is too large.")
+        return int(value)
+
+    def number(self, key: str, default: Any = ...) -> float:
+        return self._finite(self.value(key, (int, float), default), key)
+
+    def numbers(self, key: str, length: int | None = None, default: Any = ...) -> tuple[float, ...]:
+        values = self.value(key, (list, tuple), default)
+        if length is not None and len(values) != length:
+            raise DeformError(f"{self.where}.{key} must have {length} numbers, got {len(values)}.")
+        for v in values:
+            if not isinstance(v, (int, float)) or isinstance(v, bool):
+                raise DeformError(f"{self.where}.{key} must be a list of numbers, got {v!r:.40}.")
+        return tuple(self._finite(v, key) for v in values)
+
+    def _finite(self, value: Any, key: str) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = np.inf
+        if not np.isfinite(number):
+            raise DeformError(f"{self.where}.{key} is not a finite number.")
+        return number
+
+    def part(self, key: str) -> Reader:
+        return Reader(self.data.get(key), f"{self.where}.{key}")
+
+    def items(self, key: str, default: Any = ...) -> list[Reader]:
+        return [Reader(v, f"{self.where}.{key}[{k}]") for k, v in enumerate(self.value(key, (list,), default))]
+
+    def rest(self, known: set[str]) -> Mapping[str, Any]:
+        return {k: v for k, v in self.data.items() if k not in known}
+
+
+def without_surrogates(text: str) -> str:
+    """Text with halves of surrogate pairs escaped: legal in names in Python and JSON, but not in UTF-8."""
+    return re.sub("[\ud800-\udfff]", lambda m: f"\\u{ord(m[0]):04x}", text)
+
+
+REGIONS: dict[str, type[AbstractRegion]] = {c.kind: c for c in (Line, Polygon, HalfSpace, Mask)}
+"""All kinds of regions by the name they have in documents."""
+
+LARGEST_MASK = 2**31
+"""Voxels of a mask that is read: 256 MB of bits, which may come out of a few bytes."""
+
+
+def region_to_data(region: AbstractRegion) -> dict[str, Any]:
+    """A region as JSON data.
+
+    >>> region_to_data(HalfSpace((0, 5), (0, 1)))
+    {'kind': 'half_space', 'point': [0.0, 5.0], 'normal': [0.0, 1.0]}
+    """
+    if isinstance(region, HalfSpace):
+        return {"kind": region.kind, "point": list(region.point), "normal": list(region.normal)}
+    if isinstance(region, Polygon | Line):
+        return {"kind": region.kind, "vertices": [list(v) for v in region.vertices]}
+    if isinstance(region, Mask):
+        lattice = region.lattice
+        turned = {"direction": np.asarray(lattice.direction).ravel().tolist()} if isinstance(lattice, Grid) else {}
+        bits = base64.b64encode(zlib.compress(np.packbits(region.values).tobytes(), 6)).decode()
+        return {"kind": region.kind, "shape": list(lattice.shape), "spacing": list(lattice.spacing),
+                "origin": list(lattice.origin), **turned, "bits": bits}
+    raise DeformError(f"a region of type {type(region).__name__} has no form in a document.")
+
+
+def region_from_data(data: Any, where: str = "region") -> AbstractRegion:
+    """The region of JSON data; DeformError naming the place if it is none."""
+    return read_region(Reader(data, where))
+
+
+def read_region(r: Reader) -> AbstractRegion:
+    """The same of a part of a document."""
+    kind = r.text("kind")
+    if kind not in REGIONS:
+        raise DeformError(f"{r.where}.kind is {kind!r:.40}; a region is one of {', '.join(REGIONS)}.")
+    try:
+        if kind == "half_space":
+            return HalfSpace(r.numbers("point"), r.numbers("normal"))
+        return _mask(r) if kind == "mask" else _drawn(r, kind)
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _drawn(r: Reader, kind: str) -> AbstractRegion:
+    places = [Reader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
+              for k, v in enumerate(r.value("vertices", (list, tuple), ...))]
+    return (Polygon if kind == "polygon" else Line)(tuple((a, b) for a, b in places))
+
+
+def _mask(r: Reader) -> Mask:
+    sizes = r.numbers("shape")
+    dim = len(sizes)
+    if dim not in (2, 3) or not all(n == int(n) and n >= 1 for n in sizes) or prod(sizes) > LARGEST_MASK:
+        raise DeformError(f"{r.where}.shape must be 2 or 3 whole numbers, at most {LARGEST_MASK} pixels in all.")
+    shape = tuple(int(n) for n in sizes)
+    spacing, origin = r.numbers("spacing", dim), r.numbers("origin", dim)
+    lattice: Raster | Grid
+    if dim == 2:
+        lattice = Raster(shape, spacing, origin)  # type: ignore[arg-type]
+    else:
+        rows = np.reshape(r.numbers("direction", 9, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)), (3, 3))
+        lattice = Grid(shape, spacing, origin, tuple(map(tuple, rows.tolist())))  # type: ignore[arg-type]
+    count = prod(shape)
+    try:
+        packed = zlib.decompressobj().decompress(base64.b64decode(r.text("bits"), validate=True), -(-count // 8))
+    except (binascii.Error, ValueError, zlib.error):
+        raise DeformError(f"{r.where}.bits is damaged.") from None
+    if len(packed) != -(-count // 8):
+        raise DeformError(f"{r.where}.bits holds {8 * len(packed)} pixels; its shape says {count}.")
+    bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
+    return Mask(bits.astype(bool).reshape(shape), lattice)
+
+
+def cut_to_data(cut: Cut) -> dict[str, Any]:
+    """A cut as JSON data."""
+    return {"name": cut.name, "enabled": cut.enabled, "region": region_to_data(cut.region)}
+
+
+def cut_from_data(data: Any, where: str = "cut") -> Cut:
+    """The cut of JSON data; DeformError naming the place if it is none."""
+    return read_cut(Reader(data, where))
+
+
+def read_cut(r: Reader) -> Cut:
+    """The same of a part of a document."""
+    return Cut(read_region(r.part("region")), r.text("name", ""), r.flag("enabled", True))
+
+
+def part_to_data(part: RigidPart) -> dict[str, Any]:
+    """A rigid part as JSON data."""
+    motion = part.motion and {"matrix": [list(row) for row in part.motion.matrix], "shift": list(part.motion.shift)}
+    return {"name": part.name, "enabled": part.enabled, "weight": part.weight, "reach": part.reach, "motion": motion,
+            "region": region_to_data(part.region)}
+
+
+def part_from_data(data: Any, where: str = "part") -> RigidPart:
+    """The rigid part of JSON data; DeformError naming the place if it is none."""
+    return read_part(Reader(data, where))
+
+
+def read_part(r: Reader) -> RigidPart:
+    """The same of a part of a document."""
+    motion, region = None, read_region(r.part("region"))
+    reach = None if r.data.get("reach") is None else r.number("reach")
+    weight, name, enabled = r.text("weight", "saturated"), r.text("name", ""), r.flag("enabled", True)
+    if r.data.get("motion") is not None:
+        m = r.part("motion")
+        shift = m.numbers("shift")
+        rows = [Reader({"row": v}, f"{m.where}.matrix[{k}]").numbers("row", len(shift))
+                for k, v in enumerate(m.value("matrix", (list, tuple), ...))]
+    try:
+        if r.data.get("motion") is not None:
+            motion = RigidMotion(tuple(rows), shift)
+        return RigidPart(region, motion, weight, reach, name, enabled)
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+
+
+FORMAT = "deformnb-deformation"
+VERSION = (2, 0)
+"""1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
+result; 1.4: how it is looked at (:mod:`deformnb.look`); 2.0: the support that a step has chosen, and the trend "affine"
+shrinks across thin directions. Each is left out where a document has none."""
+
+LARGEST_OUTPUT = 2**36
+"""Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""
+
+DEEPEST = 50
+"""Levels of nesting; a document of today has six."""
+
+LONGEST = 32 * 2**20
+"""Characters; 2000 points of 40 steps fit ten times over."""
+
+# Left out of a document that has them.
+_USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
+
+
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """What 1.x did without being told: an automatic support was the box's diagonal, and "affine" was exact."""
+    def steps(given: Any) -> Any:
+        if not isinstance(given, list):
+            return given
+        return [step | {"support": "box_diagonal" if step.get("support") is None else step["support"],
+                        "trend": "affine_exact" if step.get("trend", "affine") == "affine" else step["trend"]}
+                if isinstance(step, dict) else step for step in given]
+
+    data = data | {"steps": steps(data.get("steps"))} if "steps" in data else data
+    if isinstance(data.get("keyframes"), list):
+        data = data | {"keyframes": [key | {"steps": steps(key.get("steps"))} if isinstance(key, dict) else key
+                                     for key in data["keyframes"]]}
+    return data
+
+
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _from_1}
+"""From major version n to n + 1; a fixture of every released version is kept in the tests."""
+
+
+def to_json(deformation: Deformation) -> str:
+    """The document as text, one control point a line, so that versions differ by the lines that changed."""
+    data: dict[str, Any] = {
+        "format": FORMAT, "version": f"{VERSION[0]}.{VERSION[1]}", "name": deformation.name,
+        "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
+    }
+    data |= {key: getattr(deformation, key) for key, usual in _USUAL.items() if getattr(deformation, key) != usual}
+    if deformation.keyframes:
+        data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
+                             for key in deformation.keyframes]
+    if deformation.output is not None:
+        data["output"] = _grid_data(deformation.output)
+    text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
+    return _tidied(without_surrogates(text)) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """A number of NumPy's, such as a slider or a loop of a notebook hands on, as one of Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a document holds no {type(value).__name__}.")
+
+
+def _tidied(text: str) -> str:
+    """Vectors and control points on one line each, where json.dumps gives every number its own.
+
+    Both patterns begin with a line break, which inside a JSON string is always escaped: no name is ever touched.
+    """
+    text = re.sub(r"\[\n\s*((?:-?[\d.eE+-]+,?\s+)+)\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
+    return re.sub(r'\{\n\s*("id":[^{}]*?)\n\s*\}', lambda m: "{" + re.sub(r"\n\s*", " ", m[1]) + "}", text)
+
+
+def from_json(text: str | bytes) -> Deformation:
+    """The document of a text.
+
+    Raises
+    ------
+    DeformError
+        In one sentence: empty, cut short, not JSON, not UTF-8, of a newer major version, or malformed at a named place.
+    """
+    data = _parse(text)
+    if data.get("format") != FORMAT:
+        raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r:.40}, not {FORMAT!r}.")
+    data = _migrate(data)
+    r = Reader(data, "document")
+    steps = [_step(s) for s in r.items("steps", [])]
+    volume = None if data.get("volume") is None else _volume(r.part("volume"))
+    known = {"format", "version", "name", "volume", "steps", "keyframes", "output", *_USUAL}
+    output = None if data.get("output") is None else _output(r.part("output"))
+    keys = tuple(Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps")))
+                 for k in r.items("keyframes", []))
+    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), keyframes=keys,
+                       output=output, **{key: r.text(key, usual) for key, usual in _USUAL.items()})
+
+
+def _parse(text: str | bytes) -> dict[str, Any]:
+    if not isinstance(text, (str, bytes)):
+        raise DeformError(f"a document is read from text, got {shown_value(text)}.")
+    if len(text) > LONGEST:
+        raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST} are read.")
+    try:
+        decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+        if not decoded.strip():
+            raise DeformError("the document is empty.")
+        data = json.loads(decoded, parse_constant=_no_constant, parse_float=_finite_float)
+        _check_depth(data)
+    except UnicodeDecodeError:
+        raise DeformError("the document is not UTF-8 text.") from None
+    except RecursionError:
+        raise DeformError("the document is nested too deeply.") from None
+    except json.JSONDecodeError as error:
+        raise DeformError(f"the document is not complete JSON: {error.msg} in line {error.lineno}.") from None
+    except DeformError:
+        raise
+    except ValueError:  # Python reads no integers of more than 4300 digits
+        raise DeformError("the document contains a number that is too long.") from None
+    if not isinstance(data, dict):
+        raise DeformError("the document is not a JSON object.")
+    return data
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise DeformError(f"the document contains {name}, which is not a number.")
+
+
+def _finite_float(text: str) -> float:
+    number = float(text)
+    if not np.isfinite(number):
+        raise DeformError(f"the document contains {text:.20}, which is too large for a number.")
+    return number
+
+
+def _check_depth(data: Any) -> None:
+    """Refuse nesting beyond :data:`DEEPEST`: fields that are only kept must be written again, and writing recurses."""
+    level = [data]
+    for _ in range(DEEPEST):
+        level = [inner for value in level if isinstance(value, (dict, list))
+                 for inner in (value.values() if isinstance(value, dict) else value)]
+        if not level:
+            return
+    raise DeformError(f"the document is nested too deeply; at most {DEEPEST} levels are read.")
+
+
+def _migrate(data: dict[str, Any]) -> dict[str, Any]:
+    match = re.fullmatch(r"(\d{1,4})\.(\d{1,4})", str(data.get("version")))
+    if match is None:
+        raise DeformError(f"the document's version {data.get('version')!r:.40} is not of the form 1.0.")
+    major = int(match[1])
+    if major > VERSION[0] or major < 1:
+        raise DeformError(
+            f"the document has version {match[0]}, this program reads up to {VERSION[0]}.x; update deformnb to open it."
+        )
+    for version in range(major, VERSION[0]):
+        data = MIGRATIONS[version](data)
+    return data
+
+
+def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
+    if volume is None:
+        return None
+    data = {"name": volume.name, "shape": list(volume.shape), "spacing": list(volume.spacing), "sha256": volume.sha256}
+    return data if volume.grid is None else data | _grid_data(volume.grid)
+
+
+def _grid_data(grid: Grid) -> dict[str, Any]:
+    return {"shape": list(grid.shape), "spacing": list(grid.spacing), "origin": list(grid.origin),
+            "direction": [list(row) for row in grid.direction]}
+
+
+def _step_data(step: Step) -> dict[str, Any]:
+    plane = None if step.plane is None else {k: list(getattr(step.plane, k)) for k in ("origin", "u", "v")}
+    curve = step.curve if isinstance(step.curve, str) else list(step.curve)
+    shapes: dict[str, Any] = {}  # left out where there are none: most documents stay short
+    if step.parts:
+        shapes["parts"] = [part_to_data(part) for part in step.parts]
+    if step.cuts:
+        shapes |= {"cuts": [cut_to_data(cut) for cut in step.cuts], "cut_rule": step.cut_rule}
+    if step.stages != 1:
+        shapes["stages"] = step.stages
+    if step.chosen_support is not None:
+        shapes["chosen_support"] = step.chosen_support._asdict()
+    return {
+        **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
+        "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
+        "extrusion": step.extrusion, "curve": curve, "knots": list(step.knots),
+        "maps": [_points_data(m) for m in step.maps], **shapes, **_own_of_points(step),
+    }
+
+
+def _own_of_points(step: Step) -> dict[str, Any]:
+    """Locks and radii, set by set: beside the points, for a minor version may add fields to a step only."""
+    data: dict[str, Any] = {}
+    if any(m.locked.any() for m in step.maps):
+        data["locked"] = [[i for i, is_locked in zip(m.ids, m.locked, strict=True) if is_locked] for m in step.maps]
+    if any(not np.isnan(m.radius).all() for m in step.maps):
+        data["radii"] = [[[i, float(r)] for i, r in zip(m.ids, m.radius, strict=True) if not np.isnan(r)]
+                         for m in step.maps]
+    return data
+
+
+def _points_data(points: ControlPoints) -> dict[str, Any]:
+    rows = [
+        {"id": i, "name": name, "source": s.tolist(), "target": t.tolist(), "active": bool(a), "weight": float(w)}
+        for i, name, s, t, a, w in zip(points.ids, points.names, points.source, points.target, points.active,
+                                       points.weight, strict=True)
+    ]
+    return {"dim": points.dim, "next_id": points.next_id, "points": rows}
+
+
+def _size(r: Reader) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
+    z, y, x = r.numbers("shape", 3)
+    a, b, c = r.numbers("spacing", 3)
+    if not all(n == int(n) and n >= 1 for n in (z, y, x)) or min(a, b, c) <= 0:
+        raise DeformError(f"{r.where} must have a shape of whole numbers and a spacing of positive ones.")
+    return (int(z), int(y), int(x)), (a, b, c)
+
+
+def _volume(r: Reader) -> VolumeReference:
+    shape, spacing = _size(r)
+    digest = r.text("sha256")
+    if not re.fullmatch(r"[0-9a-f]{64}", digest):
+        raise DeformError(f"{r.where}.sha256 must be 64 hexadecimal digits.")
+    reference = VolumeReference(r.text("name", ""), shape, spacing, digest)
+    if r.data.get("origin") is None or r.data.get("direction") is None:
+        return reference
+    grid = _placed(shape, spacing, r)
+    return replace(reference, origin=grid.origin, direction=grid.direction)
+
+
+def _output(r: Reader) -> Grid:
+    shape, spacing = _size(r)
+    if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
+        raise DeformError(f"{r.where} asks for {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
+    return _placed(shape, spacing, r)
+
+
+def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: Reader) -> Grid:
+    rows = r.value("direction", (list,), ...)
+    if len(rows) != 3:
+        raise DeformError(f"{r.where}.direction must be three rows of three numbers.")
+    direction = tuple(Reader({"row": row}, f"{r.where}.direction[{k}]").numbers("row", 3) for k, row in enumerate(rows))
+    x, y, z = r.numbers("origin", 3)
+    try:
+        return Grid(shape, spacing, (x, y, z), direction)  # type: ignore[arg-type]
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _step(r: Reader) -> Step:
+    plane = None
+    if r.data.get("plane") is not None:
+        p = r.part("plane")
+        plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
+    known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
+             "knots", "maps", "parts", "cuts", "cut_rule", "stages", "locked", "radii", "chosen_support"}
+    curve = r.data.get("curve", "z")
+    try:
+        return Step(
+            _with_own(tuple(_points(m) for m in r.items("maps")), r), plane, r.text("kernel", "wendland_c2"),
+            _support(r), r.text("trend", "affine"),
+            r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
+            curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
+            r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
+            tuple(read_part(p) for p in r.items("parts", [])), tuple(read_cut(c) for c in r.items("cuts", [])),
+            r.text("cut_rule", "source"), r.integer("stages", 1), _chosen(r),
+        )
+    except DeformError as error:
+        raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _support(r: Reader) -> float | str | None:
+    value = r.data.get("support")
+    return value if value is None else r.text("support") if isinstance(value, str) else r.number("support")
+
+
+def _chosen(r: Reader) -> ChosenSupport | None:
+    if r.data.get("chosen_support") is None:
+        return None
+    chosen = r.part("chosen_support")
+    return ChosenSupport(chosen.number("radius"), chosen.text("kernel"))
+
+
+def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints, ...]:
+    """The sets of points with their locks and radii."""
+    for key, field, is_right in (("locked", "locked", _is_id), ("radii", "radius", _is_radius)):
+        rows = r.data.get(key)
+        if rows is None:
+            continue
+        if not isinstance(rows, list) or len(rows) != len(maps) or not all(isinstance(row, list) for row in rows):
+            raise DeformError(f"{r.where}.{key} must be a list for each of its {len(maps)} sets of points.")
+        wrong = next((item for row in rows for item in row if not is_right(item)), None)
+        if wrong is not None:
+            what = "names points by their ids" if key == "locked" else "gives points, by their ids, lengths below 1e15"
+            raise DeformError(f"{r.where}.{key} {what}, got {wrong!r:.40}.")
+        for k, row in enumerate(rows):
+            for item in row:
+                number, value = (item, True) if key == "locked" else (item[0], float(item[1]))
+                own: dict[str, Any] = {field: value}
+                maps = (*maps[:k], maps[k].edit(number, **own), *maps[k + 1 :])
+    return maps
+
+
+def _is_id(item: Any) -> bool:
+    return isinstance(item, int) and not isinstance(item, bool)
+
+
+def _is_radius(item: Any) -> bool:
+    return (isinstance(item, list) and len(item) == 2 and _is_id(item[0]) and isinstance(item[1], int | float)
+            and not isinstance(item[1], bool) and abs(item[1]) <= LARGEST_COORDINATE)
+
+
+def _points(r: Reader) -> ControlPoints:
+    dim = r.integer("dim")
+    if dim not in (2, 3):
+        raise DeformError(f"{r.where}.dim must be 2 or 3, got {dim}.")
+    rows = r.items("points")
+    return ControlPoints(
+        np.array([p.numbers("source", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
+        np.array([p.numbers("target", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
+        tuple(p.integer("id") for p in rows), tuple(p.text("name", "") for p in rows),
+        np.array([p.flag("active", True) for p in rows], dtype=bool),
+        np.array([p.number("weight", 1.0) for p in rows], dtype=np.float64), r.integer("next_id", 0),
+    )

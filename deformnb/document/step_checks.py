@@ -1,0 +1,395 @@
+r"""Whether a step of a document can be believed: folds, stages, safe drags, quality of its fit, uncertainty.
+
+Folds are looked for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
+same step along the other, on one slice where every slice is alike and on 9 of them otherwise; for points in space 33
+along the longest side. What is narrower than a cell of it, a hundredth of the picture, can be missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_share
+from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
+from deformnb.analysis.uncertainty import Uncertainty, fit_system, process_scale, uncertainty
+from deformnb.document.deformation import Deformation, Step, lone_support
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Sides, sides_of
+from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion
+from deformnb.rbf.rigid import RigidInterpolant, fit_rigid
+from deformnb.rbf.stages import MOST_STAGES, Staged
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid
+
+Floats = NDArray[np.float64]
+
+LEAST = 0.05
+"""The smallest determinant that counts as safe: matter is shown at most twenty times its size."""
+
+_ON_PLANE, _SLICES, _IN_SPACE = 97, 9, 33
+
+# Around the worst node: so many nodes a side, and lattices finer and finer, down to a hundredth of the first step.
+_AROUND, _FINER = 7, 4
+
+
+# ---- where folds are looked for --------------------------------------------------------------------------------------
+
+
+def fold_lattice(step: Step, grid: Grid) -> Grid:
+    """The nodes at which a step's folds are looked for; see the top of this module."""
+    if step.plane is None:
+        return _covering(grid, _IN_SPACE)
+    raster = picture_raster(step.plane, grid)
+    weights = step.weights()[1]
+    is_alike = bool((weights == weights[:, :1]).all()) and len(step.maps) == 1
+    front, back = step.plane.depth_range(grid)
+    slices = 1 if is_alike or not back > front else _SLICES
+    gap = (back - front) / (slices - 1) if slices > 1 else max(raster.spacing)
+    start = step.plane.from_plane([*raster.origin, front])
+    direction = tuple(tuple(row) for row in step.plane.frame.T.tolist())
+    return Grid((slices, *raster.shape), (*raster.spacing, gap), tuple(start.tolist()), direction)  # type: ignore[arg-type]
+
+
+def picture_raster(plane: Plane, grid: Grid, most: int = _ON_PLANE) -> Raster:
+    """A raster over the picture of a volume on a plane, its corners on the outermost voxels' centres."""
+    corners = plane.to_plane(grid.corners(centres=True))[:, :2]
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    step = max(float(size.max()) / (most - 1), 1e-9)
+    count = np.maximum(np.ceil(size / step - 1e-9).astype(int) + 1, 2)
+    spacing = np.maximum(size / (count - 1), 1e-9)
+    (nu, nv), (du, dv), (a, b) = count.tolist(), spacing.tolist(), low.tolist()
+    return Raster((nv, nu), (du, dv), (a, b))
+
+
+def _covering(grid: Grid, most: int) -> Grid:
+    length = np.asarray(grid.spacing) * (np.asarray(grid.shape[::-1]) - 1)
+    step = max(float(length.max()) / (most - 1), 1e-9)
+    count = np.maximum(np.ceil(length / step - 1e-9).astype(int) + 1, 1)
+    spacing = np.where(count > 1, length / np.maximum(count - 1, 1), step)
+    shape = (int(count[2]), int(count[1]), int(count[0]))
+    return Grid(shape, tuple(spacing.tolist()), grid.origin, grid.direction)
+
+
+def step_folds(step: Step, grid: Grid, field: AbstractField | None = None) -> Folds:
+    """The folds of a step at the nodes of :func:`fold_lattice`, the smallest determinant followed between them.
+
+    Parameters
+    ----------
+    field : of the step on this grid, if it is there already.
+    """
+    lattice = fold_lattice(step, grid)
+    found = step.field(grid) if field is None else field
+    return _followed(found, lattice, folds_of(found, lattice))
+
+
+def document_folds(deformation: Deformation, grid: Grid) -> Folds:
+    """The folds of a whole document: of its step on that step's lattice, or of several in space, 33 nodes a side."""
+    steps = [step for step in deformation.steps if step.enabled]
+    if len(steps) == 1:
+        return step_folds(steps[0], grid)
+    field, lattice = deformation.field(grid), _covering(grid, _IN_SPACE)
+    return _followed(field, lattice, folds_of(field, lattice))
+
+
+def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
+    """The smallest determinant near the worst node, on ever finer lattices around it that stay within the first one."""
+    axes = lattice.matrix.T
+    last = np.array(lattice.shape[::-1]) - 1
+    best, least = lattice.point_to_index(folds.place), folds.least
+    for turn in range(_FINER):
+        sides = [np.linspace(-1, 1, _AROUND) / (_AROUND / 2) ** turn if n else np.zeros(1) for n in last]
+        index = np.clip(best + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3), 0, last)
+        values = jacobian_determinant(field, np.asarray(lattice.origin) + index @ axes)
+        k = int(np.argmin(values))
+        if values[k] < least:
+            best, least = index[k], float(values[k])
+    place = np.asarray(lattice.origin) + best @ axes
+    return Folds(least, tuple(place.tolist()), folds.share)
+
+
+def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
+    """Whether the determinant of a step stays at ``least`` or more at every node; False too if it cannot be fitted.
+
+    In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
+    matter together; only where a curve of depth weakens it must it be looked at too, and have none.
+    """
+    if not least <= 1:
+        raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; ask for less than 1.")
+    try:
+        lattice = fold_lattice(step, grid)
+        if step.stages == 1:
+            return step_folds(step, grid).least >= least
+        if not all(_least(fit, within, step, lattice) >= least for fit, within in _stages(step, grid)):
+            return False
+        return step_folds(step, grid).least > 0
+    except DeformError:
+        return False
+
+
+def _stages(step: Step, grid: Grid) -> Iterator[tuple[AbstractField, Sides]]:
+    """Every stage of every fit of a step, with the region between cuts whose matter it moves."""
+    for fits in step.fits_of_regions(grid):
+        for sides, fit in fits.items():
+            for stage in fit.fits if isinstance(fit, Staged) else (fit,):
+                yield stage, sides
+
+
+def _least(stage: AbstractField, sides: Sides, step: Step, lattice: Grid) -> float:
+    """The smallest determinant of one fit on the lattice's first slice or in space, where it shows its own region."""
+    where: Grid | Raster = lattice
+    if step.plane is not None:
+        a, b, _ = step.plane.to_plane(np.asarray(lattice.origin)).tolist()
+        where = Raster(lattice.shape[1:], lattice.spacing[:2], (a, b))
+    values = jacobian_determinant(stage, where)
+    if sides:
+        rows, columns = raster_lines(where) if isinstance(where, Raster) else grid_lines(where)
+        x = (rows[:, :, None] + columns[:, None, :]).reshape(stage.dim, -1).T
+        own = (sides_of(step.cut_regions, x + stage.displacement(x)) == np.asarray(sides)).all(axis=-1)
+        values = values.ravel()[own]
+    return float(values.min(initial=1.0))
+
+
+# ---- how far one may go ----------------------------------------------------------------------------------------------
+
+
+def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES) -> int:
+    """The smallest of 1, 2, 4, ... stages in which a step does not fold.
+
+    Parameters
+    ----------
+    least : the smallest determinant of any stage.
+    most : stages that are tried.
+
+    Raises
+    ------
+    DeformError
+        If that many do not do: points that pass through one another on their straight ways, such as two that are
+        swapped, fold in any number of stages. If the step cannot be fitted at all.
+
+    Examples
+    --------
+    >>> grid = Grid((8, 64, 64))
+    >>> points = ControlPoints.from_arrays([[5, 5], [58, 5], [5, 58], [58, 58], [20, 32]],
+    ...                                    [[5, 5], [58, 5], [5, 58], [58, 58], [50, 32]])
+    >>> stages_needed(Step((points,), Plane.along(grid, "+z"), support=30.0, trend="none"), grid)
+    4
+    """
+    replace(step, stages=1).field(grid)  # what stands in its way is no fold, and says itself what it is
+    count = 1
+    while count <= most:
+        try:
+            tried = replace(step, stages=count)
+        except DeformError as error:
+            raise DeformError(f"the map folds, and more stages do not help: {error}") from None
+        if is_safe(tried, grid, least):
+            return count
+        count *= 2
+    raise DeformError(f"the map folds in {most} stages too: points are pulled through one another, or through a rigid "
+                      "part, on their straight ways. Drag them less far, or one around the other in several steps.")
+
+
+def safe_strength(step: Step, grid: Grid, least: float = LEAST) -> float:
+    """The strength of a step, at most its own, at which it does not fold; its own if it does not."""
+    return step.strength * largest_share(lambda t: is_safe(replace(step, strength=t * step.strength), grid, least))
+
+
+def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
+                least: float = LEAST) -> ControlPoints:
+    """The control points as far as is safe on the straight way from one state to another.
+
+    Parameters
+    ----------
+    step : to which the points belong; what it holds itself does not count.
+    before, after : points of the same ids move from target to target; those that are new come from their sources.
+    key : which set of control points of the step they are.
+
+    Returns
+    -------
+    ``after`` itself if that is safe.
+
+    Raises
+    ------
+    DeformError
+        If the map folds before the way begins.
+    """
+    start = after.target.copy()
+    known = {i: k for k, i in enumerate(before.ids)}
+    for k, i in enumerate(after.ids):
+        start[k] = before.target[known[i]] if i in known else after.source[k]
+
+    def at(t: float) -> ControlPoints:
+        return after if t == 1 else replace(after, target=start + t * (after.target - start))
+
+    if not is_safe(step.with_points(at(0.0), key), grid, least):
+        raise DeformError("the map folds before this edit already, so no part of it is safe; take the strength back or "
+                          "unfold it by stages.")
+    return at(largest_share(lambda t: is_safe(step.with_points(at(t), key), grid, least)))
+
+
+# ---- the quality of a step's fit -------------------------------------------------------------------------------------
+
+
+def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
+    """What the control points of a step say of each other; see :class:`~deformnb.analysis.quality.FitQuality`.
+
+    Beside cuts every region is judged on its own, as it is fitted; beside rigid parts with the weight of the parts
+    held, and points that a part holds are left out. Several stages are judged as if they were one.
+
+    Parameters
+    ----------
+    key : which set of control points.
+
+    Raises
+    ------
+    DeformError
+        If no point is active, or the fit raises.
+    """
+    points = _dragged(step, key)
+    found = [_quality_of(some, step, grid) for _, some in _groups(step, points)]
+    found = [q for q in found if q.ids]
+    if not found:
+        raise DeformError("no active control point moves freely, so there is no fit to judge; add or switch on some.")
+    if len(found) == 1:
+        return found[0]
+    ids = [i for q in found for i in q.ids]
+    order = np.argsort([points.index(i) for i in ids])
+    residual, errors, disagreement = (np.concatenate([getattr(q, name) for q in found])[order]
+                                      for name in ("residual", "leave_one_out", "disagreement"))
+    judged = points.take([points.index(ids[k]) for k in order])
+    share, non_affine = affine_split(judged)
+    return FitQuality(judged.ids, residual, errors, disagreement, tuple(i for q in found for i in q.suspects),
+                      float(sum(q.energy for q in found)), _mean_scale([q.sigma for q in found]), share, non_affine)
+
+
+def _dragged(step: Step, key: int) -> ControlPoints:
+    if not 0 <= key < len(step.maps):
+        raise DeformError(f"there is no set of control points {key}; there are {len(step.maps)}.")
+    points = step.maps[key]
+    points = points if step.strength == 1 else points.blended(step.strength)
+    return points.take(np.flatnonzero(points.active))
+
+
+def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoints]]:
+    """The points of every region between cuts, by their sources."""
+    if not step.cut_regions or not len(points):
+        return [((), points)]
+    own = [tuple(row) for row in sides_of(step.cut_regions, points.source).tolist()]
+    return [(sides, points.take([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
+
+
+def _settings(step: Step, points: ControlPoints, grid: Grid) -> dict[str, object]:
+    return {"kernel": step.kernel, "support": step.support_for(points) or lone_support(grid),
+            "trend": step.trend, "smoothing": step.smoothing}
+
+
+def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]) -> tuple[
+        ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
+    """What is left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
+    parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
+    fit = fit_rigid(points, parts, **settings) if parts else None  # type: ignore[arg-type]
+    if not isinstance(fit, RigidInterpolant):
+        return points, settings, np.ones(len(points)), None
+    drift, weight = fit.parts_at(points.target)
+    free = np.flatnonzero(weight > 0)
+    rest, drift, weight = points.take(free), drift[free], weight[free]
+    asked = (rest.displacement - drift) / weight[:, None]
+    plain = replace(rest, source=rest.target + asked, weight=rest.weight * weight**2)
+    return plain, {**settings, "trend": fit.trend}, weight, fit
+
+
+def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
+    """Of the points of one region."""
+    plain, settings, weight, fit = _beside_parts(step, points, _settings(step, points, grid))
+    if not len(plain):
+        nothing = np.zeros((0, points.dim))
+        return FitQuality((), nothing, nothing, nothing[:, 0], (), 0.0, float("nan"), 1.0, nothing)
+    found = fit_quality(plain, **settings)  # type: ignore[arg-type]
+    if fit is None:
+        return found
+    share, non_affine = affine_split(points.take([points.index(i) for i in plain.ids]))
+    disagreement = found.disagreement * weight
+    loud = {i for i, strain in zip(found.ids, disagreement, strict=True) if strain >= STRAIN}
+    return replace(found, residual=found.residual * weight[:, None], affine_share=share, non_affine=non_affine,
+                   leave_one_out=found.leave_one_out * weight[:, None], disagreement=disagreement,
+                   suspects=tuple(i for i in found.suspects if i in loud))
+
+
+def _mean_scale(scales: list[float]) -> float:
+    known = np.array([s for s in scales if not np.isnan(s)])
+    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+
+
+# ---- the uncertainty of a step ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class StepUncertainty:
+    """Standard deviation of the map of a step on its plane, or in space; zero where nothing is estimated.
+
+    Parameters
+    ----------
+    dim : 2 on a plane, 3 in space.
+    regions : of the cuts; groups : for each region with points its sides, its uncertainty, and the fit beside rigid
+        parts, which scales it by their weight.
+    """
+
+    dim: int
+    regions: tuple[AbstractRegion, ...]
+    groups: tuple[tuple[Sides, Uncertainty, RigidInterpolant | None], ...]
+
+    def at(self, points: ArrayLike) -> Floats:
+        """Standard deviations (...) at places (..., dim) of the result, in the unit of the volume."""
+        x = np.asarray(points, dtype=np.float64)
+        if x.shape[-1:] != (self.dim,):
+            raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
+        flat = x.reshape(-1, self.dim)
+        out = np.zeros(len(flat))
+        here = sides_of(self.regions, flat) if self.regions else np.zeros((len(flat), 0), dtype=bool)
+        for sides, known, fit in self.groups:
+            own = (here == np.asarray(sides, dtype=bool)).all(axis=-1)
+            if own.any():
+                out[own] = known.at(flat[own]) * (1.0 if fit is None else fit.parts_at(flat[own])[1])
+        return out.reshape(x.shape[:-1])
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        """Standard deviations (R, C) at all points ``rows[:, r] + columns[:, c]``."""
+        places = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
+        return self.at(np.moveaxis(places, 0, -1)).astype(np.float32)
+
+
+def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
+    """How sure the map of a step is: the deviation of :func:`uncertainty` on its plane or in space.
+
+    With cuts each region has its own; one with too few points takes its scale from the others. Beside rigid parts the
+    deviation is scaled by their weight, so it is zero within them.
+
+    Parameters
+    ----------
+    key : which set of control points.
+
+    Raises
+    ------
+    DeformError
+        If there are too few points to tell a scale from.
+    """
+    points = _dragged(step, key)
+    kept, scales = [], []
+    for sides, some in _groups(step, points):
+        plain, settings, _, fit = _beside_parts(step, some, _settings(step, some, grid))
+        if len(plain):
+            clear = replace(plain, radius=np.full(len(plain), np.nan))
+            kept.append((sides, clear, settings, fit))
+            scales.append(process_scale(fit_system(clear, **settings)))  # type: ignore[arg-type]
+    if not kept:
+        raise DeformError("no active control point moves freely, so nothing is estimated; add or switch on some.")
+    mean = _mean_scale(scales)
+    known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None says itself what is missing
+    return StepUncertainty(points.dim, step.cut_regions, tuple(
+        (sides, uncertainty(plain, sigma=s, **settings), fit)  # type: ignore[arg-type]
+        for (sides, plain, settings, fit), s in zip(kept, known, strict=True)))

@@ -1,0 +1,1 @@
+"""Pictures of volumes: projections, ray casting, renderings, figures, movies."""

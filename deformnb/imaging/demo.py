@@ -1,0 +1,220 @@
+"""The demonstration: a fish turned into another one the way D'Arcy Thompson drew it, from volume to pictures.
+
+It is also the shortest complete example of the package: load, project, place points, fit, warp, render, save.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, thompson_pairs
+from deformnb.document.deformation import Deformation, VolumeReference
+from deformnb.errors import DeformError
+from deformnb.imaging.drawing import draw_pictures
+from deformnb.imaging.picture import project
+from deformnb.volume.plane import Picture, Plane
+from deformnb.volume.volume import Float3, Grid, Volume
+from deformnb.warping.points import warp_points
+
+Stage = Callable[[str], Callable[[float], None]]
+"""Announces a piece of work by name and returns the function that is told how far it has come, from 0 to 1."""
+
+# Pixels of the subject: brighter than this share of the range of the picture, in at least this share of a row or
+# column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.
+_SUBJECT_LEVEL = 0.08
+_SUBJECT_SHARE = 0.01
+
+
+FILES = ("before.png", "after.png", "thompson.png", "render.png", "volume.nii.gz", "session.json", "warped.nii.gz")
+"""What the demonstration writes; volume.nii.gz only where it made the volume itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transformation:
+    """What :func:`transform` made: before, after, and how."""
+
+    volume: Volume
+    warped: Volume
+    deformation: Deformation
+    before: Picture
+    after: Picture
+    nets: ThompsonMap
+    net_before: list[NDArray[np.float64]]
+    net_after: list[NDArray[np.float64]]
+
+
+    @property
+    def margin(self) -> Float3:
+        """Length (x, y, z) that the field of view grew at most on a side: what ``deformnb warp --margin`` takes."""
+        grid, grown = self.volume.grid, self.warped.grid
+        before = -grid.point_to_index(grown.origin)
+        after = np.array(grown.shape[::-1]) - np.array(grid.shape[::-1]) - before
+        x, y, z = (np.maximum(before, after).round() * grid.spacing).tolist()
+        return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """What :func:`run_demo` made, and the files it wrote with a description each."""
+
+    result: Transformation
+    written: list[tuple[str, Path]]
+
+
+def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, float, float]:
+    """The box (a_min, a_max, b_min, b_max) around what is bright on a picture, grown by a share of its size."""
+    values = np.asarray(picture.values, dtype=np.float64)
+    bright = values > values.min() + _SUBJECT_LEVEL * np.ptp(values)
+    edges = []
+    for lines, axis in ((picture.raster.columns, 0), (picture.raster.rows, 1)):
+        found = lines[bright.mean(axis=axis) > _SUBJECT_SHARE]
+        if len(found) == 0:
+            raise DeformError("there is nothing on the picture to lay a net around: all pixels are alike.")
+        grow = margin * (found[-1] - found[0])
+        edges += [float(found[0] - grow), float(found[-1] + grow)]
+    if edges[1] <= edges[0] or edges[3] <= edges[2]:
+        raise DeformError("what is on the picture is too thin to lay a net around.")
+    return edges[0], edges[1], edges[2], edges[3]
+
+
+def source_of(species: str) -> str:
+    """The figure that Thompson drew beside a species, to go there from.
+
+    Examples
+    --------
+    >>> source_of("Orthagoriscus")
+    'Diodon'
+    """
+    name = thompson_grid(species).species
+    partners = {target: source for source, target in thompson_pairs()}
+    return partners.get(name, "Polyprion")
+
+
+def transform(volume: Volume, *, species: str = "Antigonia", source: str | None = None, view: str = "-x",
+              head: str = "left", stage: Stage) -> Transformation:
+    """Turn what a volume shows into another of Thompson's species.
+
+    Parameters
+    ----------
+    volume : a fish, or anything else, seen from the side along ``view``.
+    species, source : Thompson's names of the figures to go to and to start from; by default the one he drew beside it.
+    view : direction of looking; head : where the head then points, "left" or "right".
+    stage : announces each piece of work and takes its progress.
+
+    Notes
+    -----
+    The net keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
+    picture is replicated through the body, so nothing changes along the direction of looking.
+    """
+    plane = Plane.along(volume.grid, view)
+    before = project(volume, plane, "mip", progress=stage("look at it from the side"))
+    source = source or source_of(species)
+    nets = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
+    deformation = Deformation.on_picture(volume.grid, plane, nets.points, name=f"{source} -> {species}")
+    deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
+    output = field_of_view(volume.grid, plane, nets)
+    warped = deformation.apply(volume, output=output, progress=stage("deform it"))
+    after = project(warped, plane, "mip", progress=stage("look at the result"))
+    net = [refined(line) for line in nets.polylines()[0]]
+    return Transformation(volume, warped, deformation, before, after, nets, net, deformed_net(net, deformation, volume))
+
+
+def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
+    """A polyline with each piece cut into equal parts, so that it can bend."""
+    at = np.linspace(0, len(line) - 1, (len(line) - 1) * parts + 1)
+    return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(2)], axis=-1)
+
+
+def deformed_net(net: list[NDArray[np.float64]], deformation: Deformation, volume: Volume) -> list[NDArray[np.float64]]:
+    """Where the lines of a net on the picture go: forward, by inverting the map that looks voxels up."""
+    (fit,) = deformation.steps[0].fits(volume.grid)
+    moved, _ = warp_points(np.concatenate(net), fit)
+    return np.split(moved, np.cumsum([len(line) for line in net])[:-1])
+
+
+def field_of_view(grid: Grid, plane: Plane, nets: ThompsonMap) -> Grid:
+    """The volume's grid with voxels added so that the whole target net lies inside."""
+    rim = np.zeros((nets.target_nodes.reshape(-1, 2).shape[0], 3))
+    rim[:, :2] = nets.target_nodes.reshape(-1, 2)
+    rim[:, 2] = plane.to_plane(grid.center)[2]
+    return grid.covering(plane.from_plane(rim))
+
+
+def write_pictures(result: Transformation, folder: Path) -> list[Path]:
+    """The picture before and after, each with its net, and both on one page."""
+    nets = (result.net_before, result.net_after)
+    pictures = (result.before, result.after)
+    titles = (f"{result.volume.name or 'volume'}, on the net of {result.nets.source.species}",
+              f"the same, on the net of {result.nets.target.species}")
+    before, after, both = paths = [folder / name for name in FILES[:3]]
+    for k, path in enumerate((before, after)):
+        draw_pictures([pictures[k]], nets=[nets[k]], titles=[titles[k]], path=path)
+    draw_pictures(pictures, nets=nets, titles=titles, path=both)
+    return paths
+
+
+def check_demo(species: str, view: str, renderer: str) -> None:
+    """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
+    from deformnb.imaging.render import renderer_named
+
+    thompson_map(source_of(species), species)
+    Plane.along(Grid((1, 1, 1)), view)
+    renderer_named(renderer)
+
+
+def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Antigonia", view: str = "-x",
+             head: str = "left", renderer: str = "auto", stage: Stage) -> Demonstration:
+    """Make everything that ``deformnb demo`` shows.
+
+    Parameters
+    ----------
+    folder : where the results go.
+    volume : default is the phantom of a carp, which needs no download.
+    species, view, head : see :func:`transform`.
+    renderer : a name of :data:`~deformnb.imaging.render.RENDERERS`, or "auto".
+
+    Raises
+    ------
+    DeformError
+        For an unknown name, or a volume on which nothing is to be seen.
+    """
+    from deformnb.datasets import PHANTOMS
+    from deformnb.imaging.render import render_pair
+    from deformnb.io import write_volume
+    from deformnb.io.documents import write_deformation
+
+    check_demo(species, view, renderer)
+    own = volume is None
+    if volume is None:
+        volume = PHANTOMS["fish"].make((256, 512, 256), progress=stage("make a carp"))
+    result = transform(volume, species=species, view=view, head=head, stage=stage)
+    before, after, both = write_pictures(result, folder)
+    render, carp, session, warped = (folder / name for name in FILES[3:])
+    captions = (volume.name or "before", f"on the net of {result.nets.target.species}")
+    direction, up = _quarter_view(result)
+    render_pair(result.volume, result.warped, path=render, direction=direction, up=up, backend=renderer,
+                captions=captions, progress=stage("render both volumes"))
+    write_deformation(result.deformation, session, overwrite=True)  # who calls it has looked at what is there
+    if own:
+        write_volume(volume, carp, progress=stage("write the carp"))
+    write_volume(result.warped, warped, progress=stage("write the deformed volume"))
+    written = [
+        ("picture before, with its net", before), ("picture after, with its net", after), ("both pictures", both),
+        ("volume before and after", render), ("deformed volume", warped), ("session: what was done", session),
+    ]
+    return Demonstration(result, [*written, ("the carp itself", carp)] if own else written)
+
+
+def _quarter_view(result: Transformation) -> tuple[Float3, Float3]:
+    """Direction and up: at the side of the picture, turned a little to the front and from above, to look solid."""
+    plane = result.deformation.steps[0].plane
+    assert plane is not None
+    u, v, n = plane.frame
+    x, y, z = (n + 0.45 * u + 0.25 * v).tolist()
+    a, b, c = (-v).tolist()
+    return (x, y, z), (a, b, c)

@@ -1,0 +1,186 @@
+"""Pictures with nets, control points and titles, as one wants to print them: matplotlib without its global state."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.io.atomic import atomic_write
+from deformnb.io.headers import shown
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Box = tuple[float, float, float, float]
+
+# Colours of sources and targets that stay apart for every kind of colour-blindness (Okabe and Ito 2008).
+SOURCE = "#0072B2"
+TARGET = "#D55E00"
+
+
+# Printed size of the longer side, inches; with 200 dots an inch a picture of 512 pixels keeps all of them.
+_LONG_SIDE = 7.0
+_DPI = 200
+_HEAD = 0.3  # inches for a title
+_TITLE = 10.0  # points
+_NARROWEST = 1.5  # inches that a title has in any case
+# Ink is darker than light is bright: this exponent gives tissue and bone of a MIP about the weight they have on black.
+_INK = 1.25
+
+
+@dataclass(frozen=True)
+class Style:
+    """Colours of a drawing: paper, ink, and the two ends of the picture's grey scale."""
+
+    paper: str
+    ink: str
+    dark: str
+    bright: str
+    net: str
+    gamma: float = 1.0
+
+
+STYLES = {
+    "paper": Style("#f6f0e1", "#2b2118", "#f6f0e1", "#2b2118", "#8c2f1b", _INK),
+    "dark": Style("#101114", "#e8e6e3", "#101114", "#f5f2ea", "#f2b134"),
+}
+"""Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
+
+
+def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArray[np.float64]]] | None = None,
+                  points: Sequence[ControlPoints | None] | None = None, titles: Sequence[str] | None = None,
+                  style: str = "paper", path: str | PathLike[str] | None = None) -> Figure:
+    """Pictures side by side (one above the other if they are wide), all to the same scale.
+
+    Parameters
+    ----------
+    pictures : one or more.
+    nets : for each picture, polylines (n, 2) in its picture coordinates, such as a Thompson grid.
+    points : for each picture, control points drawn as arrows from source to target; None for none.
+    titles : for each picture.
+    style : a name of :data:`STYLES`.
+    path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
+
+    Returns
+    -------
+    matplotlib Figure, not known to pyplot.
+    """
+    from matplotlib.figure import Figure
+
+    if style not in STYLES:
+        raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
+    if not pictures:
+        raise DeformError("there is no picture to draw.")
+    for what, given in (("nets", nets), ("sets of points", points), ("titles", titles)):
+        if given and len(given) != len(pictures):
+            raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
+    if path is not None:
+        _format(path)
+    look = STYLES[style]
+    boxes = [_box(p, nets[k] if nets else ()) for k, p in enumerate(pictures)]
+    figure = Figure(facecolor=look.paper)
+    for k, (picture, place) in enumerate(zip(pictures, _layout(figure, boxes, titled=bool(titles)), strict=True)):
+        axes = figure.add_axes(place)
+        _draw(axes, picture, boxes[k], look, nets[k] if nets else (), points[k] if points else None)
+        if titles:
+            _title(axes, titles[k], look)
+    if path is not None:
+        save_figure(figure, path)
+    return figure
+
+
+def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
+    """Size the figure and place the pictures in it to one scale: (left, bottom, width, height) in figure shares."""
+    sizes = np.array([(b[1] - b[0], b[3] - b[2]) for b in boxes])
+    sizes = sizes * (_LONG_SIDE / sizes.max())  # inches
+    head, gap = (_HEAD if titled else 0.0), 0.08
+    stacked = bool(sizes[:, 0].mean() > 1.2 * sizes[:, 1].mean())
+    cells = np.maximum(sizes, (_NARROWEST if titled else 0.0, 0.0)) + np.array([gap, head + gap])
+    full = (cells[:, 0].max(), cells[:, 1].sum()) if stacked else (cells[:, 0].sum(), cells[:, 1].max())
+    width, height = full[0] + gap, full[1] + gap
+    figure.set_size_inches(width, height)
+    places, x, y = [], gap, height - gap
+    for (w, h), (cell_w, cell_h) in zip(sizes, cells, strict=True):
+        left = (width - w) / 2 if stacked else x + (cell_w - gap - w) / 2
+        bottom = y - head - h if stacked else (height - head - h) / 2
+        places.append((left / width, bottom / height, w / width, h / height))
+        x, y = (x, y - cell_h) if stacked else (x + cell_w, y)
+    return places
+
+
+def _title(axes: Axes, title: str, look: Style) -> None:
+    """A title as it is: names of files may hold dollars, line breaks, or be long."""
+    inches = axes.get_figure(root=True).get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
+    room = 72 * max(inches, _NARROWEST)
+    text = shown(title, int(room / 3.5))
+    size = min(_TITLE, max(5.0, room / (0.66 * max(1, len(text)))))  # most letters are narrower than 0.66 of it
+    axes.set_title(text, color=look.ink, fontsize=size, family="serif", pad=5, parse_math=False)
+
+
+def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
+    """Write a figure in the format of the path's suffix, whole or not at all."""
+    suffix = _format(path)
+    with atomic_write(path) as stream, warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn as boxes; that is no reason to write to standard error.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(stream, format=suffix, dpi=_DPI, facecolor=figure.get_facecolor())
+
+
+def _format(path: str | PathLike[str]) -> str:
+    suffix = Path(path).suffix.lower().removeprefix(".")
+    if suffix not in ("png", "pdf", "svg"):
+        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(Path(path).name)}.")
+    return suffix
+
+
+def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:
+    """What is shown: the picture and all of its net, with a little air."""
+    a0, a1, b0, b1 = picture.raster.box
+    for line in net:
+        a0, b0 = min(a0, float(line[:, 0].min())), min(b0, float(line[:, 1].min()))
+        a1, b1 = max(a1, float(line[:, 0].max())), max(b1, float(line[:, 1].max()))
+    air = 0.01 * max(a1 - a0, b1 - b0)
+    return a0 - air, a1 + air, b0 - air, b1 + air
+
+
+def _draw(axes: Axes, picture: Picture, box: Box, look: Style,
+          net: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
+    show_picture(axes, picture, look)
+    for line in net:
+        axes.plot(line[:, 0], line[:, 1], color=look.net, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
+    if points is not None:
+        _draw_points(axes, points, look)
+    axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")
+    axes.set_axis_off()
+
+
+def show_picture(axes: Axes, picture: Picture, look: Style) -> None:
+    """The pixels of a picture in a look, where they lie."""
+    from matplotlib.colors import LinearSegmentedColormap, to_rgb
+
+    if picture.values.ndim == 3:
+        axes.imshow(picture.rgb8(to_rgb(look.dark)), extent=picture.extent, interpolation="bilinear")
+        return
+    inks = LinearSegmentedColormap.from_list("inks", [look.dark, look.bright])
+    axes.imshow(picture.grey() ** look.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
+                interpolation="bilinear")
+
+
+def _draw_points(axes: Axes, points: ControlPoints, look: Style) -> None:
+    arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": look.ink, "linewidth": 0.8, "shrinkA": 2, "shrinkB": 2}
+    for s, t, active in zip(points.source, points.target, points.active, strict=True):
+        if active and np.abs(s - t).max() > 0:
+            axes.annotate("", xy=(t[0], t[1]), xytext=(s[0], s[1]), arrowprops=arrow)
+    axes.plot(*points.source.T, "o", mfc="none", mec=SOURCE, markersize=4, linestyle="none")
+    axes.plot(*points.target.T, "o", color=TARGET, markersize=4, linestyle="none")

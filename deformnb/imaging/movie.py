@@ -1,0 +1,244 @@
+"""Movies: a deformation that comes and goes, or the animation of key frames.
+
+Frames are made by the renderer one by one, files are what any browser or slide shows.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.document.animation import Animation
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.imaging.render import Scene, fitting_height
+from deformnb.io.movies import MOVIES, write_movie
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import Warper
+
+__all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
+
+Image = NDArray[np.uint8]
+
+SHOWS = ("after", "pair")
+"""What a frame shows: the deformed volume alone, or the volume as it was to its left."""
+
+_BACKGROUND = (0.06, 0.065, 0.08)
+
+# A moment that no animation has: the volume as it was given.
+_BEFORE = -1.0
+
+
+def swing(count: int, *, to: float = 1.0) -> tuple[float, ...]:
+    """Strengths from 0 to ``to`` and back, slow at both ends; the one after the last would be the first again.
+
+    Examples
+    --------
+    >>> swing(4)
+    (0.0, 0.5, 1.0, 0.5)
+    """
+    if not (isinstance(count, int | np.integer) and count >= 1):
+        raise DeformError(f"a movie has a whole number of frames, at least 1, got {count!r}.")
+    turn = 2 * np.pi * np.arange(count) / count
+    return tuple((to * (0.5 - 0.5 * np.cos(turn)).round(12)).tolist())
+
+
+def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLike = (0.0, 0.0, 1.0),
+          degrees: float = 360.0) -> tuple[tuple[float, float, float], ...]:
+    """Directions of a camera that goes around a volume in ``count`` equal steps.
+
+    Parameters
+    ----------
+    direction : of the first frame.
+    axis : to turn about; it should be what points up in the picture.
+    degrees : how far; the whole way is not reached, so that the movie goes on with its first frame.
+
+    Examples
+    --------
+    >>> [tuple(round(c) for c in d) for d in orbit(4, (0, 1, 0))]
+    [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)]
+    """
+    from scipy.spatial.transform import Rotation
+
+    swing(count)  # refuses what is no number of frames
+    _, _, up = Plane.through((0, 0, 0), axis).frame  # refuses what is no direction
+    turned = Rotation.from_rotvec(np.radians(degrees * np.arange(count) / count)[:, None] * up).apply(
+        np.asarray(direction, dtype=float))
+    return tuple((x, y, z) for x, y, z in turned.tolist())
+
+
+class Frames(Iterator[Image]):
+    """Pictures made one by one, that know how many they are; see :func:`deformation_frames`."""
+
+    def __init__(self, images: Iterator[Image], count: int) -> None:
+        self._images, self._left = images, count
+
+    def __next__(self) -> Image:
+        image = next(self._images)
+        self._left -= 1
+        return image
+
+    def __length_hint__(self) -> int:
+        return self._left
+
+    def close(self) -> None:
+        """Give back what the renderer holds, before the last frame too."""
+        close = getattr(self._images, "close", None)
+        if close is not None:
+            close()
+
+
+def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: int | Sequence[float] = 48,
+                       directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
+                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
+                       shows: str = "after", output: Grid | None = None,
+                       background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
+    """Pictures of a volume whose control points are dragged all the way and back.
+
+    Each frame solves for the points as far as they are dragged then: halfway is no mixture of two pictures.
+
+    Parameters
+    ----------
+    strengths : a strength for each frame, as in :meth:`blended`; a number is that of
+        the frames of a :func:`swing` from 0 to 1 and back.
+    directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
+        in all frames.
+    up : what points up in the picture; default is +z, or -y for a view along z.
+    size : (width, height) of a frame in pixels, of one half for "pair".
+    transfer : colours and opacities; default is the preset "specimen" of the volume before.
+    shows : one of :data:`SHOWS`.
+    output : the grid of what is shown (the field of view); default is the volume's.
+    background : red, green and blue in [0, 1].
+    backend : a name of :data:`~deformnb.imaging.render.RENDERERS`, or "auto".
+
+    Returns
+    -------
+    Frames, an iterator of (height, width, 3) uint8. Nothing is computed before the first is asked for, and one thread
+    must ask for all.
+
+    Raises
+    ------
+    DeformError
+        At once if the lists do not fit together or a choice is unknown, later if the points cannot be fitted.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
+    >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 4]])
+    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="core")
+    >>> [frame.shape for frame in frames]
+    [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
+    """
+    chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
+    return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
+                   backend)
+
+
+def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0, times: Sequence[float] | None = None,
+                     directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
+                     size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
+                     shows: str = "after", output: Grid | None = None,
+                     background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
+    """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
+
+    Parameters
+    ----------
+    fps : pictures a second, of one round of the animation.
+    times : the moments of the pictures in seconds instead; also in another order, or twice.
+    directions, up, size, transfer, shows, output, background, backend : as for :func:`deformation_frames`.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> from deformnb.document.deformation import Keyframe
+    >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
+    >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
+    >>> keys = [Keyframe(t, Deformation.on_picture(volume.grid, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> animation = Animation(Deformation(keyframes=keys))
+    >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
+    3
+    """
+    moments = animation.times(fps) if times is None else tuple(map(animation.moment, _numbers(times, "times")))
+
+    def document(moment: float) -> Deformation:
+        return Deformation() if moment == _BEFORE else animation.at(moment)
+
+    return _frames(volume, document, _BEFORE, moments, directions, up, size, transfer, shows, output, background,
+                   backend)
+
+
+def _frames(volume: Volume, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
+            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | None,
+            shows: str, output: Grid | None, background: tuple[float, float, float], backend: str) -> Frames:
+    """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
+    if shows not in SHOWS:
+        raise DeformError(f"frames cannot show {shows!r}; choose {' or '.join(SHOWS)}.")
+    grid = output or volume.grid
+    planes = _planes(grid, directions, up, len(moments))
+    function = preset("specimen", volume) if transfer is None else transfer
+    scene = Scene(function, size, background=background, backend=backend)  # refuses a wrong size or renderer
+    shown = list(zip(moments, planes, strict=True))
+    images = _images(volume, document, shown, grid, scene, size, before, shows == "pair")
+    return Frames(images, len(moments))
+
+
+def _numbers(given: Sequence[float], what: str = "strengths") -> tuple[float, ...]:
+    try:
+        chosen = tuple(float(s) for s in given)
+    except (TypeError, ValueError):
+        kinds = "a number of frames or a list of numbers" if what == "strengths" else "a list of numbers"
+        raise DeformError(f"{what} are {kinds}, got {given!r:.60}.") from None
+    if not chosen or not np.isfinite(chosen).all():
+        raise DeformError(f"{what} must be finite numbers, one for each frame and at least one.")
+    return chosen
+
+
+def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int) -> list[Plane]:
+    looks = np.asarray(directions, dtype=float)
+    if looks.shape not in ((3,), (count, 3)):
+        raise DeformError(f"directions are one direction, or one for each of the {count} frames, got an array of shape "
+                          f"{looks.shape}.")
+    return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
+
+
+def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
+            scene: Scene, size: tuple[int, int], before: float, is_pair: bool) -> Iterator[Image]:
+    height = max(fitting_height(grid, plane, size) for _, plane in wanted)
+    warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
+    # On the way back the same pictures come again, as long as the camera stands still.
+    left, kept = Counter(wanted), dict[tuple[float, Plane], Image]()
+
+    def deformed(moment: float) -> Volume:
+        if moment not in volumes:
+            for other in [m for m in volumes if m != before]:  # kept are the last and the one that is not deformed
+                del volumes[other]
+            volumes[moment] = warper(document(moment).field(volume.grid))
+        return volumes[moment]
+
+    def drawn(moment: float, plane: Plane) -> Image:
+        key = (moment, plane)
+        image = kept.pop(key, None)
+        if image is None:
+            image = scene(deformed(moment), plane, height)
+        left[key] -= 1
+        if left[key] > 0:
+            kept[key] = image
+        return image
+
+    if is_pair:
+        left.update((before, plane) for _, plane in wanted)
+    try:
+        for moment, plane in wanted:
+            if is_pair:
+                yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
+            else:
+                yield drawn(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
+    finally:
+        scene.close()

@@ -1,0 +1,297 @@
+"""Pictures of a volume: slice, maximum intensity projection (MIP), mean, composite, from any side.
+
+The light goes along the normal of a plane, front to back. Seen along an axis of the volume a pixel is exactly a column
+of voxels; an oblique view resamples the volume trilinearly onto a lattice that is parallel to the picture, block by
+block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.imaging.raycast import Blocks, Eye, blocks, composite, faces_of, knots
+from deformnb.rbf.fields import Identity
+from deformnb.volume.clip import Part
+from deformnb.volume.plane import Picture, Plane, Raster
+from deformnb.volume.transfer import TransferFunction, preset, typical_range
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
+from deformnb.warping.warper import warp
+
+Progress = Callable[[float], None]
+
+# Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
+_LAYERS = 32
+# Whole numbers of a smaller range show as terraces on a surface that is lit.
+_FEW = 64
+# Beyond this a float32 has no square.
+_LARGEST = 1e18
+
+
+def _f32(*numbers: float) -> NDArray[np.float32]:
+    return np.array(numbers, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """One way to make a picture of layers, front to back.
+
+    Parameters
+    ----------
+    name, title : in code and in menus.
+    add : (state or None, layers, count, settings) -> state; ``count`` layers are to be added.
+    finish : state -> values.
+    whole : (array, axis) -> values, a faster way for all layers at once; or None.
+    margin : layers that ``add`` gets before and behind those to be added, to take slopes from.
+    """
+
+    name: str
+    title: str
+    add: Callable[[Any, NDArray[Any], int, dict[str, Any]], Any]
+    finish: Callable[[Any], NDArray[Any]]
+    whole: Callable[[NDArray[Any], int], NDArray[Any]] | None = None
+    margin: int = 0
+
+
+def _add_max(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
+    largest = layers[:count].max(axis=0)
+    return largest if state is None else np.maximum(state, largest)
+
+
+def _add_sum(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
+    total = layers[:count].sum(axis=0, dtype=np.float64)
+    return (total, count) if state is None else (state[0] + total, state[1] + count)
+
+
+def _finish_mean(state: Any) -> NDArray[Any]:
+    return np.asarray(state[0] / state[1], dtype=np.float32)
+
+
+def _whole_mean(values: NDArray[Any], axis: int) -> NDArray[Any]:
+    kind = np.float32 if values.dtype.kind != "f" else values.dtype
+    return np.asarray(values.mean(axis=axis, dtype=kind), dtype=np.float32)
+
+
+def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
+    if state is None:
+        state = np.zeros((*layers.shape[1:], 4), np.float32)
+    low, width, outside = settings["range"]
+    if settings["is_scaled"]:
+        layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
+        layers, width = layers.astype(np.float32), 1.0
+    return composite(state, np.ascontiguousarray(layers), count, settings["knots"], _f32(outside, width),
+                     settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
+                     shaded=settings["shaded"])
+
+
+PROJECTIONS: dict[str, Projection] = {
+    p.name: p
+    for p in (
+        Projection("mip", "Maximum (MIP)", _add_max, np.asarray, lambda v, axis: v.max(axis=axis)),
+        Projection("slice", "Slice", lambda state, layers, count, _: layers[0], np.asarray),
+        Projection("mean", "Mean", _add_sum, _finish_mean, _whole_mean),
+        Projection("composite", "Composite", _add_light, np.asarray, margin=1),
+        Projection("shaded", "Shaded composite", _add_light, np.asarray, margin=1),
+    )
+}
+"""All projections by name; the first is the default."""
+
+
+def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, transfer: TransferFunction | None = None,
+            depth: float | None = None, spacing: float | None = None, part: Part | None = None,
+            eye: Eye | None = None, progress: Progress | None = None) -> Picture:
+    """A picture of a volume.
+
+    Parameters
+    ----------
+    volume : what to look at; voxels that are not finite count as background.
+    view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane: its u points right, its v down, its normal away.
+    method : a name of :data:`PROJECTIONS`.
+    transfer : colours and opacities of "composite" and "shaded"; default is the preset "specimen".
+    depth : place of a "slice" along the normal, from the plane; default is the plane itself (the middle of the volume
+        for a view by name).
+    spacing : pixel size of an oblique view; default is the smallest voxel size.
+    part : outside of it is background, and where it cuts through a body its face is lit.
+    eye : who sees the plane in perspective; no slice is.
+    progress : called with the finished share from 0 to 1.
+
+    Raises
+    ------
+    DeformError
+        For an unknown method, a slice outside the volume, or a plane that is not one.
+
+    Examples
+    --------
+    >>> volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4)))
+    >>> project(volume, "+z").values.tolist()
+    [[12, 13, 14, 15], [16, 17, 18, 19], [20, 21, 22, 23]]
+    """
+    if method not in PROJECTIONS:
+        raise DeformError(f"unknown projection {method!r}; choose one of {', '.join(PROJECTIONS)}.")
+    plane = Plane.along(volume.grid, view) if isinstance(view, str) else view
+    order = _voxel_order(volume.grid, plane)
+    settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
+    if order is not None and spacing is None and part is None and eye is None:
+        picture = _project_voxels(volume, plane, how, settings, depth, progress)
+    else:
+        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, progress)
+    if progress is not None:
+        progress(1.0)
+    return picture if picture.values.ndim == 3 else replace(picture, window=_window(picture.values, volume))
+
+
+def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
+    """Black is the background; white is what only 1 in 300 pixels of the subject exceeds.
+
+    So one dense spot (a filling, a clip) does not darken the rest.
+    """
+    low = volume.background
+    subject = values[values > low]
+    high = float(np.quantile(subject.astype(np.float64), 1 - 1 / 300)) if subject.size else low
+    # One grey level of the type, or one step of a float, where everything is alike: never a window without width.
+    return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
+
+
+def _settings(volume: Volume, transfer: TransferFunction | None, method: str) -> dict[str, Any]:
+    settings: dict[str, Any] = {"shaded": method == "shaded"}
+    if method in ("composite", "shaded"):
+        settings["transfer"] = preset("specimen", volume) if transfer is None else transfer
+        low, high = typical_range(volume)
+        settings["range"] = (low, (high - low) or max(1.0, abs(low)), volume.background)
+        settings["is_scaled"] = volume.dtype in (np.int32, np.float64)  # more digits than a float32 holds
+    return settings
+
+
+def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> dict[str, Any]:
+    if "transfer" not in settings:
+        return settings
+    low, width, _ = settings["range"]
+    scaling = (low, 1 / width) if settings["is_scaled"] else (0.0, 1.0)
+    # A lamp above the viewer's left shoulder: pure headlight looks flat, light from far aside leaves half in the dark.
+    light = _f32(-0.35, -0.45, -0.82)
+    return {**settings, "knots": knots(settings["transfer"], dn, *scaling), "spacing": _f32(dn, dv, du),
+            "light": light / np.linalg.norm(light), "faces": None}
+
+
+def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
+    """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
+    cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
+    best = np.abs(cosines).argmax(axis=1)
+    # Cosines near 1 say nothing about small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
+    # 0 do. A plane along the axes of a grid that is square only within its tolerance may be twice that off them.
+    aside = cosines.copy()
+    aside[[0, 1, 2], best] = 0
+    if sorted(best) != [0, 1, 2] or np.abs(aside).max() > 2 * ORTHONORMAL_TOLERANCE:
+        return None
+    return [(2 - int(k), 1 if cosines[row, k] > 0 else -1) for row, k in enumerate(best)]
+
+
+def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
+                    progress: Progress | None) -> Picture:
+    order = _voxel_order(volume.grid, plane)
+    assert order is not None
+    turned = volume.finite_values.transpose([axis for axis, _ in order])
+    turned = turned[tuple(slice(None, None, sign) for _, sign in order)]  # [depth, v, u], a view
+    dn, dv, du = (volume.grid.spacing[2 - axis] for axis, _ in order)
+    corner = plane.to_plane(volume.grid.corners(centres=True)).min(axis=0)
+    raster = Raster((turned.shape[1], turned.shape[2]), (du, dv), (float(corner[0]), float(corner[1])))
+    if how.name == "slice":
+        axis, sign = order[0]
+        values = turned[::sign][_slice_number(volume.grid, plane, axis, depth or 0.0)]
+    elif how.whole is not None:
+        values = how.whole(turned, 0)
+    else:
+        layers = _voxel_blocks(turned, how.margin, volume.background)
+        values = _accumulate(how, layers, _with_steps(settings, du, dv, dn), len(turned), progress)
+    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
+
+
+def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
+    """The voxels along an array axis that a slice goes through; between two, the later ones, from both sides alike."""
+    at = float(grid.point_to_index(plane.from_plane([0.0, 0.0, depth]))[2 - axis])
+    index, count = math.floor(at + 0.5 + 1e-9), grid.shape[axis]  # the middle between two is rarely met exactly
+    if not 0 <= index < count:
+        raise DeformError(f"the slice would be number {index} of {count}: outside the volume. Choose another depth.")
+    return index
+
+
+def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Blocks:
+    """Blocks of layers; with a margin all of one size, so that one compiled function adds them."""
+    for k in range(0, len(turned), _LAYERS):
+        count = min(_LAYERS, len(turned) - k)
+        if margin == 0:
+            yield turned[k : k + count], count
+            continue
+        block = np.full((_LAYERS + 2 * margin, *turned.shape[1:]), background, turned.dtype)
+        first, last = max(0, k - margin), min(len(turned), k + _LAYERS + margin)
+        block[first - k + margin : last - k + margin] = turned[first:last]
+        yield block, count
+
+
+def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layers: int,
+                progress: Progress | None) -> NDArray[Any]:
+    state, done = None, 0
+    for block, count in pieces:
+        state = how.add(state, block, count, {**settings, "start": done})
+        done += count
+        if progress is not None:
+            progress(min(1.0, done / layers))
+    return how.finish(state)
+
+
+def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
+                     spacing: float | None, part: Part | None, eye: Eye | None, progress: Progress | None) -> Picture:
+    """An oblique view, through a lattice parallel to the picture."""
+    lattice = plane_lattice(volume.grid, plane, spacing)
+    if eye is not None and how.name != "slice":
+        lattice = eye.lattice(volume.grid, plane, lattice.spacing[0])
+    d = lattice.spacing[0]
+    low = plane.to_plane(lattice.origin)
+    raster = Raster(lattice.shape[1:], (d, d), (float(low[0]), float(low[1])))
+    if how.name == "slice":
+        at = plane.from_plane([low[0], low[1], depth or 0.0])
+        depths = plane.to_plane(volume.grid.corners())[:, 2]
+        near, far = float(depths.min()), float(depths.max())
+        if not near <= (depth or 0.0) <= far:
+            raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
+        one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
+        values = warp(volume if part is None else part.emptied(volume), Identity(3), output=one).values[0]
+    else:
+        is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
+        layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
+        settings = _with_steps(settings, d, d, d)
+        if is_lit and part is None and _voxel_order(volume.grid, plane) is None:
+            part = Part.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
+        if is_lit and part is not None:
+            settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
+        values = _accumulate(how, layers, settings, lattice.shape[0], progress)
+    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
+
+
+def _smooth(volume: Volume, how: Projection) -> Volume:
+    """The volume with numbers between its values, where light would show the steps between a few whole numbers."""
+    low, high = volume.value_range
+    if how.margin == 0 or volume.dtype.kind == "f" or high - low > _FEW or (
+            volume.is_labels and volume.dtype != np.bool_):
+        return volume
+    return replace(volume, values=volume.values.astype(np.float32), is_labels=False)
+
+
+def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Grid:
+    """A grid with axes u, v, n of a plane that covers ``grid``, with voxels of one size (default: its smallest)."""
+    d = min(grid.spacing) if spacing is None else float(spacing)
+    if not (np.isfinite(d) and d > 0):
+        raise DeformError(f"the pixel size must be a positive length, got {spacing}.")
+    corners = plane.to_plane(grid.corners())
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    count = np.maximum(1, np.ceil((high - low) / d - 1e-9)).astype(int)
+    first = (low + high) / 2 - d * (count - 1) / 2
+    shape = (int(count[2]), int(count[1]), int(count[0]))
+    axes = tuple(map(tuple, plane.frame.T))
+    return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]

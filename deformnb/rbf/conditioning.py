@@ -1,0 +1,301 @@
+"""What is done with sets of control points that a plain fit would get wrong, silently, in other systems.
+
+=================================  ==================================================================================
+set of active points               what is done
+=================================  ==================================================================================
+none                               the identity
+one                                a translation (trend "none": one bump)
+nearly on one line, or in one      the trend "affine" shrinks across them to a similarity; a note names the direction
+plane of space                     (:func:`deformnb.rbf.trends.thin_directions`)
+same place, same displacement      merged; a note names them
+same place, other displacement     DeformError naming both; with smoothing their weighted mean
+same place, other radius           the radius of the first
+pulled past one another            fitted, and a note names the pair: a fold is likely
+from one source to two targets     fitted, and a note names the pair: the map folds between them
+much nearer than the support       a compact kernel's support is limited to 100 diagonals of their box, with a note
+not finite, beyond 1e15            refused by ControlPoints, before any LAPACK call (inf makes some of them hang)
+more than 2000                     DeformError
+=================================  ==================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.spatial
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.trends import THIN, Span, Trend, ridge_of, spreads_of
+
+LARGEST_SET = 2000
+"""Dense solves cost N^3: 2000 points take 0.1 s, ten times as many would take minutes."""
+
+# Points nearer than this share of the support, or of their box, make Phi singular to working precision (its condition
+# is (R/gap)^2..3).
+SAME_PLACE = 1e-6
+# Displacements that differ by less than this share of the support are the same: the promised exactness of a fit.
+SAME_DISPLACEMENT = 1e-9
+# Ratio of singular values of the centred points below which they lie on a line or in a plane (independent of the axes).
+FLAT = 1e-7
+
+# A compact kernel is close to its flat limit at this many diagonals of the points' box; beyond, Phi loses the digits
+# that keep near points apart (the error of a fit was 5e-8 of the box at 100).
+LONGEST_SHARE = 100.0
+
+_LIMITED = (f"the support radius is limited to {LONGEST_SHARE:g} diagonals of the control points' box; beyond that the "
+            "map hardly changes")
+_UNHELD = (" nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel with the "
+           "trend affine stays calm")
+
+# What a trend shortens more than this it collapses; ratios beyond would be rounding.
+_COLLAPSED = 1e-6
+# Pairs of crossing points this many quarters of an octave (8 times) behind the worst are not named.
+_FAR_BEHIND = 12
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPoints:
+    """Active points, merged and centred, ready for the solve.
+
+    targets, displacements (n, dim) and weights (n,); origin (dim,) their centre; support radius; span: what the centred
+    points determine of a linear map; trend: the name of the trend they can carry; ids, notes, and the closest pair;
+    radii (n,) of their own, that of all where they have none.
+    """
+
+    targets: NDArray[np.float64]
+    displacements: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    support: float
+    span: Span
+    trend: str
+    ids: tuple[int, ...]
+    notes: tuple[str, ...]
+    closest: str
+    radii: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """Number of different places."""
+        return len(self.targets)
+
+
+def _at_rest(points: ControlPoints) -> NDArray[np.float64]:
+    """The active sources, which do not move during a drag; the targets if the sources coincide.
+
+    Sources that coincide but for rounding would make spikes of the width of that rounding.
+    """
+    source, target = points.source[points.active], points.target[points.active]
+    sizes = [float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0 for places in (source, target)]
+    return source if sizes[0] > SAME_PLACE * sizes[1] else target
+
+
+def box_diagonal(points: ControlPoints) -> float | None:
+    """The diagonal of the box of the active sources (of the targets if the sources coincide); None for one place."""
+    places = _at_rest(points)
+    return float(np.linalg.norm(np.ptp(places, axis=0))) or None if len(places) else None
+
+
+def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float:
+    """The longest support that may be chosen for control points at several places: limited where they are thin.
+
+    A wide kernel extrapolates across a row of points (in space: across a flat set too) more wildly the more points
+    the row has; half of its length keeps the map beside it calm, and for smooth kernels a number of gaps.
+    """
+    places = _at_rest(points)
+    wide = int((spreads_of(places, places)[1] >= THIN).sum())
+    if wide == points.dim:
+        return np.inf
+    gaps = max(1.0, len(places) ** (1 / wide) - 1)
+    return (box_diagonal(points) or np.inf) * min(0.5, kernel.gaps / gaps)
+
+
+def usual_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float | None:
+    """The support of points that say nothing of it themselves: a fixed share of their box; None for one place."""
+    size = box_diagonal(points)
+    return size and min(kernel.shares[len(kernel.shares) // 2] * size, longest_support(points, kernel))
+
+
+def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend,
+            smoothing: float) -> PreparedPoints:
+    """Check, merge and centre the active points; see the table at the top of this module."""
+    chosen = np.flatnonzero(points.active)
+    if len(chosen) > LARGEST_SET:
+        raise DeformError(
+            f"{len(chosen)} control points are more than the {LARGEST_SET} a dense solve is meant for; switch some "
+            "off or thin them out."
+        )
+    active = points.take(chosen)
+    radius = _radius(active, kernel, support, trend)
+    limit = LONGEST_SHARE * (box_diagonal(active) or np.inf)
+    limited: tuple[str, ...] = ()
+    if kernel.compact and radius > limit:
+        radius, limited = limit, (_LIMITED,)
+    targets, displacements, weights, first, notes = _merge(active, radius, smoothing)
+    origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
+    span, where = _span(targets - origin, displacements)
+    name, remark = _bearable(trend, kernel, len(targets), span.basis.shape[1], where)
+    return PreparedPoints(targets, displacements, weights, origin, radius, span, name,
+                          tuple(active.ids[k] for k in first), (*limited, *notes, *remark),
+                          _closest(active, targets, first),
+                          np.where(np.isnan(active.radius), radius, active.radius)[first])
+
+
+def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend) -> float:
+    radius = usual_support(active, kernel) if support is None else float(support)
+    if radius is None and len(active) and not np.isnan(own := float(active.radius[0])):
+        radius = own
+    if radius is None:
+        if len(active) and trend.linear is None:
+            raise DeformError(
+                f"{active.label(0)} is alone and there is no trend, so nothing tells how far it reaches; give a "
+                "support radius."
+            )
+        radius = 1.0  # a translation does not depend on it
+    if not (np.isfinite(radius) and radius > 0):
+        raise DeformError(f"the support radius must be a positive length, got {radius}.")
+    return radius
+
+
+def _merge(points: ControlPoints, radius: float, smoothing: float) -> tuple[
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[int], tuple[str, ...]]:
+    """Points at one place become one; returns targets, displacements, weights, first positions and notes."""
+    n = len(points)
+    x, d, w = points.target, points.displacement, points.weight
+    pairs: NDArray[Any] = np.zeros((0, 2), dtype=np.int64)
+    if n > 1:
+        pairs = scipy.spatial.cKDTree(x).query_pairs(same_place(points, radius), output_type="ndarray")
+    if len(pairs) == 0:
+        return x, d, w, list(range(n)), ()
+    if smoothing == 0:
+        _refuse_conflicts(points, pairs, radius)
+    graph = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    groups, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    first = sorted(int(np.flatnonzero(label == g)[0]) for g in range(groups))
+    members = [np.flatnonzero(label == label[k]) for k in first]
+    total = np.array([w[m].sum() for m in members])
+    mean = [np.stack([(a[m] * w[m, None]).sum(axis=0) for m in members]) / total[:, None] for a in (x, d)]
+    notes = tuple(
+        f"{', '.join(points.label(int(k)) for k in m)} are at one place and count as one" for m in members if len(m) > 1
+    )
+    return mean[0], mean[1], total, first, notes
+
+
+def same_place(points: ControlPoints, radius: float) -> float:
+    """The distance up to which active points count as being at one place."""
+    return SAME_PLACE * min(radius, box_diagonal(points) or radius)
+
+
+def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float) -> None:
+    gap = np.linalg.norm(points.displacement[pairs[:, 0]] - points.displacement[pairs[:, 1]], axis=1)
+    bad = np.flatnonzero(gap > SAME_DISPLACEMENT * radius)
+    if len(bad):
+        i, j = (int(k) for k in pairs[bad[0]])
+        place, one, two = (
+            "(" + ", ".join(f"{v:.6g}" for v in a) + ")"
+            for a in (points.target[i], points.displacement[i], points.displacement[j])
+        )
+        raise DeformError(
+            f"{points.label(i)} and {points.label(j)} are at the same place {place} but ask for different "
+            f"displacements {one} and {two}; move or delete one, or turn smoothing on."
+        )
+
+
+def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> tuple[Span, str]:
+    """What the centred targets (n, dim) determine of a linear map, and where they lie thinly, in words."""
+    n, dim = centred.shape
+    if n < 2 or not centred.any():
+        return Span(np.zeros((dim, 0)), np.zeros((dim, dim))), ""
+    _, sigma, vt = scipy.linalg.svd(centred, full_matrices=False)
+    rank = int((sigma > FLAT * sigma[0]).sum())
+    basis = np.eye(dim) if rank == dim else np.ascontiguousarray(vt[:rank].T)
+    directions, spreads = spreads_of(centred, centred + displacements)
+    return Span(basis, ridge_of(directions, spreads)), _thinly(directions, spreads)
+
+
+def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> str:
+    """Where control points lie that are thin in some direction; rounded, for other notes make JAX compile anew."""
+    wide = int((spreads >= THIN).sum())
+    if wide == len(spreads):
+        return ""
+    along = directions[:, 0] if wide == 1 else directions[:, -1]
+    if len(along) == 2:
+        return f"on one line, at {round(float(np.degrees(np.arctan2(along[1], along[0]))) / 15) * 15 % 180} degrees"
+    along = along * np.sign(along[np.abs(along).argmax()])
+    text = ", ".join(f"{value + 0.0:.1f}" for value in np.round(along, 1) + 0.0)
+    return f"on one line, along ({text})" if wide == 1 else f"in one plane, across ({text})"
+
+
+def _bearable(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int, where: str) -> tuple[str, tuple[str, ...]]:
+    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one asked for."""
+    if n == 0 or trend.name in ("none", "translation"):
+        return trend.name, ()
+    if rank == 0:
+        name = trend.name if kernel.order == 2 else "translation"
+        return name, ("one control point: the trend is a translation",)
+    if not where:
+        return trend.name, ()
+    if trend.name.startswith("affine"):
+        lie = f"the control points lie nearly {where}: across it"
+        if trend.name == "affine" and kernel.order < 2:
+            return trend.name, (f"{lie} the affine trend turns and scales as along it",)
+        return trend.name, (lie + _UNHELD,)
+    if rank == 1 and "along" in where:
+        return trend.name, ("the control points lie on one line: the turn about it is the smallest possible",)
+    return trend.name, ()
+
+
+def _closest(points: ControlPoints, targets: NDArray[np.float64], first: list[int]) -> str:
+    """The two points that lie closest to each other, for the message of a singular system."""
+    if len(targets) < 2:
+        return "a single point"
+    distance, other = _neighbours(targets, 2)
+    k = int(distance[:, 1].argmin())
+    return f"{points.label(first[k])} and {points.label(first[int(other[k, 1])])}"
+
+
+def _neighbours(points: NDArray[np.float64], k: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Distances and positions (n, k) of the k nearest points of each point, itself first."""
+    distance, position = scipy.spatial.cKDTree(points).query(points, k=k)
+    return np.asarray(distance), np.asarray(position)
+
+
+def torn_pairs(ready: PreparedPoints, most: int = 3) -> list[tuple[int, int]]:
+    """Ids of points that share a source and have different targets: no map without folds does that."""
+    sources = ready.targets + ready.displacements
+    size = float(np.ptp(ready.targets, axis=0).max(initial=0.0))
+    pairs = scipy.spatial.cKDTree(sources).query_pairs(SAME_PLACE * size) if len(sources) > 1 and size else set()
+    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(pairs)[:most]]
+
+
+def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int = 3) -> list[tuple[int, int]]:
+    """Ids of neighbouring points that the fit pulls past one another; ``linear`` is T's trend (dim, dim).
+
+    Beside the trend the displacement changes by more than the distance. Head on the map must fold between them; four
+    points turned by 90 degrees within a fixed ring also come here, and may not fold (det J down to 0.18 was seen).
+    The worst come first to be named: two points piled on one place bend the trend until others seem to cross as well.
+    """
+    x = ready.targets @ linear.T
+    y = ready.targets + ready.displacements
+    neighbours = min(len(x), 5)
+    if neighbours < 2:
+        return []
+    _, near = _neighbours(ready.targets, neighbours)
+    first, second = np.repeat(np.arange(len(x)), neighbours - 1), near[:, 1:].ravel()
+    along = x[first] - x[second]
+    beside = y[first] - y[second] - along
+    gap = np.linalg.norm(ready.targets[first] - ready.targets[second], axis=1)
+    ratio = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(along, axis=1), _COLLAPSED * gap)
+    # In quarters of an octave: neither rounding nor a small move changes who is named.
+    degree = np.round(4 * np.log2(np.maximum(ratio, 1.0)))
+    pairs = {(min(i, j), max(i, j)): d for i, j, d, r in zip(
+        first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True) if r > 1}
+    worst = sorted(pairs, key=lambda pair: (-pairs[pair], pair))[:most]
+    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - _FAR_BEHIND]

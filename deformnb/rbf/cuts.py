@@ -1,0 +1,310 @@
+r"""Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
+
+A cut divides the picture, or space, into its inside and its outside; several cuts divide it into as many regions as
+there are combinations. Every region has a fit of its own, of the control points whose sources lie in it (Eq. 7); a
+region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: which
+one holds is decided at every sample anew.
+
+Two rules say what is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k would show:
+
+- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Matter
+  never crosses the line, so moving both sides together leaves a false gap.
+- "source", the default: the field of any region k whose s_k lies in region k, the region of x first. It contains
+  Eq. 8 wherever that shows something.
+
+The opacity A (the paper's transparency map) falls from 1 to 0 within one voxel, by how much of the voxel at s_k lies in
+region k: ``c(m) = clamp(1/2 + m / softness)`` with m the depth of s_k within region k. The coverages of neighbouring
+regions add up to 1 along a closed cut, so a cut that is not pulled open is not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion
+from deformnb.volume.plane import Plane
+
+MOST_CUTS = 8
+"""Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
+
+# Coverages add up to 1 but for the rounding of float32 pixels; what is opaque must stay so bit by bit.
+_OPAQUE = 1 - 1e-4
+
+_Field = TypeVar("_Field", bound=AbstractField)
+
+Sides = tuple[bool, ...]
+"""A region: for every cut whether it is its inside."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A line along which matter comes apart.
+
+    Parameters
+    ----------
+    region : what lies on one side: a :class:`Line` (which goes on straight beyond its ends, since a
+        cut has no end inside the picture), a polygon, a mask, or a half space.
+    name : shown to people.
+    enabled : a cut that is switched off stays in the list.
+    """
+
+    region: AbstractRegion
+    name: str = ""
+    enabled: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.region, AbstractRegion):
+            raise DeformError(f"a cut needs a region, got {type(self.region).__name__}.")
+
+
+def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:
+    """Whether points (..., dim) lie inside each of the regions: shape (..., number of regions)."""
+    return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
+
+
+def decoupled_fits(points: ControlPoints, regions: Sequence[AbstractRegion],
+                   fit: Callable[[ControlPoints], _Field]) -> dict[Sides, _Field]:
+    """The fit of every region that has active points, by the region of their sources (Eq. 7).
+
+    Parameters
+    ----------
+    fit : makes a field of some of the points.
+    """
+    chosen = np.flatnonzero(points.active).tolist()
+    if not chosen:
+        return {}
+    sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
+    return {region: fit(points.take([k for k, s in zip(chosen, sides, strict=True) if s == region]))
+            for region in sorted(set(sides))}
+
+
+# ---- the rules -------------------------------------------------------------------------------------------------------
+
+
+def _covered(depth: Any, softness: Any, xp: Any) -> Any:
+    return xp.clip(0.5 + depth / softness, 0.0, 1.0)
+
+
+def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
+    """How deep places with these distances to the cuts lie within a region; negative outside."""
+    within = [-d if inside else d for d, inside in zip(distances, sides, strict=True)]
+    least = within[0]
+    for d in within[1:]:
+        least = xp.minimum(least, d)
+    return least
+
+
+def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
+    """Eq. 8: the region of x or nothing. Divided by the coverage at x, so that a cut without a drag is not seen."""
+    count = len(there)
+    choice, opacity = xp.full(still.shape, count), xp.ones(still.shape)
+    for k in range(count):
+        choice = xp.where(own[k], k, choice)
+        share = xp.minimum(1.0, there[k] / xp.where(here[k] > 0, here[k], 1.0))
+        opacity = xp.where(own[k], share, opacity)
+    return choice, opacity
+
+
+def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
+    """Whatever has been brought here: the region of x first, else what covers most of the voxel."""
+    count = len(there)
+    choice, best, total = xp.full(still.shape, count), still, still
+    for k in range(count):
+        choice, best = xp.where(own[k], k, choice), xp.where(own[k], there[k], best)
+        total = total + there[k]
+    is_certain = best >= 0.5
+    for k, covered in [*enumerate(there), (count, still)]:
+        better = ~is_certain & (covered > best)
+        choice, best = xp.where(better, k, choice), xp.where(better, covered, best)
+    return choice, xp.minimum(1.0, total)
+
+
+CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _by_source, "paper": _by_paper}
+"""What is seen beside a cut, by name; the first is the default."""
+
+
+def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], rule: str, softness: float,
+           xp: Any = np) -> tuple[Any, Any]:
+    """Which region is seen at places x, and how opaque it is.
+
+    Parameters
+    ----------
+    here : signed distances (...) of x to every cut.
+    there : for every field the distances (...) to every cut of the place x + D_k(x).
+    sides : the region of every field.
+
+    Returns
+    -------
+    choice : (...) number of the field; their count for "none of them", that is no displacement.
+    opacity : (...) from 0 to 1.
+    """
+    own = [_is_own(here, region, xp) for region in sides]
+    covered = [_covered(_depth(here, region, xp), softness, xp) for region in sides]
+    brought = [_covered(_depth(d, region, xp), softness, xp) for d, region in zip(there, sides, strict=True)]
+    still = xp.clip(1.0 - sum(covered), 0.0, 1.0) if sides else xp.ones(here[0].shape)
+    choice, opacity = CUT_RULES[rule](own, covered, brought, still, xp)
+    return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
+
+
+def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
+    same = xp.ones(here[0].shape, dtype=bool)
+    for d, inside in zip(here, region, strict=True):
+        same = same & ((d < 0) == inside)
+    return same
+
+
+# ---- the field -------------------------------------------------------------------------------------------------------
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["fields", "regions"],
+    meta_fields=["sides", "plane", "rule", "softness"],
+)
+@dataclass(frozen=True, eq=False)
+class Decoupled(AbstractField):
+    """Smooth fields of the regions between cuts, and the choice among them: the paper's decoupled interpolant.
+
+    Parameters
+    ----------
+    fields : of the regions that have control points, all of one dimension.
+    sides : which region each field belongs to.
+    regions : one for every cut.
+    plane : the plane on which the cuts are drawn, for fields in space; None if the cuts have the fields' dimension.
+    rule : a name of :data:`CUT_RULES`.
+    softness : width over which the opacity falls at a cut, physical; about a voxel.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.regions import Line
+    >>> pull = ControlPoints.from_arrays([[2, 0], [8, 0]], [[1, 0], [9, 0]])  # both sides one away from the middle
+    >>> cut = Line([(5, 9), (5, 0)])
+    >>> fits = decoupled_fits(pull, [cut], fit_rbf)
+    >>> field = Decoupled(tuple(fits.values()), tuple(fits), (cut,), softness=0.5)
+    >>> x = [[3.0, 0.0], [4.5, 0.0], [5.5, 0.0], [7.0, 0.0]]
+    >>> field.displacement(x).round(9)[:, 0].tolist(), field.opacity(x).round(9).tolist()
+    ([1.0, 1.0, -1.0, -1.0], [1.0, 0.0, 0.0, 1.0])
+    """
+
+    fields: tuple[AbstractField, ...]
+    sides: tuple[Sides, ...]
+    regions: tuple[AbstractRegion, ...]
+    plane: Plane | None = None
+    rule: str = "source"
+    softness: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.rule not in CUT_RULES:
+            raise DeformError(f"unknown rule {self.rule!r} of cuts; choose one of {', '.join(CUT_RULES)}.")
+        if not 1 <= len(self.regions) <= MOST_CUTS:
+            raise DeformError(f"one to {MOST_CUTS} cuts are possible, got {len(self.regions)}.")
+        if len(self.fields) != len(self.sides) or any(len(s) != len(self.regions) for s in self.sides):
+            raise DeformError("every field needs its region, and every region a side of every cut.")
+        if not self.softness > 0:  # NaN as well
+            raise DeformError(f"the softness of cuts must be a positive length, got {self.softness}.")
+
+    @property
+    def dim(self) -> int:
+        return 3 if self.plane is not None else self.regions[0].dim
+
+    @property
+    def has_cuts(self) -> bool:
+        return True
+
+    def __call__(self, points: Any) -> Any:
+        x = jnp.asarray(points)
+        moves = [f(x) for f in self.fields]
+        choice, _ = self._decided(x, moves, jnp)
+        total = jnp.zeros_like(x)
+        for k, d in enumerate(moves):
+            total = jnp.where((choice == k)[..., None], d, total)
+        return total
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.seen(points)[0]
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.seen(points)[1]
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x = np.asarray(points, dtype=np.float64)
+        moves = [f.displacement(x) for f in self.fields]
+        choice, opacity = self._decided(x, moves, np)
+        total = np.zeros_like(x)
+        for k, d in enumerate(moves):
+            total = np.where((choice == k)[..., None], d, total)
+        return total, np.asarray(opacity)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """That of the field which is seen at each point; it says nothing of the jump across a cut."""
+        x = np.asarray(points, dtype=np.float64)
+        choice, _ = self._decided(x, [f.displacement(x) for f in self.fields], np)
+        out = np.zeros((*x.shape, self.dim))
+        for k, f in enumerate(self.fields):
+            own = choice == k
+            if own.any():
+                out[own] = f.jacobian(x[own])
+        return out
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
+        moves = [np.moveaxis(f.on_outer_sum(r, c, self.softness), 0, -1) for f in self.fields]
+        choice, _ = self._decided(x, moves, np)
+        out = np.zeros((self.dim, self.dim, *choice.shape), dtype=np.float32)
+        for k, f in enumerate(self.fields):
+            own = choice == k
+            if own.any():
+                out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
+        return out
+
+    def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
+        here = self._distances(x, xp)
+        there = [self._distances(x + d, xp) for d in moves]
+        return decide(here, there, self.sides, self.rule, self.softness, xp)
+
+    def _distances(self, x: Any, xp: Any) -> list[Any]:
+        """Signed distances (...) of points to every cut."""
+        if self.plane is not None:
+            x = (x - xp.asarray(self.plane.origin)) @ xp.asarray(self.plane.frame[:2]).T
+        return [r.signed_distance(x) if xp is np else r(x) for r in self.regions]
+
+    def seen_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike,
+                          resolution: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
+        moves = [f.on_outer_sum(r, c, resolution) for f in self.fields]
+        choice, opacity = self._decided(x, [np.moveaxis(d, 0, -1) for d in moves], np)
+        total = np.zeros((self.dim, *choice.shape), dtype=np.float32)
+        for k, d in enumerate(moves):
+            total = np.where(choice == k, d, total)
+        return total, np.asarray(opacity, dtype=np.float32)
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        return self.seen_on_outer_sum(rows, columns, resolution)[0]
+
+    def of_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
+        """Which matter each field moves: a mask of points (N, dim) before the deformation, and None for what stays."""
+        own = self._sides(points)
+        masks = [(own == np.asarray(region)).all(axis=-1) for region in self.sides]
+        rest = ~np.logical_or.reduce([*masks, np.zeros(len(points), dtype=bool)])
+        return [*zip(masks, self.fields, strict=True), (rest, None)]
+
+    def regions_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The number of the region, with or without points, in which each of the points (N, dim) lies."""
+        return self._sides(points) @ (1 << np.arange(len(self.regions)))
+
+    def _sides(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return sides_of(self.regions, points if self.plane is None else self.plane.to_plane(points)[..., :2])

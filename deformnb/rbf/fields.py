@@ -1,0 +1,365 @@
+"""Everything that displaces: a field maps points to backward displacements.
+
+``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to where the value comes from.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from deformnb._jax import compiled, float64
+from deformnb.errors import DeformError
+from deformnb.volume.plane import Raster
+from deformnb.volume.volume import Grid
+
+BLOCK = 2**16
+"""Points at a time in loops over many: little memory, and few enough calls."""
+
+
+class AbstractField(ABC):
+    """A backward displacement field in the plane (dim 2) or in space (dim 3).
+
+    Subclasses are frozen dataclasses registered as JAX pytrees. They must define :meth:`__call__`; the rest has
+    slow but right defaults.
+    """
+
+    @property
+    @abstractmethod
+    def dim(self) -> int:
+        """2 for a field over a picture's plane, 3 for a field in space."""
+
+    @abstractmethod
+    def __call__(self, points: Any) -> Any:
+        """Displacements (..., dim) at points (..., dim): pure JAX, for jit, grad and vmap."""
+
+    @abstractmethod
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Displacements (..., dim) at points (..., dim), in float64 NumPy; the path of scripts and tests."""
+
+    @property
+    def has_cuts(self) -> bool:
+        """True if the field jumps and hides matter along cuts; see :mod:`deformnb.rbf.cuts`."""
+        return False
+
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        """The deformations that this one does one after the other, first to last; most fields are one by themselves."""
+        return (self,)
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The paper's transparency map A (...) at points (..., dim): 1 shows what was brought there, 0 hides it."""
+        return np.ones(np.shape(points)[:-1])
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacements (..., dim) and opacity (...) at points (..., dim)."""
+        return self.displacement(points), self.opacity(points)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """dD/dx at points (..., dim): shape (..., dim, dim); row m holds the gradient of component m.
+
+        Fields with edges, where the derivative jumps, give that of one of the sides there. The map ``x + D(x)`` has the
+        derivative ``1 + dD/dx``; where the determinant of that is 0 or less, the map folds.
+        """
+        x = np.asarray(points, dtype=np.float64)
+        return in_blocks(partial(_jacobians, self), x.reshape(-1, self.dim)).reshape(*x.shape, self.dim)
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        """:meth:`jacobian` at all points ``rows[:, r] + columns[:, c]``: dD_m/dx_k at [m, k] of (dim, dim, R, C)."""
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        out = np.empty((self.dim, self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
+        step = max(1, BLOCK // max(1, c.shape[1]))
+        for start in range(0, r.shape[1], step):
+            points = r[:, start : start + step, None] + c[:, None, :]
+            part = self.jacobian(np.moveaxis(points, 0, -1))
+            out[:, :, start : start + step] = np.moveaxis(part, (-2, -1), (0, 1))
+        return out
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        """Displacements at all points ``rows[:, r] + columns[:, c]``: any regular lattice in two blocks of lines.
+
+        Parameters
+        ----------
+        rows : (dim, R) and columns : (dim, C), physical coordinates to be added.
+        resolution : the pixel or voxel size that the result is meant for; an error far below it does not matter.
+
+        Returns
+        -------
+        (dim, R, C) float32, components first.
+        """
+        points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
+        return np.asarray(np.moveaxis(self.displacement(np.moveaxis(points, 0, -1)), -1, 0), dtype=np.float32)
+
+    def seen_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike,
+                          resolution: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """:meth:`on_outer_sum` together with the opacity (R, C); None if nothing is hidden anywhere."""
+        if not self.has_cuts:
+            return self.on_outer_sum(rows, columns, resolution), None
+        points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
+        d, opacity = self.seen(np.moveaxis(points, 0, -1))
+        return np.asarray(np.moveaxis(d, -1, 0), dtype=np.float32), np.asarray(opacity, dtype=np.float32)
+
+    def on_raster(self, raster: Raster) -> NDArray[np.float32]:
+        """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
+        if self.dim != 2:
+            raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
+        return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
+
+    def on_grid(self, grid: Grid) -> NDArray[np.float32]:
+        """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
+        if self.dim != 3:
+            raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
+        return self.on_outer_sum(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
+
+
+def raster_lines(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The pixel centres of a raster as rows (2, nv) plus columns (2, nu)."""
+    rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
+    return rows, np.stack([raster.columns, np.zeros(raster.shape[1])])
+
+
+def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The voxel centres of a grid as rows (3, nz ny) plus columns (3, nx)."""
+    (nz, ny, nx), m = grid.shape, grid.matrix
+    z, y, x = (m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx)))
+    rows = np.asarray(grid.origin)[:, None, None] + z[:, :, None] + y[:, None, :]
+    return rows.reshape(3, -1), x
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
+@dataclass(frozen=True, eq=False)
+class DisplacementField(AbstractField):
+    """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
+
+    Parameters
+    ----------
+    values : (nz, ny, nx, 3) on a grid, components x, y, z; or (nv, nu, 2) on a raster, components a, b. Backward
+        displacements in physical units.
+    lattice : the Grid or Raster of the samples.
+    """
+
+    values: Any
+    lattice: Grid | Raster
+
+    def __post_init__(self) -> None:
+        shape = getattr(self.values, "shape", None)
+        if shape is not None and shape != (*self.lattice.shape, len(self.lattice.shape)):
+            raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape}, components last")
+
+    @classmethod
+    def sample(cls, field: AbstractField, lattice: Grid | Raster) -> DisplacementField:
+        """Samples of another field."""
+        planar = field.on_raster(lattice) if isinstance(lattice, Raster) else field.on_grid(lattice)
+        return cls(np.ascontiguousarray(np.moveaxis(planar, 0, -1)), lattice)
+
+    @property
+    def dim(self) -> int:
+        return len(self.lattice.shape)
+
+    def __call__(self, points: Any) -> Any:
+        index = _index(self.lattice, jnp.asarray(points))
+        at = [index[..., k] for k in reversed(range(self.dim))]
+        order1 = partial(jax.scipy.ndimage.map_coordinates, coordinates=at, order=1, mode="nearest")
+        values = jnp.asarray(self.values)
+        values = values.astype(jnp.result_type(values, index))  # map_coordinates rounds to the type of the samples
+        return jnp.stack([order1(values[..., m]) for m in range(self.dim)], axis=-1)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        index = np.asarray(_index(self.lattice, x.reshape(-1, self.dim))).T[::-1]
+        out = np.empty((self.dim, index.shape[1]))
+        for m, part in enumerate(np.moveaxis(np.asarray(self.values), -1, 0)):
+            ndimage.map_coordinates(part, index, output=out[m], order=1, mode="nearest")
+        return np.moveaxis(out, 0, -1).reshape(x.shape)
+
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Exact for what is interpolated: the slopes of the cell a point lies in.
+
+        At a node that is the cell of growing index, at the last node the last cell; beyond the samples nothing changes.
+        """
+        x = np.asarray(points, dtype=np.float64)
+        index = np.asarray(_index(self.lattice, x.reshape(-1, self.dim)))
+        counts = np.array(self.lattice.shape[::-1])
+        low = np.clip(np.floor(index), 0, np.maximum(counts - 2, 0)).astype(np.intp)
+        t = np.clip(index - low, 0.0, 1.0)
+        within = (index >= 0) & (index <= counts - 1) & (counts > 1)
+        out = np.zeros((len(index), self.dim, self.dim))
+        for corner in product((0, 1), repeat=self.dim):
+            at = np.minimum(low + corner, counts - 1)
+            values = np.asarray(self.values)[tuple(at.T[::-1])]
+            shares = np.where(corner, t, 1.0 - t)
+            for k, upper in enumerate(corner):
+                slope = within[:, k] * np.delete(shares, k, axis=1).prod(axis=1)
+                out[:, :, k] += (slope if upper else -slope)[:, None] * values
+        raster = isinstance(self.lattice, Raster)
+        matrix = np.diag(self.lattice.spacing) if raster else self.lattice.matrix  # type: ignore[union-attr]
+        return (out @ np.linalg.inv(matrix)).reshape(*x.shape, self.dim)
+
+
+# Op by op the first call took 1.1 s, compiled 0.13 s.
+_jacobians = compiled(lambda field, points: jax.vmap(jax.jacfwd(field))(points))
+
+
+def in_blocks(function: Callable[[Any], Any], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A compiled function of many points (n, dim), in 64 bits: few shapes, so that it is not compiled anew each time.
+
+    The last block is filled up to a power of two with the last point.
+    """
+    if not len(points):
+        with float64():
+            return np.asarray(function(np.zeros((1, *points.shape[1:]))))[:0]
+    parts = []
+    for start in range(0, len(points), BLOCK):
+        part = points[start : start + BLOCK]
+        full = max(64, 1 << (len(part) - 1).bit_length())
+        with float64():
+            found = function(np.concatenate([part, np.repeat(part[-1:], full - len(part), axis=0)]))
+        parts.append(np.asarray(found)[: len(part)])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _index(lattice: Grid | Raster, points: Any) -> Any:
+    """Fractional index (x, y, z) or (column, row) of points; for NumPy and JAX arrays alike."""
+    if isinstance(lattice, Raster):
+        return (points - np.asarray(lattice.origin)) / np.asarray(lattice.spacing)
+    return (points - np.asarray(lattice.origin)) @ np.linalg.inv(lattice.matrix).T
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["dim"])
+@dataclass(frozen=True)
+class Identity(AbstractField):
+    """No displacement at all."""
+
+    dim: int = 3
+
+    def __call__(self, points: Any) -> Any:
+        return jnp.zeros_like(points)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.zeros_like(np.asarray(points, dtype=np.float64))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.zeros((*np.shape(points), self.dim))
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Composed(AbstractField):
+    """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
+
+    Backward maps compose in reverse order: the place in the result is looked up in ``then`` first.
+    """
+
+    first: AbstractField
+    then: AbstractField
+
+    @property
+    def dim(self) -> int:
+        return self.then.dim
+
+    def __call__(self, points: Any) -> Any:
+        d = self.then(points)
+        return d + self.first(points + d)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        d = self.then.displacement(x)
+        return d + self.first.displacement(x + d)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The chain rule: ``J = J_then + J_first(x + D_then) (1 + J_then)``."""
+        x = np.asarray(points, dtype=np.float64)
+        then = self.then.jacobian(x)
+        return then + self.first.jacobian(x + self.then.displacement(x)) @ (np.eye(self.dim) + then)
+
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        return (*self.first.steps, *self.then.steps)
+
+    @property
+    def has_cuts(self) -> bool:
+        return self.first.has_cuts or self.then.has_cuts
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.seen(points)[1]
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x = np.asarray(points, dtype=np.float64)
+        d, opacity = self.then.seen(x)
+        before, opacity_before = self.first.seen(x + d)
+        return d + before, opacity * opacity_before
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["fields"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Blended(AbstractField):
+    """The sum of displacements, each looked up at the same place: the paper's blending of planes.
+
+    It is not one deformation after the other, which is :class:`Composed`; the two agree to first order in the
+    displacements. What one of the fields hides is hidden.
+    """
+
+    fields: tuple[AbstractField, ...]
+
+    @property
+    def dim(self) -> int:
+        return self.fields[0].dim
+
+    @property
+    def has_cuts(self) -> bool:
+        return any(f.has_cuts for f in self.fields)
+
+    def __call__(self, points: Any) -> Any:
+        return sum(f(points) for f in self.fields)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(sum(f.displacement(points) for f in self.fields))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(sum(f.jacobian(points) for f in self.fields))
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        return np.asarray(sum(f.jacobian_on_outer_sum(rows, columns) for f in self.fields))
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.seen(points)[1]
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        parts = [f.seen(points) for f in self.fields]
+        return np.asarray(sum(d for d, _ in parts)), np.asarray(np.prod([a for _, a in parts], axis=0))
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
+
+
+def compose(*fields: AbstractField) -> AbstractField:
+    """One field that does the given deformations one after the other, first to last; the identity in space if none."""
+    if not fields:
+        return Identity(3)
+    _check_dimensions(fields, "compose")
+    total = fields[0]
+    for f in fields[1:]:
+        total = Composed(total, f)
+    return total
+
+
+def blend(*fields: AbstractField) -> AbstractField:
+    """One field that is the sum of the given ones; the identity in space if none."""
+    _check_dimensions(fields, "blend")
+    return Identity(3) if not fields else fields[0] if len(fields) == 1 else Blended(tuple(fields))
+
+
+def _check_dimensions(fields: Sequence[AbstractField], verb: str) -> None:
+    if len({f.dim for f in fields}) > 1:
+        raise DeformError(f"fields over a plane and in space do not {verb}; extrude the plane's first.")

@@ -1,0 +1,749 @@
+"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected in :mod:`trend`.
+
+The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with centres x_j at the *targets* and
+``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
+are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
+digits, and evaluation can run in float32.
+
+Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so nothing is
+known of its definiteness and there is no energy to make least: the trend is that of least squares (all points count
+alike), what is left is solved by elimination, and a system that comes out nearly singular is refused.
+
+Evaluation of a radial basis function sum at many points, compiled: the inner loop of everything interactive.
+
+The sum runs in a loop over the centres with the accumulators in registers, tile by tile: writing it as one reduction
+over (points x centres) took 24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it.
+The loop's length is a run-time number, so one compiled function serves every number of points up to its capacity.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+import scipy.spatial
+from jax import lax
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb._jax import compiled, float64
+from deformnb.checks import is_finite, shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import PreparedPoints, box_diagonal, crossing_pairs, longest_support, prepare, torn_pairs
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.kernels import AbstractKernel, WendlandC2, kernel_named
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, Trend, complete, steadied, trend_named
+
+_TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
+_GROUP = 4  # centres per turn of the inner loop
+
+
+def few_sizes(tiles: int) -> int:
+    """A number of tiles rounded up by at most an eighth, so that few shapes compile and little work is wasted."""
+    step = max(1, 2 ** (tiles.bit_length() - 4))
+    return -(-tiles // step) * step
+
+
+class Leaves(NamedTuple):
+    """The arrays of an interpolant in the type that it is evaluated in; ``scales`` (C,) is None if all are 1."""
+
+    centers: Any
+    coefficients: Any
+    linear: Any
+    constant: Any
+    count: Any
+    scales: Any = None
+
+
+Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
+
+
+def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
+    """Components of D at relative points p (tuple of dim arrays of one shape); the loop's length is the count."""
+    dim, linear = len(p), leaves.linear
+    start = tuple(sum(linear[m, k] * p[k] for k in range(dim)) + leaves.constant[m] for m in range(dim))
+
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
+        phi = kernel.profile(sum(o**2 for o in offset) * square)
+        return tuple(total[m] + a[m] * phi for m in range(dim))
+
+    return _over_centers(p, leaves, start, add)
+
+
+def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
+    """All dD_m/dp_k at relative points, row by row: ``A + 2 sum_j alpha_j slope(s_j) (p - c_j)^T``."""
+    dim, linear = len(p), leaves.linear
+    start = tuple(linear[m, k] + 0 * p[0] for m in range(dim) for k in range(dim))
+
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
+        slope = 2 * square * kernel.slope(sum(o**2 for o in offset) * square)
+        along = [slope * o for o in offset]
+        return tuple(total[m * dim + k] + a[m] * along[k] for m in range(dim) for k in range(dim))
+
+    return _over_centers(p, leaves, start, add)
+
+
+def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...],
+                  add: Callable[..., tuple[Any, ...]]) -> tuple[Any, ...]:
+    dim = len(p)
+
+    def body(q: Any, total: tuple[Any, ...]) -> tuple[Any, ...]:
+        x = lax.dynamic_slice(leaves.centers, (q * _GROUP, q * 0), (_GROUP, dim))
+        a = lax.dynamic_slice(leaves.coefficients, (q * _GROUP, q * 0), (_GROUP, dim))
+        scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * _GROUP,), (_GROUP,))
+        for i in range(_GROUP):
+            offset = [p[k] - x[i, k] for k in range(dim)]
+            total = add(total, offset, a[i], 1 if scale is None else scale[i] ** 2)
+        return total
+
+    return lax.fori_loop(0, (leaves.count + _GROUP - 1) // _GROUP, body, start)
+
+
+def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
+    dim = rows.shape[0]
+
+    def tile(r: Any) -> Any:
+        return jnp.stack(what(tuple(r[k][:, None] + columns[k][None, :] for k in range(dim)), leaves, kernel))
+
+    tiles = lax.map(tile, rows.reshape(dim, -1, _TILE).transpose(1, 0, 2))
+    return tiles.transpose(1, 0, 2, 3).reshape(-1, rows.shape[1], columns.shape[1])
+
+
+_evaluate_lattice = compiled(_lattice, static_argnames=("kernel", "what"))
+
+
+def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
+    return lax.map(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
+
+
+_evaluate_blocks = compiled(_blocks, static_argnames=("kernel", "what"))
+
+
+def at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
+               dtype: Any) -> NDArray[Any]:
+    """Displacements (dim, R, C) at relative points ``rows[:, r] + columns[:, c]``."""
+    return _at_lattice(rows, columns, leaves, kernel, dtype, _displacement)
+
+
+def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
+                        kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
+    """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`at_lattice`."""
+    dim = len(rows)
+    return _at_lattice(rows, columns, leaves, kernel, dtype, _jacobian).reshape(dim, dim, rows.shape[1], -1)
+
+
+def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
+                dtype: Any, what: Sum) -> NDArray[Any]:
+    dim, n = rows.shape
+    padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
+    padded[:, :n] = rows
+    with float64():
+        out = _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
+    return np.asarray(out)[:, :n]
+
+
+def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
+    """Displacements (dim, n) at relative points (dim, n)."""
+    return _at_points(points, leaves, kernel, dtype, _displacement)
+
+
+def jacobian_at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
+                       dtype: Any) -> NDArray[Any]:
+    """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`at_points`."""
+    dim = len(points)
+    return _at_points(points, leaves, kernel, dtype, _jacobian).reshape(dim, dim, -1)
+
+
+def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any,
+               what: Sum) -> NDArray[Any]:
+    dim, n = points.shape
+    block = 64 if n <= 64 else 4096
+    count = few_sizes(-(-n // block)) if n else 1
+    padded = np.zeros((count * block, dim), dtype=dtype)
+    padded[:n] = points.T
+    with float64():
+        out = _evaluate_blocks(padded.reshape(count, block, dim).transpose(0, 2, 1), leaves, kernel=kernel, what=what)
+    out = np.asarray(out)  # [block, component, point]
+    return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
+
+
+CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
+"""Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
+
+# A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
+# above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
+_RESIDUAL = 1e-7
+# Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
+# singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
+_MOST_GAIN = 1e5
+# Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
+_ROUNDING = 1e-10
+
+# Ratio of the diagonal entries of a Cholesky factor below which its matrix is singular to working precision.
+_SINGULAR = 1e-7
+
+FOLDS = ("the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
+         "smaller drags or several stages help")
+POOR = ("the control points predict each other worse than their affine trend alone does: the map between them is a "
+        "guess; smoothing, other points or another support radius help")
+
+# Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
+# to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
+# supports of 1/8 to 3/2 of the image. Where 36 times that is more than this share of a pixel, evaluation runs in
+# float64 (2.8 times as long).
+_FLOAT32_ERROR = 36 * 6e-8
+_PIXEL_SHARE = 1e-3
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget"],
+    meta_fields=["kernel", "trend", "remarks", "ids"],
+)
+@dataclass(frozen=True, eq=False)
+class RBFInterpolant(AbstractField):
+    """The solved interpolant; a backward displacement field of dimension 2 or 3.
+
+    Parameters
+    ----------
+    centers : (C, dim) targets as (x - origin) / support, zero beyond ``count``.
+    coefficients : (C, dim) alpha_j in physical units, zero beyond ``count``.
+    linear, constant : A (dim, dim) and t (dim,) of the trend of D in relative coordinates, physical units.
+    origin, support : the relative coordinates.
+    count : number of centres in use; C is one of :data:`CAPACITIES`.
+    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
+    remarks : those of the :attr:`notes` that are known without looking at the map.
+    ids : ids of the control points behind the centres, in order.
+    scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
+    nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
+    """
+
+    centers: Any
+    coefficients: Any
+    linear: Any
+    constant: Any
+    origin: Any
+    support: Any
+    count: Any
+    kernel: type[AbstractKernel] = WendlandC2
+    trend: str = "affine"
+    remarks: tuple[str, ...] = field(default=())
+    ids: tuple[int, ...] = field(default=())
+    scales: Any = None
+    nugget: Any = None
+
+    @property
+    def dim(self) -> int:
+        return int(self.centers.shape[-1])
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for a status line: what the points do not determine, where the map folds, how well it predicts."""
+        found = ((FOLDS, self.folds_between_points()), (POOR, self._predicts_poorly()))
+        return (*self.remarks, *(note for note, is_so in found if is_so))
+
+    def folds_between_points(self) -> bool:
+        """Whether ``det(1 + dD/dx) <= 0`` at a control point or between them.
+
+        Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
+        simplices; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
+        """
+        if not np.asarray(self.coefficients).any():
+            return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
+        x = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
+        jacobians = np.eye(self.dim) + self.jacobian(self.origin + self.support * _places_between(x))
+        return bool((np.linalg.det(jacobians) <= 0).any())
+
+    def _predicts_poorly(self) -> bool:
+        """Whether points predict each other worse than the affine trend alone does, by leave-one-out.
+
+        Asked of sets most of which are dragged; one drag among points that are held still predicts nothing.
+        """
+        n = int(self.count)
+        x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
+        if not self.dim + 4 <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
+            return False
+        nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
+        drags = self.displacement(self.origin + self.support * x) + nugget[:, None] * alpha
+        if np.count_nonzero(drags.any(axis=1)) <= n / 2:
+            return False
+        try:
+            errors = left_out(x, drags, self.kernel, self.trend, nugget)
+        except np.linalg.LinAlgError:
+            return False
+        p = np.concatenate([np.ones((n, 1)), x], axis=1)
+        hat = p @ np.linalg.pinv(p)
+        alone = (drags - hat @ drags) / np.maximum(1 - hat.diagonal(), 1e-9)[:, None]
+        return bool((errors**2).sum() > (alone**2).sum())
+
+    def __call__(self, points: Any) -> Any:
+        """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
+        p = (jnp.asarray(points) - self.origin) / self.support
+        s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
+        s = s if self.scales is None else s * jnp.asarray(self.scales) ** 2
+        return p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        relative, shape = self._relative(points)
+        return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
+
+        Kernels with a kink have no derivative at a control point; there the kernel's share is 0.
+        """
+        relative, shape = self._relative(points)
+        d = jacobian_at_points(relative, self._leaves(np.float64), self.kernel, np.float64) / self.support
+        return np.moveaxis(d, -1, 0).reshape(*shape, self.dim)
+
+    def _relative(self, points: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+        x = np.asarray(points, dtype=np.float64)
+        if x.shape[-1:] != (self.dim,):
+            raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
+        return ((x - self.origin) / self.support).reshape(-1, self.dim).T, x.shape
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        """dD_m/dx_k at ``rows[:, r] + columns[:, c]``, (dim, dim, R, C): for pictures, not for proofs (float32)."""
+        first, other = self._relative_lines(rows, columns)
+        leaves = self._leaves(np.float32)
+        d = jacobian_at_lattice(first, other, leaves, self.kernel, np.float32)
+        return np.asarray(d / self.support, dtype=np.float32)
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        first, other = self._relative_lines(rows, columns)
+        reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*first, *other))))
+        dtype = np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
+        return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
+
+    def _relative_lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
+        other = np.asarray(columns, dtype=np.float64) / self.support
+        middle = other[:, [0, -1]].mean(axis=1, keepdims=True) if other.size else 0.0
+        return first + middle, other - middle  # float32 has no digits left for pixels far from their origin
+
+    def float32_error(self, reach: float = 1.0) -> float:
+        """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
+        farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
+        # Places far away in units of the support are rounded too; a kernel's slope is about 2.
+        largest = max(np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max(), reach / 6)
+        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
+        return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
+
+    def _leaves(self, dtype: Any) -> Leaves:
+        arrays = (self.centers, self.coefficients, self.linear, self.constant)
+        scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
+        centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
+        return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales)
+
+
+def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+            support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
+            previous: RBFInterpolant | None = None) -> RBFInterpolant:
+    """Fit the displacement of control points.
+
+    Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
+    components at once, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
+
+    Parameters
+    ----------
+    points : control points of dimension 2 or 3; inactive ones are left out.
+    kernel : a name of :data:`deformnb.rbf.kernels.KERNELS`, a kernel class, or a kernel with its support.
+    support : support radius R in physical units; default is that of ``previous``, if its kernel and its points are the
+        same, or else what :func:`choose_support` finds.
+    trend : a name of :data:`deformnb.rbf.trends.TRENDS`.
+    smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
+    previous : the fit before this one, while points are dragged: its support is kept, and its trend where the points
+        leave an angle open.
+
+    Returns
+    -------
+    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend.
+
+    Raises
+    ------
+    DeformError
+        Naming the points: same place but different displacements, coordinates that are not finite, too many points, a
+        kernel that needs a richer trend, a system too ill-conditioned to interpolate.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [12, 1], [0, 10]])
+    >>> fit = fit_rbf(points)
+    >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
+    True
+    """
+    kind, radius = _resolve_kernel(kernel, support)
+    chosen = trend_named(trend)
+    _check_pairing(kind, chosen, smoothing)
+    if points.has_own_radii and kind.order > 0:
+        raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
+                          "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
+    if radius is None and previous is not None and previous.kernel is kind:
+        same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
+        radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
+    if radius is None:
+        radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
+    ready = prepare(points, kind, radius, chosen, smoothing)
+    if ready.count == 0:
+        return _identity(points.dim, ready, kind)
+    return _solve_prepared(ready, kind, smoothing, previous)
+
+
+MOST_LEFT_OUT = 512
+"""Points of which a support is chosen at most: evenly taken from larger sets, for leaving out costs N^3 too."""
+
+
+def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[AbstractKernel] = "wendland_c2",
+                   trend: str = "affine", smoothing: float = 0.0, current: float | None = None) -> float | None:
+    """The support radius for sets of control points by which they predict each other best.
+
+    Of the kernel's candidates, which are shares of the diagonal of the points' box, the one with the least mean squared
+    leave-one-out error is found, and then the longest that is worse by no more than one standard error of the paired
+    differences ("one standard error rule"), if the map does not fold between the points. The choice belongs to the
+    moment when points are added or removed: chosen anew during a drag, the map would jump.
+
+    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held tells
+    nothing of how far it reaches, and the errors of so few with an affine trend are the same for every support. Points
+    in a row (in space: in a flat set too) get no more than half of it, see
+    :func:`~deformnb.rbf.conditioning.longest_support`.
+
+    Parameters
+    ----------
+    sets : of one dimension, fitted with the same support each on its own; inactive points are left out.
+    kernel, trend, smoothing : as for :func:`fit_rbf`.
+    current : the radius of the points before some were added or removed: it stays where it is worse by no more than one
+        standard error, so that the map stays as it is.
+
+    Returns
+    -------
+    The radius in physical units; None if all points are at one place.
+
+    Examples
+    --------
+    >>> square = [[0, 0], [40, 0], [0, 30], [40, 30]]
+    >>> choose_support([ControlPoints.from_arrays(square)])
+    50.0
+    """
+    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
+    used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
+    sizes = [size for points in used if (size := box_diagonal(points))]
+    if not sizes:
+        return None
+    limit = min(longest_support(points, kind) for points in used)
+    usual = min(kind.shares[len(kind.shares) // 2] * max(sizes), limit)
+    radii = [share * max(sizes) for share in kind.shares if share * max(sizes) <= limit]
+    telling = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
+    if len(radii) < 2 or not telling:
+        return usual
+    errors = {}
+    if current is not None and current <= limit:
+        radii.append(current)
+    for radius in radii:
+        with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself says what is wrong
+            errors[radius] = np.concatenate([_squared_errors(points, radius, kind, trend, smoothing)
+                                             for points in telling])
+    if not errors:
+        return usual
+    best = min(errors, key=lambda radius: float(errors[radius].mean()))
+    excess = {radius: squared - errors[best] for radius, squared in errors.items()}
+    alike = 1e-9 * float(errors[best].mean())  # what differs by rounding only is as good
+    near = [r for r, e in excess.items() if e.mean() <= e.std(ddof=1) / np.sqrt(len(e)) + alike]
+    for radius in sorted(near, key=lambda radius: (radius == current, radius), reverse=True):
+        with contextlib.suppress(DeformError):
+            options: dict[str, Any] = {"kernel": kind, "trend": trend, "smoothing": smoothing, "support": radius}
+            if not any(fit_rbf(points, **options).folds_between_points() for points in telling):
+                return radius
+    return max(near)
+
+
+def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str,
+                    smoothing: float) -> NDArray[np.float64]:
+    """Squared lengths of the leave-one-out errors of active points."""
+    if len(points) > MOST_LEFT_OUT:
+        points = points.take(np.linspace(0, len(points) - 1, MOST_LEFT_OUT).astype(int))
+    ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
+    is_shrunk = ready.trend == "affine" and ready.span.ridge.any()
+    errors = left_out((ready.targets - ready.origin) / radius, ready.displacements, kernel,
+                      "similarity" if is_shrunk else ready.trend, smoothing / ready.weights)
+    return np.asarray((errors**2).sum(axis=1))
+
+
+def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[AbstractKernel], trend: str,
+             nugget: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave-one-out errors (n, dim) of displacements at relative places x (n, dim): ``[C d]_i / C_ii``.
+
+    C is the inverse of Phi + nugget without what polynomials explain: linear ones for affine trends, else constants
+    (S. Rippa, Adv. Comput. Math. 11 (1999) 193-210). The similarity and rigid trends of least squares are taken out of
+    the displacements before, once for all points; :func:`deformnb.analysis.quality.fit_quality` does it for each.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is singular to working precision.
+    """
+    n, dim = x.shape
+    padded = np.zeros((capacity(n), dim))  # few sizes are compiled
+    padded[:n] = x
+    with float64():
+        phi = np.array(_profile_between(padded, kernel=kernel))[:n, :n]
+        phi.flat[:: n + 1] += nugget
+        if trend in ("similarity", "rigid"):
+            rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
+            assert rule is not None
+            map_linear = np.asarray(rule(*moments, Span(np.eye(dim), np.zeros((dim, dim))), np.eye(dim)))
+            d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
+    one = np.ones((n, 1))
+    p = np.concatenate([one, x], axis=1) if trend.startswith("affine") else one[:, : trend != "none"]
+    if kernel.order == 2:
+        whole = np.linalg.inv(np.block([[phi, p], [p.T, np.zeros((p.shape[1],) * 2)]]))[:n, :n]
+    else:  # a constant added to a kernel of order 1 makes it definite and changes nothing else
+        factor = scipy.linalg.cho_factor(phi + (2 * np.abs(phi).max() if kernel.order else 0.0), lower=True)
+        if factor[0].diagonal().min() < _SINGULAR * factor[0].diagonal().max():
+            raise np.linalg.LinAlgError
+        whole = scipy.linalg.cho_solve(factor, np.eye(n))
+        w = whole @ p
+        whole = whole - w @ np.linalg.pinv(p.T @ w, hermitian=True) @ w.T
+    diagonal = np.maximum(whole.diagonal(), _SINGULAR * whole.diagonal().max())
+    return np.asarray(whole @ d / diagonal[:, None])
+
+
+def _values_between(x: Any, *, kernel: type[AbstractKernel]) -> Any:
+    return kernel.profile(jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1))
+
+
+_profile_between = compiled(_values_between, static_argnames="kernel")
+
+
+def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places x (n, dim), on the edges of their triangulation and in its simplices; on a line, between neighbours."""
+    n, dim = x.shape
+    simplices = None
+    if n > dim + 1:
+        with contextlib.suppress(scipy.spatial.QhullError):
+            simplices = np.asarray(scipy.spatial.Delaunay(x).simplices)
+    if simplices is None:
+        near = np.asarray(scipy.spatial.cKDTree(x).query(x, k=min(n, 5))[1]).reshape(n, -1)
+        edges, middles = np.stack([np.repeat(np.arange(n), near.shape[1]), near.ravel()], axis=1), x[:0]
+    else:
+        edges = np.concatenate([simplices[:, [i, j]] for i in range(dim + 1) for j in range(i)])
+        middles = x[simplices].mean(axis=1)
+    a, b = x[np.unique(np.sort(edges, axis=1), axis=0)].transpose(1, 0, 2)
+    return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
+
+
+def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
+                    support: float | None) -> tuple[type[AbstractKernel], float | None]:
+    if isinstance(kernel, AbstractKernel):
+        return type(kernel), kernel.support if support is None else support
+    kind = kernel if isinstance(kernel, type) else kernel_named(kernel)
+    if support is not None:
+        kind(support)  # checks it
+    return kind, support
+
+
+def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
+    if not (is_finite(smoothing) and smoothing >= 0):
+        raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(smoothing)}.")
+    if trend.order < kernel.order:
+        able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
+        raise DeformError(
+            f"the {kernel.name} kernel is not positive definite on its own and needs a trend of {able}; "
+            f"choose that, or a Wendland kernel for the trend {trend.name!r}."
+        )
+
+
+def _identity(dim: int, ready: PreparedPoints, kernel: type[AbstractKernel]) -> RBFInterpolant:
+    zero = np.zeros((CAPACITIES[0], dim))
+    return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
+                          ready.notes, ())
+
+
+def capacity(n: int) -> int:
+    """The smallest of :data:`CAPACITIES` that holds n points."""
+    return next(c for c in CAPACITIES if c >= n)
+
+
+def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
+                    previous: RBFInterpolant | None) -> RBFInterpolant:
+    n, dim = ready.targets.shape
+    size = capacity(n)
+    x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
+    x[:n] = (ready.targets - ready.origin) / ready.support
+    d[:n] = ready.displacements / ready.support
+    nugget[:n] = smoothing / ready.weights
+    smoothed = nugget if smoothing else None
+    scales = None
+    if (ready.radii != ready.support).any():
+        scales = np.ones(size)
+        scales[:n] = ready.support / ready.radii
+    if not d.any():  # exactly the identity, which a solve would miss by rounding
+        zero = np.zeros((dim, dim))
+        return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
+                              ready.trend, ready.notes, ready.ids, scales, smoothed)
+    turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
+    with float64():
+        solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend)
+        alpha, linear, constant, miss = (np.array(a) for a in solved)
+    if scales is not None and not np.abs(alpha).max() <= _MOST_GAIN * np.abs(d).max():
+        raise DeformError(
+            "the support radii that these control points have of their own do not go together: the system is nearly "
+            f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
+        )
+    # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
+    if not np.abs(miss).max() <= _RESIDUAL * np.abs(d).max() + _ROUNDING * np.abs(x).max():
+        raise DeformError(
+            f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
+            f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
+            "kernel, or a little smoothing."
+        )
+    r, notes = ready.support, ready.notes + _warnings(ready, kernel, np.eye(dim) + linear)
+    return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
+                          ready.ids, scales, smoothed)
+
+
+# Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to ask for 25 to 3600 times.
+_STEEP = 10.0
+
+_COLLAPSES = {
+    "affine": "the trend collapses everything to one place",
+    "affine_exact": "the trend collapses everything to one place",
+    "similarity": "the trend collapses everything to one place",
+    "rigid": "the turn is open and stays what it was",
+}
+
+
+def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: NDArray[np.float64]) -> tuple[str, ...]:
+    """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
+    torn = torn_pairs(ready)
+    crossed = [pair for pair in crossing_pairs(ready, map_linear) if pair not in torn]
+    notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
+             for i, j in torn]
+    notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
+    is_plain = ready.trend.startswith("affine") and (ready.trend != "affine" or kernel.order == 2)
+    if is_plain and np.linalg.norm(map_linear, 2) > _STEEP:
+        notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
+            f"the affine trend stretches more than {_STEEP:g} times: the control points nearly lie on one line or in "
+            "one plane; the trend similarity would not"
+        )
+    sources = ready.targets + ready.displacements
+    spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
+    if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
+        notes.append(f"the sources nearly coincide: {_COLLAPSES[ready.trend]}")
+    elif is_plain and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
+        notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
+                     "everything flat")
+    return tuple(notes)
+
+
+def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
+    """The turn of a fit's trend, or no turn."""
+    m = np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
+    u, _, vt = np.linalg.svd(m)
+    r = u @ vt
+    return r if np.linalg.det(r) > 0 else np.eye(fit.dim)
+
+
+# ---- the compiled solve ---------------------------------------------------------------------------------------------
+
+
+def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
+          kernel: type[AbstractKernel], trend: str) -> tuple[Any, Any, Any, Any]:
+    """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
+
+    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
+    determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
+    their own. Returns alpha (C, dim), A (dim, dim), t (dim,) and the residual
+    (C, dim) of the interpolation conditions, zero but for rounding.
+    """
+    both = active[:, None] & active[None, :]
+    s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
+    s = s if scales is None else s * scales**2
+    phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
+    one = active.astype(x.dtype)[:, None]
+    if scales is not None:
+        alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
+    elif kernel.order == 2:
+        alpha, linear, constant = _bordered_affine(phi, x, d, one, span.basis)
+    elif TRENDS[trend].linear is None:
+        alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
+    else:
+        alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
+    miss = one * (phi @ alpha + x @ linear.T + constant - d)
+    return alpha, linear, constant, miss
+
+
+def _inverse_of(phi: Any) -> Any:
+    factor = jax.scipy.linalg.cho_factor(phi, lower=True)
+    return lambda b: jax.scipy.linalg.cho_solve(factor, b)
+
+
+def _least_energy(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel],
+                  trend: str) -> tuple[Any, Any, Any]:
+    """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
+    dim = x.shape[1]
+    rhs = jnp.concatenate([x, d], axis=1)
+    if kernel.order == 0:
+        v = _inverse_of(phi)(jnp.concatenate([one, rhs], axis=1))
+        mean = (one.T @ v[:, 1:]) / (one.T @ v[:, :1])
+        w = v[:, 1:] - v[:, :1] * mean
+    else:  # Phi is not definite: only the bordered system is well posed
+        bordered = jnp.block([[phi, one], [one.T, jnp.zeros((1, 1))]])
+        v = jnp.linalg.solve(bordered, jnp.concatenate([rhs, jnp.zeros((1, 2 * dim))]))
+        w, mean = v[:-1], v[-1:]
+    wx, wd = w[:, :dim], w[:, dim:]
+    s = x.T @ wx
+    rule = TRENDS[trend].linear
+    assert rule is not None
+    moments = s, s + d.T @ wx
+    if trend == "affine":
+        moments = steadied(moments, plain_moments(x, d, one), span.ridge)
+    linear = rule(*moments, span, turn) - jnp.eye(dim)
+    return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
+
+
+def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
+    """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
+    mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+    centred = one * (x - mean_x)
+    s = centred.T @ centred
+    return s, s + (d - mean_d).T @ centred
+
+
+def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
+    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
+    dim, rule = x.shape[1], TRENDS[trend].linear
+    linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
+    if rule is not None:
+        mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+        linear = rule(*plain_moments(x, d, one), span, turn) - jnp.eye(dim)
+        constant = mean_d - linear @ mean_x
+    return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
+
+
+def _bordered_affine(phi: Any, x: Any, d: Any, one: Any, basis: Any) -> tuple[Any, Any, Any]:
+    """Eqs. 3-4 as printed, for kernels of order 2: [Phi P; P^T 0], P = (1, x on the span of the points)."""
+    n, (dim, rank) = x.shape[0], basis.shape
+    p = jnp.concatenate([one, x @ basis], axis=1)
+    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((rank + 1, rank + 1))]]))
+
+    def bordered(b: Any) -> Any:
+        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((rank + 1, dim))]))
+
+    v = bordered(d)
+    if rank == dim:
+        return v[:n], v[n + 1 :].T @ basis.T, v[n]
+    linear = complete(basis + v[n + 1 :].T, basis) - jnp.eye(dim)
+    # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
+    # fit what is left. Its trend is of the size of that rounding, and is kept.
+    rest = bordered(d - x @ linear.T)
+    return rest[:n], linear + rest[n + 1 :].T @ basis.T, rest[n]
+
+
+_solve = compiled(solve, static_argnames=("kernel", "trend"))

@@ -1,0 +1,476 @@
+"""Places in a picture or in space with a signed distance: what rigid parts and cuts are made of; masks are next door.
+
+Distances are physical, exact for straight boundaries, and negative inside. In a picture the coordinates are (a, b) of
+its plane, in space (x, y, z).
+
+Regions made of pixels or voxels: labels of a segmentation, and their silhouettes on a picture.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from deformnb.checks import LARGEST_COORDINATE
+from deformnb.errors import DeformError
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid, Volume
+
+LARGEST_SHAPE = 512
+"""Vertices of a drawn line; a hand draws some dozens."""
+
+# Directions whose sine is less count as parallel: rounding would let parallel ends of a line meet far away.
+_PARALLEL = 1e-9
+
+
+class AbstractRegion(ABC):
+    """A place with an inside: a frozen pytree that maps points to signed distances."""
+
+    kind: ClassVar[str]
+    """Its name in documents."""
+
+    @property
+    @abstractmethod
+    def dim(self) -> int:
+        """2 for a place in a picture, 3 for one in space."""
+
+    @abstractmethod
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Distances (...) of points (..., dim) to the boundary, physical units, negative inside; NumPy."""
+
+    @abstractmethod
+    def __call__(self, points: Any) -> Any:
+        """The same in pure JAX."""
+
+
+def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.ndim != 2 or array.shape[1] not in dims or not least <= len(array) <= LARGEST_SHAPE:
+        raise DeformError(f"the {what} must be {least} to {LARGEST_SHAPE} places of {' or '.join(map(str, dims))} "
+                          f"coordinates, got shape {array.shape}.")
+    if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > 1e15:
+        raise DeformError(f"the {what} must be finite numbers below 1e15.")
+    return array
+
+
+@jax.tree_util.register_pytree_node_class
+@dataclass(frozen=True)
+class HalfSpace(AbstractRegion):
+    """All on one side of a straight line in a picture, or of a plane in space: ``(x - point) . normal < 0``.
+
+    Parameters
+    ----------
+    point : a place on the boundary, of 2 or 3 coordinates.
+    normal : points out of it; made a unit vector.
+
+    Examples
+    --------
+    >>> ground = HalfSpace((0, 0, 0), (0, 0, 1))  # all below z = 0
+    >>> ground.signed_distance([[5, 5, 2], [0, 0, -3]]).tolist()
+    [2.0, -3.0]
+    """
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+    kind: ClassVar[str] = "half_space"
+
+    def __post_init__(self) -> None:
+        pair = _array_of([self.point, self.normal], "point and normal of a half space", 2, (2, 3))
+        length = float(np.linalg.norm(pair[1]))
+        if not length > 0:
+            raise DeformError("the normal of a half space must not be zero.")
+        object.__setattr__(self, "point", tuple(pair[0].tolist()))
+        if abs(length - 1) > 1e-12:  # a unit vector stays bit by bit what it is, so that documents equal themselves
+            pair[1] /= length
+        object.__setattr__(self, "normal", tuple(pair[1].tolist()))
+
+    @property
+    def dim(self) -> int:
+        return len(self.point)
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        return (np.asarray(points, dtype=np.float64) - np.asarray(self.point)) @ np.asarray(self.normal)
+
+    def __call__(self, points: Any) -> Any:
+        return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
+        """What JAX traces, and what it keeps."""
+        return (np.asarray(self.point), np.asarray(self.normal)), None
+
+    @classmethod
+    def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> HalfSpace:
+        """The same again, of what JAX has made of it; nothing is checked."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "point", leaves[0])
+        object.__setattr__(made, "normal", leaves[1])
+        return made
+
+
+def _cross(p: Any, q: Any) -> Any:
+    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+
+
+class _Drawn(AbstractRegion):
+    """What is bounded by straight edges on a picture."""
+
+    vertices: Any
+    is_closed: ClassVar[bool]
+
+    @property
+    def dim(self) -> int:
+        return 2
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        # Edge by edge: arrays of (points x edges) took six times as long.
+        p, v = np.asarray(points, dtype=np.float64), np.asarray(self.vertices)
+        start, edge, low, high = self._edges(v, np)
+        x, y = np.moveaxis(p, -1, 0)
+        least, place = np.full(x.shape, np.inf), np.zeros(x.shape)
+        nearest = np.zeros(x.shape, dtype=np.intp)
+        for k, ((sx, sy), (ex, ey)) in enumerate(zip(start, edge, strict=True)):
+            ax, ay = x - sx, y - sy
+            t = np.clip((ax * ex + ay * ey) / (ex * ex + ey * ey), low[k], high[k])
+            square = (ax - t * ex) ** 2 + (ay - t * ey) ** 2
+            nearer = square < least
+            least, place, nearest = (np.where(nearer, new, old) for new, old in (
+                (square, least), (t, place), (k, nearest)))
+        return np.where(self._side(p, v, nearest, place, np) < 0, -1.0, 1.0) * np.sqrt(least)
+
+    def __call__(self, points: Any) -> Any:
+        p, v = jnp.asarray(points), jnp.asarray(self.vertices)
+        start, edge, low, high = self._edges(v, jnp)
+        away = p[..., None, :] - start
+        t = jnp.clip((away * edge).sum(-1) / (edge ** 2).sum(-1), low, high)
+        square = ((away - t[..., None] * edge) ** 2).sum(-1)
+        nearest = square.argmin(-1)
+        place = jnp.take_along_axis(t, nearest[..., None], -1)[..., 0]
+        least = square.min(-1)
+        distance = jnp.sqrt(jnp.where(least > 0, least, 1.0)) * (least > 0)  # the root has no slope at 0
+        return jnp.where(self._side(p, v, nearest, place, jnp) < 0, -distance, distance)
+
+    def _edges(self, v: Any, xp: Any) -> tuple[Any, Any, NDArray[np.float64], NDArray[np.float64]]:
+        """Starts, directions, and the range along each from 0 to 1, which goes on at the ends of an open line."""
+        edge = (xp.roll(v, -1, axis=0) if self.is_closed else v[1:]) - v[: len(v) - (not self.is_closed)]
+        low, high = np.zeros(len(edge)), np.ones(len(edge))
+        if not self.is_closed:
+            low[0], high[-1] = -np.inf, np.inf
+        return v[: len(edge)], edge, low, high
+
+    def _side(self, p: Any, v: Any, nearest: Any, place: Any, xp: Any) -> Any:
+        """Negative inside, from the number of the nearest edge and the place on it.
+
+        Where that is a corner, the sum of the normals of both its edges tells the side, at any angle.
+        """
+        _, edge, low, high = self._edges(v, xp)
+        normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge ** 2).sum(-1, keepdims=True))
+        if self.is_closed:
+            w = v - v[:1]  # far from the origin the products would cancel
+            normal = normal * xp.where(_cross(w, xp.roll(w, -1, axis=0)).sum() > 0, -1.0, 1.0)
+        before, after = xp.roll(normal, 1, axis=0), xp.roll(normal, -1, axis=0)
+        normals = xp.stack([normal, normal + before, normal + after], axis=1)
+        is_begin, is_end = place <= xp.asarray(low)[nearest], place >= xp.asarray(high)[nearest]
+        corner = v[(nearest + is_end) % len(v)]
+        return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
+        """What JAX traces, and what it keeps."""
+        return (np.asarray(self.vertices),), None
+
+    @classmethod
+    def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> Any:
+        """The same again, of what JAX has made of it; nothing is checked."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "vertices", leaves[0])
+        return made
+
+
+@jax.tree_util.register_pytree_node_class
+@dataclass(frozen=True)
+class Polygon(_Drawn):
+    """The inside of a closed line on a picture, drawn either way round.
+
+    Parameters
+    ----------
+    vertices : three or more places (a, b); the last is joined to the first.
+
+    Raises
+    ------
+    DeformError
+        If the line crosses itself.
+
+    Examples
+    --------
+    >>> square = Polygon([(0, 0), (4, 0), (4, 4), (0, 4)])
+    >>> square.signed_distance([[2, 1], [7, 8]]).tolist()
+    [-1.0, 5.0]
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+    kind: ClassVar[str] = "polygon"
+    is_closed: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        v = _array_of(self.vertices, "corners of a polygon", 3, (2,))
+        object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
+        _refuse_crossing(v, "polygon", is_closed=True)
+
+
+@jax.tree_util.register_pytree_node_class
+@dataclass(frozen=True)
+class Line(_Drawn):
+    """One side of an open line on a picture, whose first and last edge go on straight for ever.
+
+    Parameters
+    ----------
+    vertices : two or more places (a, b). Inside is what lies on the left hand of someone who walks along the line on a
+        picture whose b points down.
+
+    Raises
+    ------
+    DeformError
+        If the line crosses itself, also where its ends go on.
+
+    Examples
+    --------
+    >>> middle = Line([(5, 9), (5, 0)])  # drawn upwards
+    >>> middle.signed_distance([[3, 2], [9, 40]]).tolist()
+    [-2.0, 4.0]
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+    kind: ClassVar[str] = "line"
+    is_closed: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        v = _array_of(self.vertices, "places of a line", 2, (2,))
+        object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
+        _refuse_crossing(v, "line (its ends go on straight)", is_closed=False)
+
+
+def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> None:
+    """Refuse edges of no length, edges that go back over the one before, and edges that cross others."""
+    edge = np.roll(v, -1, axis=0) - v if is_closed else np.diff(v, axis=0)
+    start, length, n = v[: len(edge)], np.linalg.norm(edge, axis=1), len(edge)
+    if (length == 0).any():
+        raise DeformError(f"two places of the {what} that follow each other are the same; remove one.")
+    after = np.roll(edge, -1, axis=0)
+    turns_back = (np.abs(_cross(edge, after)) <= _PARALLEL * length * np.roll(length, -1)) & ((edge * after).sum(1) < 0)
+    for k in np.flatnonzero(turns_back if is_closed else turns_back[:-1]).tolist():
+        raise DeformError(f"the {what} goes straight back at its place {(k + 1) % len(v) + 1}; remove that place.")
+    low, high = np.zeros(n), np.ones(n)
+    if not is_closed:
+        low[0], high[-1] = -np.inf, np.inf
+    gap = np.arange(n)[None, :] - np.arange(n)[:, None]
+    apart = (gap > 1) & ~(is_closed & (gap == n - 1))
+    bad = np.argwhere(apart & _meet(start, edge, length, low, high))
+    if len(bad):
+        i, j = (int(k) for k in bad[0])
+        raise DeformError(f"the {what} crosses itself: its edges {i + 1} and {j + 1} meet. Draw it without a loop.")
+
+
+def _meet(start: NDArray[np.float64], edge: NDArray[np.float64], length: NDArray[np.float64], low: NDArray[np.float64],
+          high: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which pairs of edges ``start + t edge``, t from low to high, have a place in common."""
+    away, d, e = start[None] - start[:, None], edge[:, None], edge[None]
+    size, det = length[:, None] * length[None], _cross(d, e)
+    parallel = np.abs(det) <= _PARALLEL * size
+    safe = np.where(parallel, 1.0, det)
+    t, u = _cross(away, e) / safe, _cross(away, d) / safe
+    crosses = (t >= low[:, None]) & (t <= high[:, None]) & (u >= low) & (u <= high)
+    on_one_line = np.abs(_cross(away, d)) <= _PARALLEL * np.linalg.norm(away, axis=-1) * length[:, None]
+    # The second edge's range on the scale of the first.
+    first, rate = (away * d).sum(-1) / length[:, None] ** 2, (d * e).sum(-1) / length[:, None] ** 2
+    with np.errstate(invalid="ignore"):
+        ends = first + rate * np.stack([np.broadcast_to(low, rate.shape), np.broadcast_to(high, rate.shape)])
+    overlaps = (ends.max(axis=0) >= low[:, None]) & (ends.min(axis=0) <= high[:, None])
+    return np.where(parallel, on_one_line & overlaps, crosses)
+
+
+# Masks of more voxels are measured at half the resolution: 256^3 takes 0.7 s instead of 6 s. The mask only grows by it.
+_MOST_VOXELS = 4_000_000
+
+# The distance of what is nowhere. Infinity itself would become NaN in interpolations (0 inf) and in the scales of rigid
+# parts (inf / inf); this is the largest coordinate that a point may have, and its square is still a float32.
+_NOWHERE = LARGEST_COORDINATE
+
+
+@jax.tree_util.register_pytree_node_class
+@dataclass(frozen=True, eq=False)
+class Mask(AbstractRegion):
+    """The pixels or voxels of a mask; the boundary runs along their faces.
+
+    Parameters
+    ----------
+    values : bool, [v, u] on a raster or [z, y, x] on a grid.
+    lattice : where they lie, a :class:`~deformnb.volume.plane.Raster` or a :class:`~deformnb.volume.volume.Grid`.
+
+    Notes
+    -----
+    Distances of the centres are those to the faces of the voxel with the nearest centre, at most half its diagonal
+    more than to the nearest face; between the centres they are interpolated. Beyond the lattice the way to it is added:
+    a mask that reaches the lattice's edge goes on there, as far as it is deep. A mask of more than 4 million voxels is
+    measured at half the resolution, which shifts its boundary by up to a voxel. A mask in which nothing is set lies at
+    1e15, farther than any point may be, and one in which all is set is around every place, as deep.
+
+    Examples
+    --------
+    >>> bone = Mask(np.array([[False, True, True, False]]), Raster((1, 4), (2.0, 2.0), (0.0, 0.0)))
+    >>> bone.signed_distance([[1.0, 0.0], [6.0, 0.0]]).tolist()
+    [0.0, 1.0]
+    """
+
+    values: NDArray[np.bool_]
+    lattice: Raster | Grid
+    kind: ClassVar[str] = "mask"
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values)
+        if values.dtype != np.bool_:
+            raise DeformError(f"a mask holds True and False, got {values.dtype}; compare it with a label first.")
+        if values.shape != tuple(self.lattice.shape):
+            raise DeformError(f"a mask of shape {values.shape} does not fit a lattice of {tuple(self.lattice.shape)}.")
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+
+    @classmethod
+    def from_labels(cls, volume: Volume, labels: int | Sequence[int] | None = None) -> Mask:
+        """The voxels of these labels of a volume, of any but 0 if None.
+
+        Raises
+        ------
+        DeformError
+            If no voxel has one of them; the message names the labels there are.
+        """
+        wanted = [labels] if isinstance(labels, int | np.integer) else labels
+        values = volume.values != 0 if wanted is None else np.isin(volume.values, list(wanted))
+        if not values.any():
+            present = np.unique(volume.values)[:20].tolist()
+            raise DeformError(f"no voxel of {volume.name or 'the volume'} has a label of {wanted}; it has {present}.")
+        return cls(values, volume.grid)
+
+    def silhouette(self, plane: Plane) -> Mask:
+        """What of a mask in space is seen on a picture: every pixel with a voxel of it in front or behind."""
+        if not isinstance(self.lattice, Grid):
+            raise DeformError("this mask lies on a picture already.")
+        grid = self.lattice
+        along = np.abs(plane.frame[:2] @ np.asarray(grid.direction))  # [u v, axis x y z]
+        is_aligned = bool((along.max(axis=1) > 1 - 1e-6).all())
+        spacing = [grid.spacing[int(k)] if is_aligned else min(grid.spacing) for k in along.argmax(axis=1)]
+        corners = plane.to_plane(grid.corners(centres=True))[:, :2]
+        origin = corners.min(axis=0)
+        counts = np.round(np.ptp(corners, axis=0) / spacing).astype(int) + 1
+        flat = np.zeros((counts[1], counts[0]), dtype=bool)
+        # What hides the rest is enough; on an oblique picture places so dense that no pixel between others stays empty.
+        surface = self.values if is_aligned else self.values & ~ndimage.binary_erosion(self.values)
+        index = np.argwhere(surface)[:, ::-1].astype(np.float64)
+        counted = [1 if is_aligned else int(np.ceil(2 * s / min(grid.spacing))) for s in grid.spacing]
+        for offset in product(*((np.arange(n) + 0.5) / n - 0.5 for n in counted)):
+            at = plane.to_plane(grid.index_to_point(index + np.array(offset)))[:, :2]
+            cell = np.clip(np.round((at - origin) / spacing).astype(int), 0, counts - 1)
+            flat[cell[:, 1], cell[:, 0]] = True
+        return Mask(flat, Raster((int(counts[1]), int(counts[0])), (spacing[0], spacing[1]),
+                                 (float(origin[0]), float(origin[1]))))
+
+    @property
+    def dim(self) -> int:
+        return 2 if isinstance(self.lattice, Raster) else 3
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Mask):
+            return NotImplemented
+        return self.lattice == other.lattice and np.array_equal(self.values, other.values)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag asks for it at every block
+
+    @cached_property
+    def _measured(self) -> tuple[NDArray[np.float32], Raster | Grid]:
+        """Signed distances of the centres, and where those lie."""
+        values, lattice = self.values, self.lattice
+        if values.size > _MOST_VOXELS and isinstance(lattice, Grid):
+            values, lattice = _halved(values, lattice)
+        h = np.asarray(lattice.spacing)[::-1]
+        outside, inside = _box_distance(values, h), _box_distance(~values, h)
+        return np.where(values, -inside, outside).astype(np.float32), lattice
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        distances, lattice = self._measured
+        p = np.asarray(points, dtype=np.float64)
+        index, beyond = _index_within(lattice, p.reshape(-1, self.dim), np)
+        # float32 samples: SciPy would otherwise copy them to float64 at every call
+        found = ndimage.map_coordinates(distances, index.T[::-1], order=1, mode="nearest", output=np.float64)
+        return (found + beyond).reshape(p.shape[:-1])
+
+    def __call__(self, points: Any) -> Any:
+        distances, lattice = self._measured
+        index, beyond = _index_within(lattice, jnp.asarray(points), jnp)
+        at = [index[..., k] for k in reversed(range(self.dim))]
+        values = jnp.asarray(distances).astype(index.dtype)
+        return jax.scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest") + beyond
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+        """What JAX traces, and what it keeps."""
+        distances, lattice = self._measured
+        return (distances,), (lattice, self.dim)
+
+    @classmethod
+    def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Mask:
+        """The same again, of what JAX has made of it; nothing is checked."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "lattice", aux[0])
+        made.__dict__["_measured"] = (leaves[0], aux[0])
+        return made
+
+
+def _halved(values: NDArray[np.bool_], grid: Grid) -> tuple[NDArray[np.bool_], Grid]:
+    """Blocks of 2 x 2 x 2 voxels, set where one of them is."""
+    odd = [n % 2 for n in values.shape]
+    even = np.pad(values, [(0, n) for n in odd])
+    z, y, x = (n // 2 for n in even.shape)
+    coarse: NDArray[np.bool_] = np.asarray(even.reshape(z, 2, y, 2, x, 2).any(axis=(1, 3, 5)))
+    first = grid.index_to_point([0.5, 0.5, 0.5])
+    spacing = tuple(2 * s for s in grid.spacing)
+    return coarse, Grid((z, y, x), spacing, tuple(first), grid.direction)  # type: ignore[arg-type]
+
+
+def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of every centre to the nearest voxel that is set, measured to its faces; 1e15 if there is none."""
+    if not values.any():  # SciPy would return a plausible ramp
+        return np.full(values.shape, _NOWHERE)
+    nearest = ndimage.distance_transform_edt(~values, sampling=spacing, return_distances=False, return_indices=True)
+    square = np.zeros(values.shape)
+    for axis, (at, h) in enumerate(zip(nearest, spacing, strict=True)):
+        own = np.arange(values.shape[axis]).reshape([-1 if k == axis else 1 for k in range(values.ndim)])
+        square += np.maximum(np.abs(at - own) - 0.5, 0.0) ** 2 * h ** 2
+    return np.sqrt(square)
+
+
+def _index_within(lattice: Raster | Grid, points: Any, xp: Any) -> tuple[Any, Any]:
+    """Fractional index of the nearest place within a lattice, and how far the point lies from there."""
+    origin = np.asarray(lattice.origin)
+    shape = np.asarray(lattice.shape[::-1])
+    if isinstance(lattice, Raster):
+        index, matrix = (points - origin) / np.asarray(lattice.spacing), np.diag(lattice.spacing)
+    else:
+        index, matrix = (points - origin) @ np.linalg.inv(lattice.matrix).T, lattice.matrix
+    clamped = xp.clip(index, 0.0, shape - 1.0)
+    square = (((index - clamped) @ matrix.T) ** 2).sum(-1)
+    return clamped, xp.sqrt(xp.where(square > 0, square, 1.0)) * (square > 0)

@@ -1,0 +1,609 @@
+"""Turns and shifts: the known motions of rigid parts.
+
+Parts that stay rigid while all around them bends: Eq. 6 of the paper, after Little, Hill and Hawkes.
+
+The displacement is ``D(x) = (L(x) - x) + w(x) g(x)``. L is the known backward motion of the parts, the identity where
+they are fixed; w vanishes within the parts; g is the plain fit of what the control points ask for beyond L,
+``(d_i - (L(x_i) - x_i)) / w(x_i)``. The paper's factor w(x_i) in ``phi_R(x, x_i) = w(x) w(x_i) phi`` only rescales the
+coefficients, so this is its Eq. 6. Two things are done otherwise:
+
+- The free polynomial of Eq. 2 would move the parts. Here the trend is weighted by w too.
+- The paper's w is the distance itself. It overshoots: with a control point 1/10 of the support away from the part the
+  displacement between grows to 3.8 times the drag, and it has a kink on the part's surface. The default is a smooth
+  step of the distance that has reached 1 at the nearest control point; ``weight="distance"`` is the paper's.
+
+With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance is
+measured where it has moved to.
+
+Three things follow that one may not expect. A part that moves takes all along with it where neither a fixed part nor a
+control point holds the rest. A control point very near a part makes the weight rise over that short way, and a long
+drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some matter is
+seen twice.
+
+The weights and shares of rigid parts, functions of the distances to them, and their derivatives.
+
+With the distance ``d_k`` of a part, measured where it has moved to, its weight is ``W(d_k / s_k)`` and its share of the
+motion ``d_k^-2 / sum_j d_j^-2``; see :mod:`deformnb.rbf.rigid`.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from deformnb._jax import compiled
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField, in_blocks
+from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
+from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion
+
+# Directions and lengths that differ by less are rounding of numbers written to a file with seven digits.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """A turn and a shift of matter, forward: ``x -> matrix @ x + shift``.
+
+    Parameters
+    ----------
+    matrix : rows of a rotation, 2 x 2 or 3 x 3.
+    shift : as many numbers, physical.
+
+    Raises
+    ------
+    DeformError
+        If the matrix does not turn only: it may not stretch, shear or mirror.
+
+    Examples
+    --------
+    >>> quarter = RigidMotion.turn(90, about=(1, 0))
+    >>> quarter([[3, 0]]).round(12).tolist()
+    [[1.0, 2.0]]
+    >>> half = quarter.power(0.5)
+    >>> bool(abs(half(half([[3, 0]])) - quarter([[3, 0]])).max() < 1e-12)
+    True
+    """
+
+    matrix: tuple[tuple[float, ...], ...]
+    shift: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        try:
+            m, t = np.array(self.matrix, dtype=np.float64), np.array(self.shift, dtype=np.float64)
+        except (TypeError, ValueError):
+            m, t = np.zeros((0, 0)), np.zeros(0)
+        dim = t.size
+        if t.shape not in ((2,), (3,)) or m.shape != (dim, dim) or not (np.isfinite(m).all() and np.isfinite(t).all()):
+            raise DeformError("a rigid motion needs a matrix of 2 x 2 or 3 x 3 finite numbers and a shift of as many.")
+        if np.abs(m @ m.T - np.eye(dim)).max() > _ROUNDING or np.linalg.det(m) < 0:
+            raise DeformError("the matrix of a rigid motion must turn only: not stretch, shear or mirror.")
+        if np.abs(m @ m.T - np.eye(dim)).max() > 1e-12:  # the nearest turn, so that the way back leads back
+            u, _, v = np.linalg.svd(m)
+            m = u @ v
+        object.__setattr__(self, "matrix", tuple(map(tuple, m.tolist())))
+        object.__setattr__(self, "shift", tuple(t.tolist()))
+
+    @classmethod
+    def turn(cls, degrees: float, about: ArrayLike, shift: ArrayLike | None = None,
+             axis: ArrayLike | None = None) -> RigidMotion:
+        """A turn about a place, then a shift.
+
+        Parameters
+        ----------
+        degrees : on a picture from its a axis to its b axis, so clockwise to the eye; in space by the right hand.
+        about : the place that would stay, (a, b) or (x, y, z).
+        axis : direction of the axis of the turn; needed in space only.
+        """
+        centre, shift, axis = (_numbers(value) for value in (about, shift, axis))
+        if centre.shape == (2,):
+            angle = np.deg2rad(degrees)
+            m = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        elif centre.shape == (3,) == axis.shape and 0 < np.linalg.norm(axis) < np.inf:
+            m = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+        else:
+            raise DeformError("a turn is about a place of 2 coordinates, or about one of 3 and an axis.")
+        if shift.shape not in ((0,), centre.shape):
+            raise DeformError(f"the shift of a turn needs {len(centre)} finite numbers, got shape {shift.shape}.")
+        t = centre - m @ centre + (shift if shift.size else 0.0)
+        return cls(tuple(map(tuple, m.tolist())), tuple(t.tolist()))
+
+    @property
+    def dim(self) -> int:
+        """2 on a picture, 3 in space."""
+        return len(self.shift)
+
+    @property
+    def inverse(self) -> RigidMotion:
+        """The way back."""
+        m = np.asarray(self.matrix).T
+        return RigidMotion(tuple(map(tuple, m.tolist())), tuple((-m @ np.asarray(self.shift)).tolist()))
+
+    def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Where matter at points (..., dim) goes."""
+        return np.asarray(points, dtype=np.float64) @ np.asarray(self.matrix).T + np.asarray(self.shift)
+
+    def power(self, t: float) -> RigidMotion:
+        """The motion done t times, along one screw: half of it for 0.5, its inverse for -1.
+
+        A matrix does not tell 200 degrees one way from 160 the other; the shorter way is taken.
+        """
+        if t == 1:
+            return self
+        dim = self.dim
+        m, shift = np.eye(3), np.zeros(3)
+        m[:dim, :dim], shift[:dim] = self.matrix, self.shift
+        turn = Rotation.from_matrix(m).as_rotvec()
+        rate = np.linalg.solve(_path(turn), shift)
+        part, along = Rotation.from_rotvec(t * turn).as_matrix(), _path(t * turn) @ (t * rate)
+        return RigidMotion(tuple(map(tuple, part[:dim, :dim].tolist())), tuple(along[:dim].tolist()))
+
+
+def _numbers(value: ArrayLike | None) -> NDArray[np.float64]:
+    """An array of float64; an empty one of nothing or of what are no numbers."""
+    try:
+        return np.asarray([] if value is None else value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def _path(turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The integral of exp(s [turn]) over s from 0 to 1: from the velocity of a screw to its shift."""
+    angle = float(np.linalg.norm(turn))
+    k = np.array([[0, -turn[2], turn[1]], [turn[2], 0, -turn[0]], [-turn[1], turn[0], 0]])
+    if angle < 1e-4:  # the next terms are below 1e-9
+        return np.eye(3) + k / 2 + k @ k / 6
+    return np.eye(3) + k * (1 - np.cos(angle)) / angle**2 + k @ k * (angle - np.sin(angle)) / angle**3
+
+
+# Distances on lattices that are kept while a control point is dragged, for the parts do not move: 256^3 twice.
+_KEPT_BYTES = 2**27
+
+
+def saturated(t: Any, xp: Any = np) -> Any:
+    """A step from 0 to 1 over t from 0 to 1 with two continuous derivatives: 6 t^5 - 15 t^4 + 10 t^3.
+
+    >>> saturated(np.array([-1.0, 0.5, 2.0])).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    t = xp.clip(t, 0.0, 1.0)
+    return t * t * t * (t * (6.0 * t - 15.0) + 10.0)
+
+
+def _distance(t: Any, xp: Any = np) -> Any:
+    return xp.maximum(t, 0.0)
+
+
+WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": saturated, "distance": _distance}
+"""What is made of a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
+
+_WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
+    "saturated": lambda t: 30.0 * np.square(np.clip(t, 0.0, 1.0) * (1.0 - np.clip(t, 0.0, 1.0))),
+    "distance": lambda t: np.where(t > 0, 1.0, 0.0),
+}
+"""The derivatives of :data:`WEIGHTS`."""
+
+
+def blended(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
+            xp: Any) -> tuple[Any, Any]:
+    """L(x) - x and w(x) from every part's motion and distance."""
+    weight = weight_of(distances, scales, weights, xp)
+    if len(back) == 1:
+        return back[0] - x, weight
+    # 1 / distance^2, multiplied by the least of all, which is finite in the parts and keeps the digits beside them.
+    least = distances[0]
+    for d in distances[1:]:
+        least = xp.minimum(least, d)
+    shares = [xp.where(d > least, (least / xp.where(d > 0, d, 1.0)) ** 2, 1.0) for d in distances]
+    total = sum(shares)
+    return sum((s / total)[..., None] * (y - x) for s, y in zip(shares, back, strict=True)), weight
+
+
+def weight_of(distances: list[Any], scales: Any, weights: tuple[str, ...], xp: Any) -> Any:
+    """w(x), the product over the parts."""
+    weight = 1.0
+    for distance, scale, name in zip(distances, scales, weights, strict=True):
+        # A NumPy scalar of 64 bits would make 64 bits of all distances.
+        weight = weight * WEIGHTS[name](distance / (float(scale) if xp is np else scale), xp)
+    return weight
+
+
+def weight_gradient(distances: list[Any], slopes: list[Any], scales: Any,
+                    weights: tuple[str, ...]) -> tuple[Any, Any]:
+    """w (n) and its gradient (n, dim), from every part's distance (n) and the gradient of that."""
+    units = [d / float(s) for d, s in zip(distances, scales, strict=True)]
+    values = [WEIGHTS[name](t) for t, name in zip(units, weights, strict=True)]
+    gradient = 0.0
+    for k, (t, slope, scale, name) in enumerate(zip(units, slopes, scales, weights, strict=True)):
+        others = np.prod([v for j, v in enumerate(values) if j != k], axis=0)
+        gradient = gradient + (others * _WEIGHT_SLOPES[name](t) / float(scale))[:, None] * slope
+    return np.prod(values, axis=0), gradient
+
+
+def drift_gradient(x: NDArray[np.float64], back: list[Any], distances: list[Any], slopes: list[Any],
+                   matrices: Any) -> NDArray[np.float64]:
+    """The derivative (n, dim, dim) of L(x) - x.
+
+    With the shares ``p_k = d_k^-2 / sum_j d_j^-2`` of the parts, ``dp_k = 2 p_k (sum_j p_j q_j - q_k)`` and
+    ``q_k = (grad d_k) / d_k``; within a part its share is 1 and does not change.
+    """
+    turns = [np.asarray(m) - np.eye(x.shape[1]) for m in matrices]
+    if len(back) == 1:
+        return np.broadcast_to(turns[0], (*x.shape, x.shape[1]))
+    least = np.min(distances, axis=0)
+    raw = [np.where(d > least, (least / np.where(d > 0, d, 1.0)) ** 2, 1.0) for d in distances]
+    shares = [r / sum(raw) for r in raw]
+    rates = [np.where(d[:, None] > 0, g / np.where(d > 0, d, 1.0)[:, None], 0.0)
+             for d, g in zip(distances, slopes, strict=True)]
+    mean = sum(p[:, None] * q for p, q in zip(shares, rates, strict=True))
+    out = np.zeros((*x.shape, x.shape[1]))
+    for p, q, y, turn in zip(shares, rates, back, turns, strict=True):
+        change = np.where(least[:, None] > 0, 2 * p[:, None] * (mean - q), 0.0)
+        out += p[:, None, None] * turn + (y - x)[:, :, None] * change[:, None, :]
+    return out
+
+
+_measured = compiled(lambda region, points: jnp.concatenate(
+    [region(points)[:, None], jax.vmap(jax.grad(region))(points)], axis=1))
+
+
+def gradients(region: AbstractRegion, matrix: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[Any, Any]:
+    """A part's distance (n) and its gradient (n, dim) by x, where x lies at y in the part; both zero within it."""
+    found = in_blocks(partial(_measured, region), y)
+    outside = found[:, 0] > 0
+    return np.where(outside, found[:, 0], 0.0), np.where(outside[:, None], found[:, 1:] @ matrix, 0.0)
+
+
+_kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()
+_keeping = threading.Lock()
+
+
+def kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: NDArray[np.float64],
+                   rows: NDArray[np.float64], columns: NDArray[np.float64],
+                   places: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Distances on a lattice, from the last edit if they are the same: a drag moves points, and no parts."""
+    return _remembered((region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
+                       lambda: np.maximum(region.signed_distance(places), 0.0))
+
+
+def kept_gradients(region: AbstractRegion, rows: NDArray[np.float64],
+                   columns: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The same for distances beside a part that stays, with their gradients: (R C, 1 + dim)."""
+
+    def make() -> NDArray[np.float64]:
+        places = np.stack([a[:, None] + b[None, :] for a, b in zip(rows, columns, strict=True)], axis=-1)
+        distance, slope = gradients(region, np.eye(region.dim), places.reshape(-1, region.dim))
+        return np.concatenate([distance[:, None], slope], axis=1)
+
+    return _remembered((region, "gradients", rows.tobytes(), columns.tobytes()), make)
+
+
+def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float32]:
+    with _keeping:
+        found = _kept.pop(key, None)
+    if found is None:
+        found = make().astype(np.float32)
+    with _keeping:
+        _kept[key] = found  # the newest is last
+        while sum(a.nbytes for a in _kept.values()) > _KEPT_BYTES and len(_kept) > 1:
+            _kept.popitem(last=False)
+    return found
+
+
+# A point that asks, inside a part, for what the part does anyway may miss it by this share of the box of all points.
+_SAME_MOTION = 1e-6
+
+
+@dataclass(frozen=True)
+class RigidPart:
+    """A region whose matter is not deformed.
+
+    Parameters
+    ----------
+    region : where the part lies before the deformation; a :class:`Line` has no inside to be a part.
+    motion : how it moves; None if it is fixed.
+    weight : a name of :data:`WEIGHTS`.
+    reach : distance at which the part is no longer felt at the latest; None leaves that to the nearest control point.
+    name : shown to people.
+    enabled : a part that is switched off stays in the list.
+    """
+
+    region: AbstractRegion
+    motion: RigidMotion | None = None
+    weight: str = "saturated"
+    reach: float | None = None
+    name: str = ""
+    enabled: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.region, AbstractRegion):
+            raise DeformError(f"a rigid part needs a region, got {type(self.region).__name__}.")
+        if self.region.kind == "line":
+            raise DeformError("a line has no inside to stay rigid; use a polygon or a half space.")
+        if self.weight not in WEIGHTS:
+            raise DeformError(f"unknown weight {self.weight!r} of a rigid part; choose one of {', '.join(WEIGHTS)}.")
+        if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0):
+            raise DeformError(f"the reach of a rigid part must be a positive length, got {self.reach}.")
+        if self.motion is not None and self.motion.dim != self.region.dim:
+            raise DeformError(f"a motion of {self.motion.dim} dimensions does not move a region of {self.region.dim}.")
+
+    @property
+    def label(self) -> str:
+        """How messages name it."""
+        return f'the rigid part "{self.name}"' if self.name else "a rigid part"
+
+    def scaled(self, strength: float) -> RigidPart:
+        """The same part moved ``strength`` times as far."""
+        return self if self.motion is None or strength == 1 else replace(self, motion=self.motion.power(strength))
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["base", "regions", "matrices", "shifts", "scales"],
+    meta_fields=["weights", "notes"],
+)
+@dataclass(frozen=True, eq=False)
+class RigidInterpolant(AbstractField):
+    """The solved displacement beside rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
+
+    Parameters
+    ----------
+    base : g, the fit of what is left to the control points.
+    regions : K regions; matrices (K, dim, dim), shifts (K, dim): their backward motions L_k.
+    scales : (K,) lengths by which the distances are divided.
+    weights : K names of :data:`WEIGHTS`.
+    notes : remarks for a status line.
+    """
+
+    base: RBFInterpolant
+    regions: tuple[AbstractRegion, ...]
+    matrices: Any
+    shifts: Any
+    scales: Any
+    weights: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def dim(self) -> int:
+        return self.base.dim
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Ids of the control points behind the fit."""
+        return self.base.ids
+
+    @property
+    def trend(self) -> str:
+        """The trend of what the parts leave free."""
+        return self.base.trend
+
+    def __call__(self, points: Any) -> Any:
+        x = jnp.asarray(points)
+        back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
+        distances = [jnp.maximum(r(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
+        moved, weight = blended(x, back, distances, self.scales, self.weights, jnp)
+        return moved + weight[..., None] * self.base(x)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        moved, weight = self.parts_at(x)
+        return np.asarray(moved + weight[..., None] * self.base.displacement(x))
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The product rule: ``d(L - x) + w J_g + g (dw)^T``.
+
+        The smooth weight has no edge. The paper's distance has one on the part's surface, where the inner side counts.
+        """
+        x = np.asarray(points, dtype=np.float64)
+        places = x.reshape(-1, self.dim)
+        parts = list(zip(self.regions, self.matrices, self.shifts, strict=True))
+        back = [places @ np.asarray(m).T + t for _, m, t in parts]
+        measured = [gradients(r, np.asarray(m), y) for (r, m, _), y in zip(parts, back, strict=True)]
+        distances, slopes = [d for d, _ in measured], [g for _, g in measured]
+        weight, rate = weight_gradient(distances, slopes, self.scales, self.weights)
+        base = self.base.displacement(places)
+        out = weight[:, None, None] * self.base.jacobian(places) + base[:, :, None] * rate[:, None, :]
+        out += drift_gradient(places, back, distances, slopes, self.matrices)
+        return np.asarray(out).reshape(*x.shape, self.dim)
+
+    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        if not all(map(_is_still, self.matrices, self.shifts)):
+            return super().jacobian_on_outer_sum(r, c)
+        measured = [kept_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
+        shape = (r.shape[1], c.shape[1])
+        weight, rate = weight_gradient([m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales,
+                                       self.weights)
+        base = self.base.on_outer_sum(r, c, 1.0)
+        rate = np.moveaxis(rate.reshape(*shape, self.dim), -1, 0)
+        out = weight.reshape(shape) * self.base.jacobian_on_outer_sum(r, c) + base[:, None] * rate[None]
+        return np.asarray(out, dtype=np.float32)
+
+    def parts_at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """L(x) - x, (..., dim), and w(x), (...), at points."""
+        back = [x @ np.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
+        distances = [np.maximum(r.signed_distance(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
+        return blended(x, back, distances, self.scales, self.weights, np)
+
+    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
+        base = self.base.on_outer_sum(r, c, resolution)
+        places = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
+        back, distances, all_still = [], [], True
+        for region, m, t in zip(self.regions, self.matrices, self.shifts, strict=True):
+            still = _is_still(m, t)
+            y = places if still else places @ np.asarray(m).T + t
+            back.append(y)
+            distances.append(kept_distances(region, np.asarray(m), np.asarray(t), r, c, y))
+            all_still &= still
+        if all_still:  # the common case, without the drift that is zero everywhere
+            return np.asarray(weight_of(distances, self.scales, self.weights, np), dtype=np.float32) * base
+        moved, weight = blended(places, back, distances, self.scales, self.weights, np)
+        return np.asarray(np.moveaxis(moved, -1, 0) + weight * base, dtype=np.float32)
+
+
+def _is_still(matrix: Any, shift: Any) -> bool:
+    return bool((np.asarray(matrix) == np.eye(len(shift))).all() and not np.asarray(shift).any())
+
+
+def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str = "wendland_c2",
+              support: float | None = None, trend: str = "affine",
+              smoothing: float = 0.0) -> RBFInterpolant | RigidInterpolant:
+    """Fit control points beside rigid parts (Eq. 6).
+
+    Parameters
+    ----------
+    points : as for :func:`fit_rbf`. A point within a part that asks for what the part does anyway is left
+        out.
+    parts : those that are switched on count; without any this is :func:`~deformnb.rbf.interpolant.fit_rbf`.
+    kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
+        weight "distance", which has no end, there is none.
+
+    Returns
+    -------
+    RigidInterpolant.
+
+    Raises
+    ------
+    DeformError
+        If a point within a part asks for something else than the part does; names both.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import HalfSpace
+    >>> ground = RigidPart(HalfSpace((0, 0), (0, -1)), name="ground")  # all below b = 0, with b upwards
+    >>> points = ControlPoints.from_arrays([[0, -8]], [[3, -8]])
+    >>> fit = fit_rigid(points, [ground], trend="none", support=10.0)
+    >>> fit.displacement([[3.0, -8.0], [3.0, 1.0]]).round(9).tolist()
+    [[-3.0, 0.0], [0.0, 0.0]]
+    """
+    chosen = [part for part in parts if part.enabled]
+    if not chosen:
+        return fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+    raw = _checked_weights(chosen, points.dim, kernel)
+    back = [np.eye(points.dim) if p.motion is None else np.asarray(p.motion.inverse.matrix) for p in chosen]
+    shifts = [np.zeros(points.dim) if p.motion is None else np.asarray(p.motion.inverse.shift) for p in chosen]
+    x = points.target
+    moved = [x @ m.T + t for m, t in zip(back, shifts, strict=True)]
+    distances = np.stack([p.region.signed_distance(y) for p, y in zip(chosen, moved, strict=True)])
+    free, notes = _free_points(points, chosen, moved, distances)
+    if support is None:
+        support = choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
+    scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
+    weights = tuple(p.weight for p in chosen)
+    drift, weight = blended(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
+    rest = points.take(np.flatnonzero(free))
+    asked = (rest.displacement - drift) / weight[:, None]
+    base = fit_rbf(replace(rest, source=rest.target + asked, weight=rest.weight * weight**2), kernel=kernel,
+                   support=support, trend="none" if raw else trend, smoothing=smoothing)
+    return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
+                            (*notes, *base.remarks))
+
+
+HELD = ("refuse", "carry", "switch off")
+"""What becomes of control points within a rigid part that ask for something else than the part does."""
+
+
+def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
+    """The control points beside rigid parts, without any that asks for something else than the part it lies in.
+
+    Parameters
+    ----------
+    held : "carry" lets such points go where their part takes them, which is back to their sources in a fixed part;
+        "switch off" keeps their places and switches them off; "refuse" leaves them for :func:`fit_rigid` to refuse.
+
+    Raises
+    ------
+    DeformError
+        If ``held`` is none of :data:`HELD`.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> bone = RigidPart(Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]))
+    >>> points = ControlPoints.from_arrays([[2, 2], [20, 2]], [[5, 5], [22, 2]])
+    >>> without_conflicts(points, [bone]).target.tolist()
+    [[2.0, 2.0], [22.0, 2.0]]
+    >>> without_conflicts(points, [bone], "switch off").active.tolist()
+    [False, True]
+    """
+    if held not in HELD:
+        raise DeformError(f"there is no way {held!r} for points within a rigid part; choose one of {', '.join(HELD)}.")
+    for part in parts if held != "refuse" else ():
+        if not part.enabled:
+            continue
+        back = points.target if part.motion is None else part.motion.inverse(points.target)
+        size = _size_of(points)
+        asks = points.active & (part.region.signed_distance(back) <= 0)
+        asks &= np.linalg.norm(points.source - back, axis=1) > _SAME_MOTION * size
+        carried = points.source if part.motion is None else part.motion(points.source)
+        for k in np.flatnonzero(asks).tolist():
+            points = points.edit(points.ids[k], **({"target": carried[k]} if held == "carry" else {"active": False}))
+    return points
+
+
+def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
+    """Whether one of the weights is the distance itself, beside which there is no trend."""
+    for part in parts:
+        if part.region.dim != dim:
+            raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
+    raw = any(part.weight == "distance" for part in parts)
+    if raw and kernel_named(kernel).order > 0:
+        raise DeformError(f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
+                          "needs one; take the weight 'saturated' or a Wendland kernel.")
+    return raw
+
+
+def _size_of(points: ControlPoints) -> float:
+    """The diagonal of the box of all sources and targets; 0 without points."""
+    places = np.concatenate([points.source, points.target])
+    return float(np.linalg.norm(np.ptp(places, axis=0))) if len(points) else 0.0
+
+
+def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
+                 distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
+    """Which active points lie beside all parts; refuses one that a part holds and that asks for something else."""
+    free, notes = points.active.copy(), []
+    size = _size_of(points)
+    within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits
+    for k in np.flatnonzero(points.active).tolist():
+        holders = np.flatnonzero(distances[:, k] <= 0).tolist()
+        for h in holders:
+            asked, done = points.source[k], moved[h][k]
+            if np.linalg.norm(asked - done) > _SAME_MOTION * size:
+                held = "is fixed" if parts[h].motion is None else "has a motion of its own"
+                raise DeformError(f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
+                                  "point, or change the part.")
+        if len(holders):
+            free[k] = False
+            if points.displacement[k].any():
+                notes.append(f"{points.label(k)} lies in {parts[holders[0]].label}, which holds it already")
+            continue
+        torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
+        if torn is not None:
+            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its matter is seen "
+                         "twice")
+    return free, notes
+
+
+def _scale(part: RigidPart, distances: NDArray[np.float64]) -> float:
+    """The distance at which a part's weight is 1: at the nearest control point at the latest.
+
+    The paper's distance has no such place: it is only brought to the size of 1, which changes nothing (w -> c w).
+    """
+    nearest = float(distances.min(initial=np.inf))
+    if part.weight == "distance":
+        return float(distances.max(initial=0.0)) or 1.0
+    return min(part.reach or np.inf, nearest) if np.isfinite(nearest) or part.reach else 1.0

@@ -1,0 +1,155 @@
+"""A large drag in equal parts, one small map after the other: as free of folds as its parts are.
+
+An interpolant that takes its points far in one go may fold between them. In n stages the points go a part of their way
+at a time, ``p_j = source + j/n (target - source)``; stage j is fitted to ``p_{j-1} -> p_j`` and the maps follow one
+another. Every source still comes exactly to its target, and a composition of maps without folds has none: in the limit
+it is the flow of a velocity field, a diffeomorphism (Joshi & Miller, IEEE Trans. Image Process. 9 (2000) 1357-1370).
+Only points that pass through one another on their straight ways cannot be helped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.rigid import RigidInterpolant, RigidPart, fit_rigid
+
+MOST_STAGES = 64
+"""Stages of a step at most; a drag cut in 64 parts turns by less than 6 degrees in each."""
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["fits"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Staged(AbstractField):
+    """Fits done one after the other, first to last; a backward displacement field of dimension 2 or 3.
+
+    Parameters
+    ----------
+    fits : at least one, of one dimension.
+    """
+
+    fits: tuple[Any, ...]
+
+    @property
+    def dim(self) -> int:
+        return int(self.fits[0].dim)
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Ids of the control points behind the fits."""
+        return tuple(self.fits[0].ids)
+
+    @property
+    def trend(self) -> str:
+        """The trend of the fits."""
+        return str(self.fits[0].trend)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks of all fits, each once."""
+        return tuple(dict.fromkeys(note for fit in self.fits for note in fit.notes))
+
+    @property
+    def steps(self) -> tuple[AbstractField, ...]:
+        return self.fits
+
+    def __call__(self, points: Any) -> Any:
+        y = points
+        for fit in reversed(self.fits):  # backwards: the place in the result is looked up in the last stage first
+            y = y + fit(y)
+        return y - points
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        return np.asarray(self._before(x, len(self.fits)) - x)
+
+    def _before(self, x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+        """Where the matter at places of the result was before the last ``count`` stages."""
+        for fit in self.fits[::-1][:count]:
+            x = x + fit.displacement(x)
+        return x
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        """dD/dx by the chain rule: the product of ``1 + dD_j`` at the places on the way, less 1."""
+        y = np.asarray(points, dtype=np.float64)
+        one = np.eye(self.dim)
+        total = np.broadcast_to(one, (*y.shape, self.dim))
+        for fit in reversed(self.fits):
+            total = (one + fit.jacobian(y)) @ total
+            y = y + fit.displacement(y)
+        return np.asarray(total - one)
+
+
+Fit = RBFInterpolant | RigidInterpolant | Staged
+"""What a set of control points becomes; all tell their notes, ids and trend."""
+
+
+def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages: int = 1, kernel: str = "wendland_c2",
+               support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
+               previous: Fit | None = None) -> Fit:
+    """Fit control points, beside rigid parts if there are some, in one go or in stages.
+
+    Parameters
+    ----------
+    points, kernel, support, trend, smoothing : as for :func:`fit_rbf`; every stage has the same support.
+    parts : as for :func:`~deformnb.rbf.rigid.fit_rigid`; in several stages none of them may move.
+    stages : from 1 to :data:`MOST_STAGES`.
+    previous : the fit before this one; where the points leave an angle open, its trend is kept.
+
+    Raises
+    ------
+    DeformError
+        As those functions do; if a part moves in several stages; if points meet on their way.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [9, 9], [4, 4]],
+    ...                                    [[0, 0], [9, 0], [0, 9], [9, 9], [9, 5]])
+    >>> fit = fit_points(points, stages=8)
+    >>> fit.displacement([9.0, 5.0]).round(9).tolist()
+    [-5.0, -1.0]
+    """
+    check_stages(stages, parts)
+    settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
+    if stages == 1:
+        if any(part.enabled for part in parts):
+            return fit_rigid(points, parts, support=support, **settings)
+        kept = previous if isinstance(previous, RBFInterpolant) else None
+        return fit_rbf(points, support=support, previous=kept, **settings)
+    settings["support"] = support or choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
+    return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, settings, j, stages)
+                        for j in range(1, stages + 1)))
+
+
+def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
+    """Refuse a number of stages that cannot be done, naming the part that stands in the way."""
+    if isinstance(stages, bool) or not isinstance(stages, int | np.integer) or not 1 <= stages <= MOST_STAGES:
+        raise DeformError(f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {stages!r}.")
+    moving = next((p for p in parts if p.enabled and p.motion is not None), None)
+    if stages > 1 and moving is not None:
+        raise DeformError(f"{moving.label} has a motion of its own, which is not done in stages; hold it still, switch "
+                          "it off, or set the stages of the step back to 1.")
+
+
+def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
+    way = points.target - points.source
+    last = points.target if j == stages else points.source + j / stages * way
+    return replace(points, source=points.source + (j - 1) / stages * way, target=last.copy())
+
+
+def _fit_stage(points: ControlPoints, parts: Sequence[RigidPart], settings: dict[str, Any], j: int,
+               stages: int) -> RBFInterpolant | RigidInterpolant:
+    try:
+        return fit_rigid(points, parts, **settings)
+    except DeformError as error:
+        raise DeformError(f"in stage {j} of {stages}, on the straight ways of the points: {error}") from None

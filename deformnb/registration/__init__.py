@@ -1,0 +1,1 @@
+"""Fitting control points to pictures and outlines."""

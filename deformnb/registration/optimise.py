@@ -1,0 +1,553 @@
+"""Targets found by the pictures themselves: one by one by correlation, or all together by climbing a likeness.
+
+Both take two pictures, a moving one that the points deform and a fixed one that it shall look like, in the same
+coordinates; or two volumes, for points in space. What comes out are ordinary control points.
+
+The climb of a likeness, coarse to fine: scenes of two pictures at each level, and the best targets so far.
+
+Pictures and volumes as grey values that can be read anywhere: what is compared when targets are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, optimize, signal
+
+from deformnb._jax import float64
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import RBFInterpolant, fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.stages import check_stages
+from deformnb.rbf.trends import Span, ridge_of, spreads_of
+from deformnb.registration.similarity import (
+    BLOCK,
+    Fitting,
+    Measure,
+    Readable,
+    Scene,
+    Value,
+    least_det,
+    measure_named,
+    valued,
+)
+from deformnb.volume.plane import Picture
+from deformnb.volume.volume import Volume
+from deformnb.warping.planning import Progress
+
+Pictured: TypeAlias = Picture | Volume
+
+
+@dataclass(frozen=True, eq=False)
+class GreyImage:
+    """Grey values in [0, 1] and where they lie: ``index = matrix @ point + offset``, in the order of the array's axes.
+
+    Parameters
+    ----------
+    values : (nv, nu) or (nz, ny, nx) float64; 0 is background.
+    matrix, offset : from picture coordinates (a, b), or (x, y, z), to indices.
+    """
+
+    values: NDArray[np.float64]
+    matrix: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, given: Pictured) -> GreyImage:
+        """The grey values of a picture, or of a volume between its background and its largest value."""
+        if isinstance(given, Picture):
+            (du, dv), (a, b) = given.raster.spacing, given.raster.origin
+            matrix = np.array([[0.0, 1 / dv], [1 / du, 0.0]])
+            return cls(given.grey().astype(np.float64), matrix, -matrix @ np.array([a, b]))
+        if isinstance(given, Volume):
+            low, high = given.background, given.value_range[1]
+            values = np.clip((given.finite_values.astype(np.float64) - low) / ((high - low) or 1.0), 0, 1)
+            matrix = np.asarray(np.linalg.inv(given.grid.matrix)[::-1], np.float64)
+            return cls(values, matrix, -matrix @ np.asarray(given.grid.origin))
+        raise DeformError(f"what is matched must be a Picture or a Volume, got {type(given).__name__}.")
+
+    @property
+    def dim(self) -> int:
+        """2 for a picture, 3 for a volume."""
+        return self.values.ndim
+
+    @property
+    def pixel(self) -> float:
+        """The smallest distance of neighbouring pixels."""
+        return float(1 / np.linalg.norm(self.matrix, axis=1).max())
+
+    @property
+    def diagonal(self) -> float:
+        """Length from the first pixel to the last."""
+        return float(np.linalg.norm(np.linalg.solve(self.matrix, np.array(self.values.shape) - 1.0)))
+
+    def points(self, *indices: Any) -> NDArray[np.float64]:
+        """The points (..., dim) of all combinations of indices along the axes."""
+        index = np.stack(np.meshgrid(*indices, indexing="ij"), axis=-1)
+        return np.asarray(np.linalg.solve(self.matrix, (index - self.offset)[..., None])[..., 0])
+
+    def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values at points (..., dim), linearly; background outside the outer edges of the pixels."""
+        index = np.moveaxis(points @ self.matrix.T + self.offset, -1, 0)
+        values = ndimage.map_coordinates(self.values, index, order=1, mode="nearest")
+        return np.asarray(np.where(self.covers(points), values, 0.0))
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """True for the points that lie in it."""
+        index = points @ self.matrix.T + self.offset
+        return np.asarray(((index >= -0.5) & (index <= np.array(self.values.shape) - 0.5)).all(axis=-1))
+
+    def smoothed(self, length: float) -> GreyImage:
+        """Smoothed by a Gaussian of this standard deviation."""
+        if length == 0:
+            return self
+        sigma = length * np.linalg.norm(self.matrix, axis=1)
+        return replace(self, values=ndimage.gaussian_filter(self.values, sigma, mode="constant"))
+
+
+def grey_pair(points: ControlPoints, moving: Pictured, fixed: Pictured) -> tuple[GreyImage, GreyImage]:
+    """The grey values of both, refused where they do not go with the points or with one another."""
+    pair = GreyImage.of(moving), GreyImage.of(fixed)
+    for image, given in zip(pair, (moving, fixed), strict=True):
+        if image.dim != points.dim:
+            need = "pictures" if points.dim == 2 else "volumes"
+            raise DeformError(f"control points of {points.dim} dimensions are matched on {need}, got a "
+                              f"{type(given).__name__}; project the volume, or take points in space.")
+    return pair
+
+
+# Where the map is kept from folding (one block), and where that is checked after each level, along each axis.
+_LATTICE, _CHECKED = {2: 64, 3: 16}, {2: 128, 3: 32}
+# A target moves at most this share of the diagonal at each level, and the two pictures share at least this much.
+_REACH, _LEAST_SHARED = 0.25, 0.01
+# Stands for a loss that is no number: two targets on one place.
+_IMPOSSIBLE = 1e10
+# An iteration that gains less likeness than this is the last of its level.
+_ENOUGH = 1e-7
+
+
+@dataclass
+class Climb:
+    """One fit under way.
+
+    Parameters
+    ----------
+    first : targets, sources and settings; without pictures.
+    origin, support : what its lengths are relative to.
+    moving, fixed : the two pictures.
+    iterations : of each level, at most.
+    least : det J that is kept.
+    progress : told the finished share.
+
+    Attributes
+    ----------
+    history : (level, likeness) of every iteration.
+    """
+
+    first: Scene
+    origin: NDArray[np.float64]
+    support: float
+    moving: GreyImage
+    fixed: GreyImage
+    iterations: int
+    least: float
+    progress: Progress
+    history: list[tuple[int, float]] = field(default_factory=list)
+    _alike: float = 0.0
+
+    def run(self, levels: Sequence[int]) -> tuple[NDArray[np.float64], float, float, float]:
+        """The best relative targets, the likeness before and after, and the smallest det J."""
+        checked = self._lattice(_CHECKED)
+        finest = self.level(levels[-1])
+        start = self.first.x
+        before = _valued_at(start, finest)
+        floor = min(self.least, least_det(start, self.first.fitting, checked))
+        x, found = start, [(before, start)]
+        for k, factor in enumerate(levels):
+            scene = replace(finest if factor == levels[-1] else self.level(factor), x=x)
+            x = self._unfolded(x, self._climbed(scene, factor, k / len(levels), 1 / len(levels)), checked, floor)
+            found.append((_valued_at(x, finest), x))
+        after, x = min((f for f in found if f[0].alike >= before.alike), key=lambda f: f[0].loss)
+        least = least_det(x, self.first.fitting, checked)
+        self.progress(1.0)
+        return x, before.alike, after.alike, least
+
+    # -- scenes --------------------------------------------------------------------------------------------------------
+
+    def level(self, factor: int) -> Scene:
+        """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one.
+
+        Coarse levels are stiffer by the same factor: targets that slide along something smooth there (a bone was seen
+        to take one along by 17 pixels) do not find back at the finer ones.
+        """
+        pixel = self.moving.pixel
+        moving, fixed = (image.smoothed(factor * pixel / 2 if factor > 1 else 0.0)
+                         for image in (self.moving, self.fixed))
+        indices = [np.arange((n - 1) % factor // 2, n, factor, dtype=np.float64) for n in moving.values.shape]
+        places = moving.points(*indices).reshape(-1, moving.dim)
+        weights = fixed.covers(places).astype(np.float64)
+        if weights.mean() < _LEAST_SHARED:
+            raise DeformError("the two pictures do not overlap: they must lie in the same coordinates.")
+        blocks = self._blocks(places)
+        pad = (0, blocks.shape[0] * BLOCK - len(places))
+        readable = Readable(np.pad(moving.values, 1), moving.matrix * self.support,
+                            moving.matrix @ self.origin + moving.offset + 1)
+        readable, read, weights = _on_device([readable, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
+        return replace(self.first, moving=readable, places=_on_device(blocks), fixed=read, weights=weights,
+                       lattice=self._lattice(_LATTICE), energy=self.first.energy * factor,
+                       unit=factor * pixel / self.support)
+
+    def _blocks(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Relative places in whole blocks, filled up with the first of them."""
+        relative = (places - self.origin) / self.support
+        full = np.concatenate([relative, np.repeat(relative[:1], -len(relative) % BLOCK, axis=0)])
+        return full.reshape(-1, BLOCK, relative.shape[1])
+
+    def _lattice(self, counts: Mapping[int, int]) -> list[Any]:
+        lines = [np.linspace(-0.5, n - 0.5, counts[self.moving.dim]) for n in self.moving.values.shape]
+        return _on_device(self._blocks(self.moving.points(*lines).reshape(-1, self.moving.dim)))
+
+    # -- one level -----------------------------------------------------------------------------------------------------
+
+    def _climbed(self, scene: Scene, factor: int, done: float, share: float) -> NDArray[np.float64]:
+        """The best targets that one level finds."""
+        movable = scene.free[:, 0] > 0
+        shape, most = scene.x.shape, 2 * self.iterations
+        best, at, calls = np.inf, np.zeros(shape), 0
+
+        def descend(flat: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            nonlocal calls, best, at
+            self.progress(done + share * min(calls / most, 1.0))
+            calls += 1
+            moves = np.zeros(shape)
+            moves[movable] = flat.reshape(-1, shape[1])
+            value = valued(moves, scene)
+            if not (np.isfinite(value.loss) and np.isfinite(value.slope).all()):
+                return _IMPOSSIBLE, np.zeros_like(flat)
+            if value.loss < best and value.least > 0:
+                best, at = value.loss, moves
+                self._alike = value.alike
+            return value.loss, value.slope[movable].ravel()
+
+        reach = _REACH * self.moving.diagonal / self.support / scene.unit
+        size = int(movable.sum()) * shape[1]
+        optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
+                          callback=lambda _: self.history.append((factor, self._alike)),
+                          options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
+        return scene.x + at * scene.unit
+
+    def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],
+                  floor: float) -> NDArray[np.float64]:
+        """As far on the way from one to the other as nothing folds."""
+        for share in (1.0, 0.75, 0.5, 0.25, 0.1):
+            x = before + share * (after - before)
+            if least_det(x, self.first.fitting, checked) >= floor:
+                return x
+        return before
+
+
+def _valued_at(x: NDArray[np.float64], scene: Scene) -> Value:
+    return valued(np.zeros(x.shape), replace(scene, x=x))
+
+
+def _on_device(parts: Any) -> list[Any]:
+    """Each of the parts where JAX computes, in 64 bits."""
+    with float64():
+        return list(jax.device_put(list(parts)))
+
+
+# Places that are compared at most: a picture of 512^2. Larger ones are compared at every second or third pixel.
+_MOST_PLACES = 2**18
+# Neighbourhood and search of a single point: a share of the picture's diagonal (15 pixels of 256 x 256), or pixels.
+_SHARE, _PIXELS = 1 / 24, 10
+# Below this correlation two neighbourhoods are not the same thing; noise alone was seen to reach 0.35.
+_LEAST_ALIKE = 0.6
+# A place half a neighbourhood away that is as much alike as this leaves open which of the two is meant.
+_AMBIGUOUS = 0.02
+# A standard deviation of the grey values in [0, 1] below this is an even area with noise.
+_EVEN = 0.01
+# Lattice points from the middle of a search to its rim, at most.
+_MOST_STEPS = {2: 200, 3: 24}
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What :func:`fit_targets` found.
+
+    Parameters
+    ----------
+    points : with the targets that were found; the ones given, if nothing better was found.
+    score_before, score_after : likeness of the pictures at the finest level, larger is better.
+    history : (level, likeness) of every iteration.
+    least : the smallest det J of the map on a lattice over the picture; above 0 nothing is folded.
+    """
+
+    points: ControlPoints
+    score_before: float
+    score_after: float
+    history: tuple[tuple[int, float], ...] = field(default=())
+    least: float = 1.0
+
+
+def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, kernel: str = "wendland_c2",
+                support: float | None = None, trend: str = "affine", smoothing: float = 0.0, stages: int = 1,
+                measure: str = "ncc", energy: float = 0.005, levels: Sequence[int] = (4, 2, 1), iterations: int = 40,
+                least: float = 0.05, progress: Progress | None = None) -> Fitted:
+    """Move all targets so that the deformed moving picture looks like the fixed one.
+
+    The likeness is differentiated through the fit and climbed by L-BFGS-B, coarse to fine. The energy of the fit
+    holds it back where the pictures say nothing, and a barrier where det J nears zero, so that the map does not fold.
+
+    Parameters
+    ----------
+    points : control points; those that are locked or switched off stay where they are.
+    moving, fixed : two pictures in one plane, or two volumes for points in space.
+    kernel, support, trend, smoothing, stages : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    measure : a name of :data:`~deformnb.registration.similarity.MEASURES`.
+    energy : how much the energy of the fit counts against the likeness, n times at level n; 0 not at all.
+    levels : each level compares every n-th pixel of pictures smoothed accordingly, coarse to fine.
+    iterations : of each level, at most.
+    least : det J that the map keeps everywhere (or what it has now, if that is less).
+    progress : called in every iteration with the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
+
+    Raises
+    ------
+    DeformError
+        If no point may move, the pictures share nothing, or the points cannot be fitted as they are.
+
+    Examples
+    --------
+    >>> from deformnb.volume.plane import Picture
+    >>> from deformnb.volume.plane import Plane, Raster
+    >>> raster = Raster((48, 48), (1.0, 1.0), (0.0, 0.0))
+    >>> def spot(a, b):
+    ...     values = np.exp(-((raster.points() - [a, b]) ** 2).sum(axis=-1) / 60)
+    ...     return Picture(values, Plane((0, 0, 0), (1, 0, 0), (0, 0, -1)), raster, "slice", (0.0, 1.0))
+    >>> points = ControlPoints.from_arrays([[22.0, 22.0]])
+    >>> fitted = fit_targets(points, spot(22, 22), spot(26, 20), trend="translation")
+    >>> fitted.points.target.round(1).tolist(), round(fitted.score_after, 2)
+    ([[26.0, 20.0]], 1.0)
+    """
+    alike = measure_named(measure)
+    check_stages(stages, ())
+    _check_climb(energy, iterations, least)
+    pair = grey_pair(points, moving, fixed)
+    start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+    scene = first_scene(points, start, smoothing, energy, alike, stages)
+    climb = Climb(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
+                  progress or (lambda share: None))
+    x, before, after, smallest = climb.run(_checked_levels(levels, pair[0].values.size, points.dim))
+    if x is not scene.x:
+        at = _positions(points, start)
+        free = ~points.locked[at]
+        target = points.target.copy()
+        target[at[free]] = (start.origin + start.support * x[: len(at)])[free]
+        points = replace(points, target=target)
+    return Fitted(points, before, after, tuple(climb.history), smallest)
+
+
+def _check_climb(energy: float, iterations: int, least: float) -> None:
+    if not (isinstance(iterations, int | np.integer) and iterations >= 1):
+        raise DeformError(f"the iterations of a fit must be a whole number from 1 on, got {iterations!r}.")
+    if not (np.isfinite(energy) and energy >= 0):
+        raise DeformError(f"the energy of a fit must be 0 or a positive number, got {energy}.")
+    if not np.isfinite(least):
+        raise DeformError(f"the least determinant of a fit must be a finite number, got {least}.")
+
+
+def _checked_levels(levels: Sequence[int], size: int, dim: int) -> list[int]:
+    """Falling factors, none finer than the pictures can be compared at."""
+    if not len(levels) or not all(isinstance(n, int | np.integer) and n >= 1 for n in levels):
+        raise DeformError(f"levels must be whole numbers such as (4, 2, 1), got {levels!r:.60}.")
+    finest = int(np.ceil((size / _MOST_PLACES) ** (1 / dim)))
+    return sorted({max(int(n), finest) for n in levels}, reverse=True)
+
+
+def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64]:
+    """Positions of the points behind the centres of a fit; refused where a fit of others would be another one."""
+    at = np.array([points.index(i) for i in start.ids], dtype=np.int64)
+    if len(at) < int(points.active.sum()):
+        merged = [points.label(int(k)) for k in np.flatnonzero(points.active) if k not in at]
+        raise DeformError(f"{merged[0]} lies where another one does; move or delete it before the targets are fitted.")
+    if points.locked[at].all():
+        raise DeformError("no control point may move: all are locked or switched off, or there are none. Add some.")
+    return at
+
+
+def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
+                stages: int) -> Scene:
+    """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
+    at = _positions(points, start)
+    n, size = len(at), len(start.centers)
+    x, source = np.zeros((2, size, points.dim))
+    free, nugget = np.zeros((size, 1)), np.ones(size)
+    x[:n], source[:n] = ((a[at] - start.origin) / start.support for a in (points.target, points.source))
+    free[:n, 0] = ~points.locked[at]
+    nugget[:n] = smoothing / points.weight[at]
+    fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, _span(x[:n], source[:n], start),
+                      np.eye(points.dim), start.kernel, start.trend, stages)
+    return Scene(x, free, fitting, (), float(energy), alike)
+
+
+def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:
+    """What the points determine, as they begin: it does not change while they are fitted."""
+    dim = x.shape[1]
+    nothing = np.zeros((dim, dim))
+    if start.trend == "affine" and start.kernel.order < 2:
+        return Span(np.eye(dim), ridge_of(*spreads_of(x, source)) if len(x) > 1 else nothing)
+    sigma = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    if (len(x) > dim and sigma[-1] >= 1e-6 * sigma[0]) or not start.trend.startswith("affine"):
+        return Span(np.eye(dim), nothing)
+    if len(x) == 1:
+        return Span(np.zeros((dim, 0)), nothing)
+    raise DeformError("the control points lie on one line or in one plane, where this affine trend is open; add one "
+                      "beside it, or take a Wendland kernel and the trend affine.")
+
+
+@dataclass(frozen=True, eq=False)
+class Snapped:
+    """What :func:`snap_to_match` found.
+
+    Parameters
+    ----------
+    points : with the targets that were found.
+    ids : of the points that were asked for.
+    score : the best correlation of each, NaN where none was looked for.
+    shift : (n, dim) how each target was moved; 0 where it was left.
+    left : why a point was left, by its id.
+    """
+
+    points: ControlPoints
+    ids: tuple[int, ...]
+    score: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    left: dict[int, str]
+
+
+def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pictured, fixed: Pictured, *,
+                  radius: float | None = None, search: float | None = None, map_now: AbstractField | None = None,
+                  progress: Progress | None = None, **fit: Any) -> Snapped:
+    """Move the target of each point to where the fixed picture looks most like what is at the target now.
+
+    What is at the target is the neighbourhood of the source in the moving picture, deformed as it is now. The
+    likeness is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
+    once by FFT, with a quadratic through the best and its neighbours. Every point is found on its own, from the map
+    as it is now. A point is left where its neighbourhood is even, where nothing looks like it (correlation below
+    0.6), where the best place lies at the rim of the search, and where another place looks nearly the same.
+
+    Parameters
+    ----------
+    points : control points.
+    ids : which of them; None for all. Those that are locked or switched off are left.
+    moving, fixed : two pictures in one plane, or two volumes for points in space.
+    radius : of the neighbourhood, a physical length; default 1/24 of the picture's diagonal, or 10 pixels.
+    search : how far a target may go; default is the radius.
+    map_now : the backward displacement now; default is the fit of the points.
+    progress : called for every point with the finished share.
+    fit : kernel, support, trend and smoothing of :func:`~deformnb.rbf.interpolant.fit_rbf`.
+    """
+    pair = grey_pair(points, moving, fixed)
+    chosen = tuple(points.ids if ids is None else dict.fromkeys(int(i) for i in ids))
+    near = _length(radius, max(_SHARE * pair[0].diagonal, _PIXELS * pair[0].pixel), "radius")
+    window = _Window(*pair, map_now or fit_rbf(points, **fit), near, _length(search, near, "search"))
+    score, shift = np.full(len(chosen), np.nan), np.zeros((len(chosen), points.dim))
+    target, left = points.target.copy(), {}
+    for n, point in enumerate(chosen):
+        if progress is not None:
+            progress(n / len(chosen))
+        k = points.index(point)
+        if points.locked[k] or not points.active[k]:
+            left[point] = "it is locked" if points.locked[k] else "it is switched off"
+            continue
+        score[n], found, why = window.best(points.target[k])
+        if why:
+            left[point] = why
+        else:
+            shift[n] = found
+            target[k] += found
+    if progress is not None:
+        progress(1.0)
+    return Snapped(replace(points, target=target) if shift.any() else points, chosen, score, shift, left)
+
+
+def _length(given: float | None, default: float, what: str) -> float:
+    value = default if given is None else float(given)
+    if not (np.isfinite(value) and value > 0):
+        raise DeformError(f"the {what} must be a positive length, got {given}.")
+    return value
+
+
+class _Window:
+    """Lattices of shifts around a point, and how alike the pictures are at each."""
+
+    def __init__(self, moving: GreyImage, fixed: GreyImage, map_now: AbstractField, radius: float,
+                 search: float) -> None:
+        self._moving, self._fixed, self._map, self._search = moving, fixed, map_now, search
+        self._radius = max(radius, 2 * moving.pixel)
+        self._step = max(min(moving.pixel, fixed.pixel), (self._radius + search) / _MOST_STEPS[moving.dim])
+        near, far = (int(np.ceil(length / self._step)) for length in (self._radius, search))
+        self._disc = self._offsets(near)
+        self._mask = (np.linalg.norm(self._disc, axis=-1) <= self._radius).astype(np.float64)
+        self._shifts, self._all = self._offsets(far), self._offsets(near + far)
+        self._inside = np.linalg.norm(self._shifts, axis=-1) <= search
+
+    def _offsets(self, count: int) -> NDArray[np.float64]:
+        line = self._step * np.arange(-count, count + 1)
+        return np.stack(np.meshgrid(*[line] * self._moving.dim, indexing="ij"), axis=-1)
+
+    def best(self, target: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], str]:
+        """The best correlation, the shift there, and why it is not to be trusted ("" if it is)."""
+        places = target + self._disc
+        pattern = self._moving.at(places + self._map.displacement(places))
+        nothing = np.zeros(len(target))
+        pattern = self._mask * (pattern - (self._mask * pattern).sum() / self._mask.sum())
+        if np.sqrt((pattern**2).sum() / self._mask.sum()) < _EVEN:
+            return np.nan, nothing, "its surroundings are even"
+        alike = self._correlation(pattern, self._fixed.at(target + self._all))
+        here = np.unravel_index(int(np.where(self._inside, alike, -2.0).argmax()), alike.shape)
+        score, found = float(alike[here]), self._shifts[here]
+        if score < _LEAST_ALIKE:
+            return score, nothing, f"nothing within {self._search:.3g} looks like it"
+        around = tuple(slice(max(i - 1, 0), i + 2) for i in here)
+        if self._inside[around].size < 3 ** len(here) or not self._inside[around].all():
+            return score, nothing, "the best place lies at the rim of the search"
+        away = self._inside & (np.linalg.norm(self._shifts - found, axis=-1) >= self._radius / 2)
+        if (alike[away] > score - _AMBIGUOUS).any():
+            return score, nothing, "several places look like it"
+        return score, found + self._step * _summit(alike[around]), ""
+
+    def _correlation(self, pattern: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
+        def sums(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
+            return signal.correlate(values, weights, mode="valid", method="fft")
+
+        count = self._mask.sum()
+        spread = sums(image**2, self._mask) - sums(image, self._mask) ** 2 / count
+        some = spread > _EVEN**2 * count
+        size = np.sqrt(np.where(some, spread, 1.0) * (pattern**2).sum())
+        return np.where(some, sums(image, pattern) / size, 0.0)
+
+
+def _summit(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the quadratic through 3 x 3 (x 3) values by least squares is largest, from the middle; at most 1 away.
+
+    >>> a, b = np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")
+    >>> _summit(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()
+    [0.2, -0.3]
+    """
+    dim = values.ndim
+    at = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    upper = np.triu_indices(dim)
+    terms = np.concatenate([np.ones((len(at), 1)), at, at[:, upper[0]] * at[:, upper[1]]], axis=1)
+    found = np.linalg.lstsq(terms, values.ravel(), rcond=None)[0]
+    curve = np.zeros((dim, dim))
+    curve[upper] = found[1 + dim :]
+    curve = curve + curve.T
+    if np.linalg.eigvalsh(curve).max() >= 0:
+        return np.zeros(dim)
+    return np.clip(np.linalg.solve(curve, -found[1 : 1 + dim]), -1, 1)

@@ -1,0 +1,303 @@
+"""How alike a deformed picture and another one are, as a differentiable function of the targets of control points.
+
+All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
+it makes, the moving picture read there, a measure of likeness, the energy of the fit, and det J on a lattice. The
+targets are the variables. What makes scenes of pictures, and what climbs, is in :mod:`deformnb.registration.optimise`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from numpy.typing import NDArray
+
+from deformnb._jax import compiled, float64
+from deformnb.errors import DeformError
+from deformnb.rbf.interpolant import solve
+from deformnb.rbf.kernels import AbstractKernel
+
+BLOCK = 4096
+"""Places whose displacements are computed at once: with 64 points 2 MiB for each intermediate, within the cache."""
+
+Measure = Callable[[Any, Any, Any], Any]
+"""(values of the deformed picture, of the other one, weights), all of one shape -> likeness, larger is better."""
+
+# Squares below this are no structure: grey values lie in [0, 1], and a step of 8 bits has a square of 1.5e-5.
+_FLAT = 1e-10
+# Grey values are counted in this many bins. Mattes et al. (IEEE TMI 22, 2003) take 32 to 100 for volumes; a picture has
+# fewer pixels, and fewer bins make a smoother function.
+_BINS = 24
+
+# Barrier: nothing above _FREE; rises as a squared logarithm; below _STEEP it goes on as a line, so that it is finite
+# where a trial step has folded the map and still points the way back.
+_FREE, _STEEP, _BARRIER = 0.15, 0.02, 0.01
+
+
+def correlation(a: Any, b: Any, weights: Any) -> Any:
+    """Normalised cross-correlation in [-1, 1]: indifferent to brightness and contrast.
+
+    >>> import numpy as np
+    >>> a = np.array([0.0, 0.2, 0.7, 0.4])
+    >>> round(float(correlation(a, 0.5 * a + 0.3, np.ones(4))), 5)
+    1.0
+    """
+    total = jnp.sum(weights)
+    a = a - jnp.sum(weights * a) / total
+    b = b - jnp.sum(weights * b) / total
+    spread = (jnp.sum(weights * a * a) / total + _FLAT) * (jnp.sum(weights * b * b) / total + _FLAT)
+    return jnp.sum(weights * a * b) / total / jnp.sqrt(spread)
+
+
+def squared_difference(a: Any, b: Any, weights: Any) -> Any:
+    """Minus the mean squared difference, as a share of the variance of b: for pictures on one grey scale."""
+    total = jnp.sum(weights)
+    mean = jnp.sum(weights * b) / total
+    return -jnp.sum(weights * (a - b) ** 2) / (jnp.sum(weights * (b - mean) ** 2) + _FLAT * total)
+
+
+def mutual_information(a: Any, b: Any, weights: Any) -> Any:
+    """Normalised mutual information in [0, 1]: for grey values that go together in any way, even turned round.
+
+    (H(a) + H(b)) / H(a, b) - 1 (Studholme et al., Pattern Recognition 32, 1999), of a histogram softened by cubic
+    B-splines so that it can be differentiated (Mattes et al., IEEE TMI 22, 2003).
+    """
+    joint = (_counted(a).T * (weights / jnp.sum(weights))) @ _counted(b)
+    return (_entropy(joint.sum(axis=0)) + _entropy(joint.sum(axis=1))) / _entropy(joint) - 1
+
+
+def _counted(values: Any) -> Any:
+    """(P, bins): what share of each value falls into each bin."""
+    distance = jnp.abs(jnp.clip(values, 0, 1)[:, None] * (_BINS - 1) - jnp.arange(_BINS))
+    inner, outer = 2 / 3 - distance**2 * (1 - distance / 2), jnp.maximum(2 - distance, 0.0) ** 3 / 6
+    share = jnp.where(distance < 1, inner, outer)
+    return share / share.sum(axis=1, keepdims=True)  # at the ends some would fall beside
+
+
+def _entropy(shares: Any) -> Any:
+    some = shares > 1e-12
+    return -jnp.sum(jnp.where(some, shares * jnp.log(jnp.where(some, shares, 1.0)), 0.0))
+
+
+MEASURES: dict[str, Measure] = {"ncc": correlation, "ssd": squared_difference, "mi": mutual_information}
+"""All measures of likeness by name; the first is the default. One more row is one more measure."""
+
+
+def measure_named(name: str) -> Measure:
+    """The measure of a name; DeformError listing the names if there is none."""
+    try:
+        return MEASURES[name]
+    except KeyError:
+        raise DeformError(f"unknown measure of likeness {name!r}; choose one of {', '.join(MEASURES)}.") from None
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["source", "active", "nugget", "scales", "span", "turn"],
+    meta_fields=["kernel", "trend", "stages"],
+)
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """How targets become a fit; all lengths are relative to an origin and a support.
+
+    Parameters
+    ----------
+    source : (C, dim), zero beyond the points in use; active : (C,) True for these.
+    nugget, scales, span, turn, kernel, trend : as :func:`deformnb.rbf.interpolant.solve` takes them.
+    stages : equal parts in which the points go their way.
+    """
+
+    source: Any
+    active: Any
+    nugget: Any
+    scales: Any
+    span: Any
+    turn: Any
+    kernel: type[AbstractKernel]
+    trend: str
+    stages: int = 1
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["values", "matrix", "offset"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class Readable:
+    """The moving picture: values with a rim of background, and the way from relative places to their indices."""
+
+    values: Any
+    matrix: Any
+    offset: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Two pictures to be made alike at one level.
+
+    Parameters
+    ----------
+    x : (C, dim) relative targets to start from; free : (C, 1) 1 for those that may move.
+    fitting, moving : how they become a fit, and what that deforms.
+    places : (B, BLOCK, dim) where the pictures are compared; fixed, weights : (B * BLOCK,) the other picture there.
+    lattice : (B, BLOCK, dim) where the map must not fold.
+    measure : of likeness; energy : how much the energy of the fit counts; unit : relative length of one variable.
+    """
+
+    x: NDArray[np.float64]
+    free: NDArray[np.float64]
+    fitting: Fitting
+    lattice: Any
+    energy: float
+    measure: Measure
+    moving: Readable | None = None
+    places: Any = ()
+    fixed: Any = None
+    weights: Any = None
+    unit: float = 1.0
+
+
+class Value(NamedTuple):
+    """A loss, its slope (C, dim) by the moves, and what it consists of: likeness, energy, the smallest det J."""
+
+    loss: float
+    slope: NDArray[np.float64]
+    alike: float
+    energy: float
+    least: float
+
+
+def valued(moves: Any, scene: Scene) -> Value:
+    """What is to be made small, and its slope, for ``moves`` (C, dim) of the targets in units.
+
+    The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
+    where the whole in one piece took five times as long to compile. What needs no slope is left out.
+    """
+    with float64():
+        x = jnp.asarray(scene.x + scene.free * moves * scene.unit)
+        fits, energy = _fit(x, scene.fitting)
+        seen = [_see(p, fits, scene.fitting, scene.moving) for p in scene.places]
+        det = [_determine(p, fits, scene.fitting) for p in scene.lattice]
+        alike, slopes = _compare(jnp.concatenate(seen), scene.fixed, scene.weights, measure=scene.measure)
+        rows = np.asarray(slopes).reshape(-1, BLOCK)
+        back = [_see_back(p, fits, scene.fitting, scene.moving, -row)
+                for p, row in zip(scene.places, rows, strict=True)]
+        det = [np.asarray(d) for d in det]
+        walls = [_barrier(d) for d in det]
+        back += [_determine_back(p, fits, scene.fitting, slope)
+                 for p, (_, slope) in zip(scene.lattice, walls, strict=True) if slope.any()]
+        total = jax.tree.map(lambda *parts: np.sum(parts, axis=0), *back)
+        slope = np.asarray(_fit_back(x, scene.fitting, total, np.float64(scene.energy)))
+    loss = scene.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
+    return Value(loss, slope * scene.free * scene.unit, float(alike), float(energy),
+                 float(np.min(det)))
+
+
+def least_det(x: NDArray[np.float64], fitting: Fitting, lattice: Any) -> float:
+    """The smallest det J of the map of relative targets on a lattice (B, BLOCK, dim); NaN if there is no map."""
+    with float64():
+        fits, _ = _fit(jnp.asarray(x), fitting)
+        return float(np.min([np.asarray(_determine(p, fits, fitting)) for p in lattice]))
+
+
+def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
+    """Centres and coefficients (stages, ...) of the fits, the last first as a backward map needs them; energy."""
+    parts = jnp.arange(fitting.stages, 0, -1) / fitting.stages
+    inner = fitting.active[:, None]
+    ends = jnp.where(inner, fitting.source + parts[:, None, None] * (x - fitting.source), 0.0)
+    step = jnp.where(inner, (fitting.source - x) / fitting.stages, 0.0)
+
+    def one(end: Any) -> Any:
+        alpha, linear, constant, _ = solve(end, step, fitting.active, fitting.nugget, fitting.span, fitting.turn,
+                                           fitting.scales, kernel=fitting.kernel, trend=fitting.trend)
+        left = jnp.where(inner, step - end @ linear.T - constant, 0.0)
+        # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.
+        return (end, alpha, linear, constant), jnp.sum((left if fitting.scales is not None else alpha) * left)
+
+    fits, energies = jax.vmap(one)(ends)
+    return fits, jnp.sum(energies)
+
+
+def _squares(p: Any, centers: Any, scales: Any) -> Any:
+    s = sum((p[:, None, k] - centers[None, :, k]) ** 2 for k in range(p.shape[1]))
+    return s if scales is None else s * scales**2
+
+
+def _displaced(p: Any, fit: Any, fitting: Fitting) -> Any:
+    centers, alpha, linear, constant = fit
+    return p + p @ linear.T + constant + fitting.kernel.of_square(_squares(p, centers, fitting.scales)) @ alpha
+
+
+def _seen(p: Any, fits: Any, fitting: Fitting, moving: Readable) -> Any:
+    """The moving picture at the places that the backward map sends p to."""
+    p, _ = lax.scan(lambda q, fit: (_displaced(q, fit, fitting), None), p, fits)
+    return read_linear(moving.values, p @ moving.matrix.T + moving.offset)
+
+
+def read_linear(values: Any, index: Any) -> Any:
+    """Values at fractional indices (P, dim), linearly; beyond the edge the edge goes on."""
+    last = jnp.array(values.shape) - 1.0
+    at = jnp.clip(index, 0.0, last)
+    low = jnp.clip(jnp.floor(at), 0.0, jnp.maximum(last - 1, 0.0))
+    t, first = at - low, low.astype(jnp.int32)
+    total: Any = 0.0
+    for corner in itertools.product((0, 1), repeat=values.ndim):
+        share: Any = 1.0
+        for k, bit in enumerate(corner):
+            share = share * (t[:, k] if bit else 1 - t[:, k])
+        total = total + share * values[tuple(first[:, k] + bit for k, bit in enumerate(corner))]
+    return total
+
+
+def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
+    """Det of the Jacobian of the backward map, stage by stage along the way."""
+    def stage(state: tuple[Any, Any], fit: Any) -> tuple[tuple[Any, Any], None]:
+        (q, product), (centers, alpha, linear, _) = state, fit
+        slope = 2 * fitting.kernel.slope(_squares(q, centers, fitting.scales))
+        slope = slope if fitting.scales is None else slope * fitting.scales**2
+        across = [(slope * (q[:, None, k] - centers[None, :, k])) @ alpha for k in range(q.shape[1])]
+        j = [[linear[m, k] + (m == k) + across[k][:, m] for k in range(q.shape[1])] for m in range(q.shape[1])]
+        return (_displaced(q, fit, fitting), product * _det(j)), None
+
+    (_, product), _ = lax.scan(stage, (p, jnp.ones(len(p), p.dtype)), fits)
+    return product
+
+
+def _det(j: list[list[Any]]) -> Any:
+    if len(j) == 2:
+        return j[0][0] * j[1][1] - j[0][1] * j[1][0]
+    return sum(j[0][k] * (j[1][(k + 1) % 3] * j[2][(k + 2) % 3] - j[1][(k + 2) % 3] * j[2][(k + 1) % 3])
+               for k in range(3))
+
+
+def _barrier(det: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """The height of the barrier over all places, and its slope at each."""
+    held = np.clip(det, _STEEP, _FREE)
+    rise = np.log(_FREE / held)
+    edge = 2 * np.log(_FREE / _STEEP) / _STEEP
+    height = rise**2 + edge * np.maximum(_STEEP - det, 0.0)
+    slope = np.where(det < _STEEP, -edge, -2 * rise / held)
+    return _BARRIER * float(height.sum()), _BARRIER * slope
+
+
+# ---- compiled pieces -------------------------------------------------------------------------------------------------
+
+
+def _pulled_back(function: Callable[[Any], Any], at: Any, slope: Any) -> Any:
+    return jax.vjp(function, at)[1](slope)[0]
+
+
+_fit = compiled(_fits)
+_fit_back = compiled(lambda x, fitting, slope, energy: _pulled_back(lambda y: _fits(y, fitting), x, (slope, energy)))
+_see = compiled(_seen)
+_see_back = compiled(lambda p, fits, fitting, moving, slope: _pulled_back(
+    lambda f: _seen(p, f, fitting, moving), fits, slope))
+_determine = compiled(_determinants)
+_determine_back = compiled(lambda p, fits, fitting, slope: _pulled_back(
+    lambda f: _determinants(p, f, fitting), fits, slope))
+_compare = compiled(lambda a, b, weights, measure: jax.value_and_grad(measure)(a, b, weights),
+                    static_argnames="measure")

@@ -1,0 +1,524 @@
+"""What is being edited is written by itself, a second after each edit, into a folder of the user.
+
+An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
+that knows the session no more, and that ends when nothing waits: a session that nobody closes, such as that of a widget
+whose variable was deleted, has no thread while nobody edits it. Trouble is told once and never stops an edit.
+
+What is offered to who opens a volume on which something was lost, and what becomes of it.
+
+The same for the notebook's studio and the application, which only show it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import os
+import secrets
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deformnb.document.deformation import Deformation, VolumeReference
+from deformnb.errors import DeformError
+from deformnb.io.atomic import hold, sweep
+from deformnb.session.session import Session
+from deformnb.session.store import (
+    SavedSession,
+    counted,
+    delete,
+    file_name,
+    mark,
+    moment,
+    next_number,
+    prune,
+    restore,
+    saved_sessions,
+    skip,
+    state_folder,
+    write_session,
+)
+
+__all__ = ["Autosave", "SavedSession", "delete", "restore", "saved_sessions", "skip"]
+
+_LOG = logging.getLogger(__name__)
+
+LONGEST_WAIT = 5.0
+"""Seconds after the first edit of a row at which it is written though the next comes: as many delays as a default."""
+
+_WATCHED = ["deformation", "index", "key", "saved"]
+_PATIENCE_AT_EXIT = 3.0
+_WAIT_AT_CLOSE = 1.0
+
+
+class _Snapshot(NamedTuple):
+    """What is written, as it was after an edit."""
+
+    deformation: Deformation
+    step: int
+    key: int
+    edited: datetime
+
+
+class Autosave:
+    """Writes a session after each edit.
+
+    Parameters
+    ----------
+    session : what is watched, as long as it lives; it is not kept alive.
+    folder : where to; default is :func:`~deformnb.session.store.state_folder`.
+    delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
+    on_ready : called once the volume's checksum is known, with what tells the volume from others.
+    on_written : called with the facts of what was written.
+    on_trouble : called with what stands in the way, once until it works again.
+
+    Notes
+    -----
+    All three are called in the thread that writes.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
+    >>> autosave = Autosave(session)
+    >>> session.change(strength=0.5)
+    >>> autosave.flush()
+    >>> [(entry.state, entry.points) for entry in saved_sessions(session.volume, every=True)]
+    [('open', 4)]
+    >>> autosave.close()
+    """
+
+    def __init__(self, session: Session, folder: str | os.PathLike[str] | None = None, delay: float = 1.0, *,
+                 on_ready: Callable[[VolumeReference], None] | None = None,
+                 on_written: Callable[[SavedSession], None] | None = None,
+                 on_trouble: Callable[[str], object] | None = None) -> None:
+        self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
+        job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
+        self._session = weakref.ref(session)
+        session.observe(job.note, _WATCHED)
+        _OPEN.add(job)
+        job.start()
+        weakref.finalize(session, job.end).atexit = False
+
+    @property
+    def folder(self) -> Path:
+        """Where sessions are written."""
+        return self._job.folder
+
+    @property
+    def path(self) -> Path | None:
+        """The session's file, once it was written."""
+        return self._job.entry.path if self._job.entry is not None else None
+
+    def replaces(self, entry: SavedSession) -> None:
+        """The session goes on with this one, which is offered no more once the session itself is written."""
+        self._job.replaced.append(entry)
+
+    def flush(self, timeout: float = 60.0) -> None:
+        """Write now what waits, and wait for it.
+
+        Raises
+        ------
+        TimeoutError
+            If it takes longer, or the volume cannot be told from others, so that nothing is written at all.
+        """
+        if not self._job.flushed(timeout):
+            raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
+
+    def close(self) -> None:
+        """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history."""
+        session = self._session()
+        if session is not None and not self._job.is_ending:
+            session.unobserve(self._job.note, _WATCHED)
+        self._job.end()
+        if not self._job.is_here:
+            self._job.left(_WAIT_AT_CLOSE)
+
+
+class _Job:
+    """What the thread works on: shared with the session's observer, and without the session."""
+
+    def __init__(self, session: Session, folder: Path, delay: float) -> None:
+        self.folder = folder
+        self.delay = float(delay)
+        self.refer: Callable[[], VolumeReference] | None = session.reference
+        self.reference: VolumeReference | None = None
+        self.first = _bare(session.deformation)
+        self.saved: Deformation | None = None
+        self.changed = threading.Condition()
+        self.waiting: _Snapshot | None = None
+        self.unwritten: _Snapshot | None = None  # the last, if something stood in its way
+        self.edited = datetime.now(UTC)
+        self.since = self.due = 0.0
+        self.is_urgent = self.is_busy = False
+        self.is_ending = self.is_done = self.is_pruned = False
+        self.thread: threading.Thread | None = None
+        self.entry: SavedSession | None = None
+        self.held: int | None = None
+        self.replaced: list[SavedSession] = []
+        self.has_trouble = False
+        self.on_ready: Callable[[VolumeReference], None] | None = None
+        self.on_written: Callable[[SavedSession], None] | None = None
+        self.on_trouble: Callable[[str], object] | None = None
+
+    # -- from the session's threads ------------------------------------------------------------------------------------
+
+    @property
+    def is_here(self) -> bool:
+        """True in the thread that writes."""
+        return threading.current_thread() is self.thread
+
+    def start(self) -> None:
+        """Have a thread, unless the end has come."""
+        with self.changed:
+            if self.thread is None and not self.is_done:
+                self.thread = threading.Thread(target=_run, args=(self,), name="deformnb-autosave", daemon=True)
+                try:
+                    self.thread.start()
+                except RuntimeError as error:  # there are too many; the next edit tries again
+                    self.thread = None
+                    _safely(lambda error=error: self.say(error))  # type: ignore[misc]
+
+    def note(self, change: Any) -> None:
+        """An edit was made, another step chosen, or the session saved; this takes microseconds."""
+        session, now = change["owner"], time.monotonic()
+        with self.changed:
+            if change["name"] == "saved":
+                self.saved = None if session.saved is None else _bare(session.saved)
+            if change["name"] == "deformation":
+                self.edited = datetime.now(UTC)
+            is_first = self.waiting is None
+            self.waiting = _Snapshot(session.deformation, session.index, session.key, self.edited)
+            self.since = now if is_first else self.since
+            self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
+            self.start()  # a thread that waits already looks at the time again when it wakes
+
+    def flushed(self, timeout: float) -> bool:
+        with self.changed:
+            self.is_urgent = True
+            self.changed.notify_all()
+            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.is_done,
+                                         timeout)
+            self.is_urgent = False
+            return done and self.waiting is None
+
+    def end(self, in_this_thread: bool = False) -> None:
+        """Write what waits and leave: in the thread that has begun to write, else in a new one or in this one."""
+        with self.changed:
+            self.is_ending = True
+            self.waiting, self.unwritten = self.waiting or self.unwritten, None  # the disk may have room again
+            self.changed.notify_all()
+            is_free = self.thread is None and not self.is_done
+            if is_free and in_this_thread:
+                self.thread = threading.current_thread()
+            elif is_free:
+                self.start()
+        if is_free and in_this_thread:
+            _run(self)
+
+    def left(self, timeout: float) -> bool:
+        """Wait until the file is held no more."""
+        with self.changed:
+            return self.changed.wait_for(lambda: self.is_done, timeout)
+
+    # -- in the thread -------------------------------------------------------------------------------------------------
+
+    def take(self) -> _Snapshot | None:
+        """What is to be written, when it is time; None at the end, and when nothing waits: the thread is given up."""
+        with self.changed:
+            while True:
+                self.is_busy = False
+                self.changed.notify_all()
+                left = self.due - time.monotonic()
+                if self.waiting is not None and (self.is_ending or self.is_urgent or left <= 0):
+                    taken, self.waiting, self.is_busy = self.waiting, None, True
+                    return taken
+                if self.waiting is None:
+                    if not self.is_ending:
+                        self.thread = None
+                    return None
+                self.changed.wait(left)
+
+    def write(self, snapshot: _Snapshot) -> None:
+        """Write what was edited, if it differs from what the session began with."""
+        assert self.reference is not None
+        bare = _bare(snapshot.deformation)
+        state = "saved" if bare == self.saved else "unchanged" if bare == self.first else "open"
+        if self.entry is None and state == "unchanged":
+            return
+        if self.entry is None or not self.entry.held.exists():  # the first time, or the folder was removed
+            self._begin()
+        assert self.entry is not None
+        self.entry = replace(
+            self.entry, state=state, edited=snapshot.edited, index=snapshot.step, key=snapshot.key,
+            points=sum(len(m) for step in bare.steps for m in step.maps), steps=len(bare.steps))
+        write_session(self.entry, replace(bare, volume=self.reference))
+        while self.replaced:
+            mark(self.replaced.pop(), "restored")
+        if self.on_written is not None:
+            told, entry = self.on_written, self.entry
+            _safely(lambda: told(entry))
+
+    def _begin(self) -> None:
+        """Make the file that is held while the session runs."""
+        assert self.reference is not None
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._let_go()
+        number = next_number(self.folder)
+        while self.held is None:
+            path = self.folder / file_name(self.reference, secrets.token_hex(4))
+            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
+            try:
+                self.held = hold(self.entry.held)
+            except OSError:
+                self.entry = None
+                raise
+        _HELD.add(self.held)
+
+    def leave(self) -> None:
+        """The last work: nobody holds the file any more."""
+        try:
+            if self.entry is not None and self.entry.state == "open":
+                mark(self.entry, "closed")
+            self._let_go()
+        finally:
+            _OPEN.discard(self)
+            with self.changed:
+                self.is_done, self.thread = True, None
+                self.changed.notify_all()
+
+    def _let_go(self) -> None:
+        if self.held is not None and self.entry is not None:
+            _HELD.discard(self.held)
+            os.close(self.held)
+            sweep(self.entry.held)
+        self.held = None
+
+    def say(self, error: Exception) -> None:
+        """Tell trouble once."""
+        if self.has_trouble:
+            return
+        self.has_trouble = True
+        _LOG.warning("a session could not be written by itself: %s", error)
+        if self.on_trouble is not None:
+            self.on_trouble(f"Nothing is kept by itself for now, save the session yourself: {_why(error)}")
+
+
+def _run(job: _Job) -> None:
+    try:
+        if job.refer is not None:
+            job.reference = job.refer()
+            job.refer = None  # and with it the volume
+            _safely(lambda: job.on_ready and job.on_ready(job.reference))  # type: ignore[arg-type]
+        while (snapshot := job.take()) is not None:
+            try:
+                job.write(snapshot)
+                job.unwritten, job.has_trouble = None, False
+                if not job.is_pruned and job.entry is not None:
+                    job.is_pruned = True
+                    prune(job.folder)
+            except Exception as error:  # a full disk, a folder that is gone or read-only
+                job.unwritten = snapshot
+                _safely(lambda error=error: job.say(error))  # type: ignore[misc]
+            del snapshot
+    except Exception as error:  # the volume cannot be read for its checksum
+        _LOG.exception("a session is not written by itself")
+        _safely(lambda error=error: job.say(error))  # type: ignore[misc]
+    finally:
+        if job.is_here:  # else the thread was given up, and another may be at work by now
+            _safely(job.leave)
+
+
+def _safely(action: Callable[[], Any]) -> None:
+    try:
+        action()
+    except Exception:
+        _LOG.exception("a session's own saving met trouble")
+
+
+def _bare(deformation: Deformation) -> Deformation:
+    """Without its volume, which does not count when documents are compared."""
+    return replace(deformation, volume=None)
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, DeformError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the folder of sessions'}: {error.strerror or error}."
+    return f"{type(error).__name__}: {error}"
+
+
+# -- the end of the process --------------------------------------------------------------------------------------------
+
+_OPEN: set[_Job] = set()
+_HELD: set[int] = set()
+
+
+@atexit.register
+def _end_all() -> None:
+    """Write what waits, and close what is open: that a process ends by itself is no crash."""
+    jobs = list(_OPEN)
+    until = time.monotonic() + _PATIENCE_AT_EXIT
+    for job in jobs:
+        job.end(in_this_thread=True)  # no thread can be started any more
+    for job in jobs:
+        job.left(max(0.0, until - time.monotonic()))
+
+
+def _let_go() -> None:
+    """In a copy of the process: the files belong to the original, and so do the threads, whatever they have locked."""
+    for descriptor in _HELD:
+        os.close(descriptor)
+    for job in _OPEN:
+        job.changed = threading.Condition()
+        job.is_done, job.thread, job.held = True, None, None
+    _HELD.clear()
+    _OPEN.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
+
+
+COMMANDS = ("restore", "skip", "delete")
+"""What can be done with a lost session."""
+
+
+class Recovery:
+    """Writes a session after each edit, and offers the lost ones on its volume one after the other.
+
+    Parameters
+    ----------
+    session : what is edited.
+    say : told of trouble, and of a document that was made on another volume.
+    changed : called when there is another offer, or something was written; from any thread.
+    options : of :class:`~deformnb.session.autosave.Autosave`.
+
+    Attributes
+    ----------
+    autosave : what writes.
+    lost : what is offered, the newest first.
+    earlier : sessions on the volume that ended by themselves with edits that are in no file, the newest first.
+    written : when what is not saved was last written, for people; empty if there is nothing such.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> recovery = Recovery(Session(PHANTOMS["bar"].make((8, 8, 8))))
+    >>> recovery.offer
+    ''
+    >>> recovery.close()
+    """
+
+    def __init__(self, session: Session, say: Callable[[str], object] = str, changed: Callable[[], object] = bool,
+                 **options: Any) -> None:
+        self.session = session
+        self.lost: list[SavedSession] = []
+        self.earlier: list[SavedSession] = []
+        self.written = ""
+        self._say, self._changed = say, changed
+        self._ready = threading.Event()
+        self._differs = session.deformation if session.deformation.volume is not None else None
+        self._folder = Path(options.pop("folder", None) or state_folder())
+        self.autosave = Autosave(session, self._folder, on_ready=_weakly(self._look), on_written=_weakly(self._note),
+                                 on_trouble=say, **options)
+
+    @property
+    def offer(self) -> str:
+        """What is asked of the user; empty for nothing."""
+        lost = self.lost
+        if not lost:
+            return ""
+        older = len(lost) - 1
+        more = f" {counted(older, 'older edit')} follow{'s' if older == 1 else ''}." if older else ""
+        size = f"{counted(lost[0].points, 'point')}, {counted(lost[0].steps, 'step')}"
+        return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
+
+    def act(self, command: str) -> None:
+        """Do one of the :data:`COMMANDS` with what is offered.
+
+        Raises
+        ------
+        DeformError
+            If its file is damaged or gone; it is offered no more then.
+        """
+        if command not in COMMANDS:
+            raise DeformError(f"unknown command {command!r:.40}; choose one of {', '.join(COMMANDS)}.")
+        if not self.lost:
+            return
+        entry = self.lost.pop(0)
+        try:
+            if command == "restore":
+                self._restore(entry)
+                self.lost.clear()  # the others are offered the next time: this is what is wanted now
+            else:
+                (skip if command == "skip" else delete)(entry)
+        finally:
+            self._changed()
+
+    def _restore(self, entry: SavedSession) -> None:
+        document = restore(entry)
+        index = entry.index if 0 <= entry.index < len(document.steps) else None
+        self.session.edit_document(document, f"restore the edit of {moment(entry.edited)}", index=index)
+        self.autosave.replaces(entry)
+
+    def go_back(self, which: int) -> None:
+        """Go on with one of the :attr:`earlier` sessions; can be undone.
+
+        Raises
+        ------
+        DeformError
+            If there is no such one, or its file is damaged or gone.
+        """
+        if not 0 <= which < len(self.earlier):
+            raise DeformError("this earlier session is no longer kept.")
+        entry = self.earlier[which]
+        document = restore(entry)
+        index = entry.index if 0 <= entry.index < len(document.steps) else None
+        self.session.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
+
+    def wait(self, timeout: float = 60.0) -> bool:
+        """Until it is known what was lost; for scripts and tests."""
+        return self._ready.wait(timeout)
+
+    def close(self) -> None:
+        """End; see :meth:`Autosave.close <deformnb.session.autosave.Autosave.close>`."""
+        self.autosave.close()
+
+    def _look(self, reference: VolumeReference) -> None:
+        try:
+            found = saved_sessions(reference, self._folder, every=True)
+            self.lost = [entry for entry in found if entry.is_lost]
+            self.earlier = [entry for entry in found if entry.is_earlier]
+            if self._differs is not None:
+                difference, self._differs = self.session.difference(self._differs), None
+                if difference:
+                    self._say(difference)
+        finally:
+            self._ready.set()
+        if self.lost or self.earlier:
+            self._changed()
+
+    def _note(self, entry: SavedSession) -> None:
+        written = moment(entry.edited) if entry.state == "open" else ""
+        if written != self.written:
+            self.written = written
+            self._changed()
+
+
+def _weakly(method: Callable[[Any], None]) -> Callable[[Any], None]:
+    """A bound method that does not keep its object: the thread that calls it must not keep a session alive."""
+    reference = weakref.WeakMethod(method)
+
+    def call(given: Any) -> None:
+        found = reference()
+        if found is not None:
+            found(given)
+
+    return call

@@ -1,0 +1,364 @@
+"""What can be made of a session as a file: volume, rendering, drawing, movie, script, document.
+
+Each export works on the document of the moment at which it began; edits that come meanwhile do not touch it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+from deformnb.document.animation import Animation
+from deformnb.document.deformation import Deformation
+from deformnb.document.script import UNKNOWN_VOLUME, as_python
+from deformnb.errors import DeformError
+from deformnb.imaging.drawing import draw_pictures
+from deformnb.imaging.movie import Frames, Image, animation_frames, deformation_frames, swing, write_movie
+from deformnb.imaging.picture import project
+from deformnb.imaging.render import render_volume
+from deformnb.io.atomic import KnownFiles, atomic_write, check_target
+from deformnb.io.formats import write_volume
+from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.session.session import Session, check_room
+from deformnb.volume.clip import WHOLE, Clip
+from deformnb.volume.plane import Picture, Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp
+
+Progress = Callable[[float], None]
+"""Called with the finished share from 0 to 1; raises :class:`~deformnb.errors.Cancelled` to stop."""
+
+_RENDERING = (1600, 1200)
+_BAND = 64  # rows of a picture between two looks at whether it is still wanted
+_FRAME = (640, 480)
+_FRAMES = 48
+_FPS = 24.0
+_FASTEST = 120.0
+_HOME = {"direction": (0.4, 1.0, -0.3), "up": None, "zoom": 1.0}
+
+LARGEST_PICTURE = 8192
+"""Pixels along a side of a rendering at most."""
+
+
+class Scene(Protocol):
+    """What draws a volume as a view shows it; used and closed by one thread."""
+
+    def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown, in the box of a grid."""
+
+    def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8, in about so many parts; ``progress`` is called in between."""
+
+    def close(self) -> None:
+        """Give back what it holds."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How a view shows a volume: what a picture in a file needs to show the same.
+
+    Parameters
+    ----------
+    camera : direction, up, zoom, pan and perspective, as a view's ``camera``.
+    projection : "shaded", "composite" or "mip".
+    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    background : "dark" or "light".
+    clip : the part of the box that is seen, as a view's ``clip``.
+    show_folds : whether matter is red where the map folds.
+    scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
+    still : makes what is quicker for a single picture, alike; None takes ``scene``.
+    """
+
+    camera: Mapping[str, Any] = field(default_factory=lambda: dict(_HOME))
+    projection: str = "shaded"
+    shows: str = "deformed"
+    background: str = "dark"
+    clip: Clip = WHOLE
+    show_folds: bool = False
+    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
+    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
+
+    @classmethod
+    def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
+        """What is seen by a camera alone; what is one already stays."""
+        return given if isinstance(given, Seen) else cls({**_HOME, **(given or {})})
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A session as it was when an export began.
+
+    Parameters
+    ----------
+    seen : how renderings and movies show it.
+    output : grid of the result.
+    source : expression that reads the volume, for scripts.
+    save : writes a document to a path, as :meth:`Session.save <deformnb.session.session.Session.save>`.
+    files : of the session, which it may replace.
+    """
+
+    volume: Volume
+    deformation: Deformation
+    document: Deformation
+    plane: Plane
+    method: str
+    depth: float | None
+    transfer: TransferFunction
+    seen: Seen
+    save: Callable[..., None]
+    files: KnownFiles
+    source: str = ""
+    size: tuple[int, int] | None = None
+    fps: float = _FPS
+
+    @classmethod
+    def of(cls, session: Session, seen: Seen | Mapping[str, Any] | None = None, *,
+           size: tuple[int, int] | None = None, fps: float = _FPS) -> Frozen:
+        """A session at this moment.
+
+        Parameters
+        ----------
+        seen : what a view shows, or its camera alone.
+        size : (width, height) of renderings and movies in pixels.
+        fps : pictures a second of movies.
+        """
+        depth = session.depth if session.method == "slice" else None
+        return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
+                   session.transfer_function, Seen.of(seen), session.save, session.files, session.source,
+                   _checked_size(size), _checked_rate(fps))
+
+    @property
+    def output(self) -> Grid | None:
+        """The grid of the result; None is the volume's own."""
+        return self.deformation.output
+
+    @property
+    def field(self) -> AbstractField:
+        """The displacement of the whole document."""
+        return self.deformation.field(self.volume.grid)
+
+    def deformed(self, progress: Progress) -> Volume:
+        """The deformed volume.
+
+        Raises
+        ------
+        DeformError
+            If there is no memory for it.
+        """
+        check_room(self.volume, self.output)
+        return warp(self.volume, self.field, output=self.output, progress=progress)
+
+    def scene(self, size: tuple[int, int], *, once: bool = False) -> Scene | None:
+        """What draws the volume as it is seen, many times or once; None where only a camera is known."""
+        make = (self.seen.still if once else None) or self.seen.scene
+        return None if make is None else make(self.volume, self.transfer, size, self.seen)
+
+
+def _checked_size(size: Any) -> tuple[int, int] | None:
+    if size is None:
+        return None
+    try:
+        width, height = (int(n) for n in size)
+        is_right = (width, height) == tuple(size) and 16 <= min(width, height) <= max(width, height) <= LARGEST_PICTURE
+    except (TypeError, ValueError):
+        is_right = False
+    if not is_right:
+        raise DeformError("the size of a picture is (width, height) in whole pixels from 16 to "
+                          f"{LARGEST_PICTURE}, got {size!r:.60}.")
+    return width, height
+
+
+def _checked_rate(fps: Any) -> float:
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps <= _FASTEST:
+        raise DeformError(f"a movie has more than 0 and at most {_FASTEST:g} pictures a second, got {fps!r:.60}.")
+    return float(fps)
+
+
+@dataclass(frozen=True)
+class Export:
+    """A row of :data:`EXPORTS`.
+
+    Parameters
+    ----------
+    title : for a menu.
+    suffixes : of file names it writes; the first is proposed.
+    write : (frozen, path, progress).
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    write: Callable[[Frozen, Path, Progress], None]
+
+
+def _volume(it: Frozen, path: Path, progress: Progress) -> None:
+    write_volume(it.deformed(lambda share: progress(0.5 * share)), path,
+                 progress=lambda share: progress(0.5 + 0.5 * share))
+
+
+def _rendering(it: Frozen, path: Path, progress: Progress) -> None:
+    from PIL import Image
+
+    image = _as_seen(it, progress) if it.seen.scene is not None else _by_camera(it, progress)
+    progress(0.9)
+    with atomic_write(path) as stream:
+        Image.fromarray(image).save(stream, format="PNG")
+
+
+def _as_seen(it: Frozen, progress: Progress) -> Image:
+    size = it.size or _RENDERING
+    progress(0.0)
+    scene = it.scene(size, once=True)
+    assert scene is not None
+    try:
+        progress(0.05)
+        scene.set_field(it.field, it.output)
+        progress(0.1)
+        image = scene.render(bands=max(1, size[1] // _BAND), progress=lambda share: progress(0.1 + 0.75 * share))
+        assert image is not None  # only what is asked to stop stops
+        return image
+    finally:
+        scene.close()
+
+
+def _by_camera(it: Frozen, progress: Progress) -> Image:
+    return render_volume(it.deformed(lambda share: progress(0.5 * share)), transfer=it.transfer,
+                         direction=it.seen.camera["direction"], up=it.seen.camera["up"], size=it.size or _RENDERING)
+
+
+def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
+    step = next((s for s in reversed(it.deformation.steps) if s.plane == it.plane), None)
+    points = None if step is None else step.points
+    original = it.volume if it.output is None else warp(it.volume, Identity(3), output=it.output)
+    before, after = (_projected(it, volume) for volume in (original, it.deformed(lambda share: progress(0.6 * share))))
+    progress(0.8)
+    draw_pictures([before, after], points=[None, points], titles=["before", "after"], path=path)
+
+
+def _projected(it: Frozen, volume: Volume) -> Picture:
+    colours = it.transfer if it.method in ("composite", "shaded") else None
+    return project(volume, it.plane, it.method, transfer=colours, depth=it.depth)
+
+
+def _movie(it: Frozen, path: Path, progress: Progress) -> None:
+    """The animation of the key frames, or a deformation without any that comes and goes."""
+    write_movie(path, movie_frames(it), it.fps, progress=lambda done, total: progress(done / max(total, 1)))
+
+
+def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
+    """The pictures of a session's movie, as they are seen.
+
+    Parameters
+    ----------
+    fps : of the animation, if the document has key frames; default is that of ``it``.
+    """
+    size = it.size or _FRAME
+    animation = Animation(it.deformation) if it.deformation.keyframes else None
+    rate = it.fps if fps is None else fps
+    if it.seen.scene is None:
+        looks: dict[str, Any] = {"directions": it.seen.camera["direction"], "up": it.seen.camera["up"], "size": size,
+                                 "transfer": it.transfer, "output": it.output}
+        if animation is not None:
+            return animation_frames(it.volume, animation, fps=rate, **looks)
+        return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
+    moments = swing(_FRAMES) if animation is None else animation.times(rate)
+    make = it.deformation.blended if animation is None else animation.at
+    return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume.grid), size), len(moments))
+
+
+def _drawn(it: Frozen, moments: Sequence[float], field_at: Callable[[float], AbstractField],
+           size: tuple[int, int]) -> Iterator[Image]:
+    """Pictures of one scene; a moment that comes again is not drawn again."""
+    left, kept = Counter(moments), dict[float, Image]()
+    scene = it.scene(size)
+    assert scene is not None
+    try:
+        for moment in moments:
+            image = kept.pop(moment, None)
+            if image is None:
+                scene.set_field(field_at(moment), it.output)
+                image = scene.render()
+                assert image is not None
+            left[moment] -= 1
+            if left[moment] > 0:
+                kept[moment] = image
+            yield image.copy()  # whoever paints on it must not paint on one to come
+    finally:
+        scene.close()
+
+
+def _script(it: Frozen, path: Path, progress: Progress) -> None:
+    with atomic_write(path) as stream:
+        text = as_python(it.deformation, it.volume.grid, volume=it.source or UNKNOWN_VOLUME)
+        stream.write(text.encode("utf-8"))
+
+
+def _document(it: Frozen, path: Path, progress: Progress) -> None:
+    it.save(path, document=it.document)
+
+
+EXPORTS: dict[str, Export] = {
+    "volume": Export("Deformed volume", (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd"), _volume),
+    "rendering": Export("Rendering", (".png",), _rendering),
+    "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),
+    "movie": Export("Movie", (".gif", ".mp4", ".webp"), _movie),
+    "script": Export("Python script", (".py",), _script),
+    "document": Export("Session", (".json",), _document),
+}
+"""Kinds of files by name; the suffix of a path chooses one."""
+
+
+def export_for(path: str | PathLike[str]) -> Export:
+    """The export that a path's suffix asks for.
+
+    Raises
+    ------
+    DeformError
+        If there is none, with those that there are.
+    """
+    name = Path(path).name.lower()
+    for export in EXPORTS.values():
+        if name.endswith(export.suffixes):
+            return export
+    known = "; ".join(f"{e.title.lower()} {', '.join(e.suffixes[:3])}" for e in EXPORTS.values())
+    raise DeformError(f"the end of {Path(path).name!r} says no kind of file; write one of: {known}.")
+
+
+def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,
+           seen: Seen | None = None, size: tuple[int, int] | None = None, fps: float = _FPS,
+           overwrite: bool = False, progress: Progress | None = None) -> Path:
+    """Write a session as a file; its suffix chooses what is written.
+
+    Parameters
+    ----------
+    camera : direction and up of renderings and movies, as a view's ``camera``.
+    seen : all that a view shows instead, as its method ``seen`` says it.
+    size : (width, height) of renderings and movies in pixels; default is 1600 x 1200, and 640 x 480 for movies.
+    fps : pictures a second of movies.
+    overwrite : replace any file; else only one that holds what the session has opened or written.
+
+    Raises
+    ------
+    DeformError
+        If the suffix says nothing, or the file cannot be written or must not be replaced; it is untouched then.
+    Cancelled
+        If ``progress`` raises it.
+    """
+    frozen = session if isinstance(session, Frozen) else Frozen.of(session, seen or camera, size=size, fps=fps)
+    place = Path(path)
+    writer = export_for(place)
+    check_target(place)  # before the long work
+    if overwrite:
+        frozen = replace(frozen, save=partial(frozen.save, overwrite=True))
+    with frozen.files.writing(place, overwrite=overwrite):
+        writer.write(frozen, place, progress or _silent)
+    return place
+
+
+def _silent(_share: float) -> None:
+    """Nobody watches."""

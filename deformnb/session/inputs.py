@@ -1,0 +1,72 @@
+"""What a session begins with: a volume from whatever was given, a saved document, the side that shows most."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import without_surrogates
+from deformnb.io.documents import read_deformation
+from deformnb.io.formats import read_volume
+from deformnb.io.meshes import is_mesh, read_mesh
+from deformnb.volume.transfer import levels
+from deformnb.volume.volume import Volume
+from deformnb.warping.mesh import Mesh, filled, signed_distance
+from deformnb.warping.planning import Progress
+
+
+def as_volume(given: Any) -> Volume:
+    """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh."""
+    if isinstance(given, Volume):
+        return given
+    if isinstance(given, Mesh):
+        return body_of(given)
+    if isinstance(given, str | PathLike):
+        return body_of(read_mesh(given)) if is_mesh(given) else read_volume(given)
+    return Volume.from_array(np.asarray(given))
+
+
+def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:
+    """A closed mesh as a volume of grey values, to be looked at and deformed like a scan."""
+    return filled(signed_distance(mesh, progress=progress))
+
+
+def source_of(given: Any) -> str:
+    """An expression that reads the volume that was given as a path, for scripts; empty for anything else.
+
+    Examples
+    --------
+    >>> source_of("scans/carp.nii.gz"), source_of("bone.stl"), source_of(np.zeros((2, 2, 2)))
+    ('dn.read_volume("scans/carp.nii.gz")', 'dn.filled(dn.signed_distance(dn.read_mesh("bone.stl")))', '')
+    """
+    if not isinstance(given, str | PathLike):
+        return ""
+    path = without_surrogates(json.dumps(str(given), ensure_ascii=False))
+    return f"dn.filled(dn.signed_distance(dn.read_mesh({path})))" if is_mesh(given) else f"dn.read_volume({path})"
+
+
+def as_deformation(given: Any) -> Deformation | None:
+    """A document from a document or the path of a file; None for none."""
+    return given if given is None or isinstance(given, Deformation) else read_deformation(given)
+
+
+def best_view(volume: Volume) -> str:
+    """The side that shows most of the subject: the one with the largest silhouette.
+
+    Examples
+    --------
+    >>> flat = np.zeros((8, 8, 8), np.uint8)
+    >>> flat[1:7, 1:7, 4] = 200
+    >>> best_view(Volume.from_array(flat))
+    '-x'
+    """
+    _, air, _, _ = levels(volume)
+    subject = volume.finite_values > air
+    dx, dy, dz = volume.grid.spacing
+    areas = {view: np.count_nonzero(subject.any(axis=axis)) * pixel
+             for view, axis, pixel in (("+y", 1, dz * dx), ("-x", 2, dz * dy), ("-z", 0, dy * dx))}
+    return max(areas, key=lambda view: areas[view])

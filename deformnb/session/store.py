@@ -1,0 +1,297 @@
+"""Sessions that were written by themselves, in a folder of the user: which there are, which are lost, what is in them.
+
+Each is a file of two parts: a line of facts, and the document. Beside the file of a session that is running lies an
+empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system lets go of it, and
+what was not saved counts as lost.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from deformnb.document.deformation import Deformation, VolumeReference
+from deformnb.document.json_format import LONGEST, from_json, to_json
+from deformnb.errors import DeformError
+from deformnb.io.atomic import atomic_write, is_abandoned, sweep
+from deformnb.io.headers import shown
+from deformnb.volume.volume import Grid, Volume
+
+FORMAT = "deformnb-autosave"
+STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
+"""Of a session; "open" is lost when its process has gone, and the others are kept a while.
+
+A session that ends with edits that are in no file is "closed", whoever has closed it; it stays "open" only if its
+process had no time to say so.
+"""
+
+MOST_PER_VOLUME, MOST, MOST_BYTES = 20, 200, 200 * 2**20
+"""How many are kept besides those that are open, and how large they may be together; the newest stay.
+
+No age counts: a clock may go wrong in both directions, and a holiday is longer than any number of days.
+"""
+
+_LONGEST_FACTS, _LONGEST_NAME = 8192, 200
+_OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction")
+_NUMBERS = ("points", "steps", "index", "key", "number")
+_SUFFIX, _HELD = ".json", ".live"
+_OURS = re.compile(r"[0-9a-f]{16}-\d+-[0-9a-f]+")  # as file_name makes them
+_skipped: set[Path] = set()  # where the folder has become read-only, for this process at least
+
+
+def state_folder() -> Path:
+    """Where sessions are written: below ``DEFORMNB_STATE`` if that is set, else in the user's own state folder."""
+    import platformdirs
+
+    return Path(os.environ.get("DEFORMNB_STATE") or platformdirs.user_state_dir("deformnb")).expanduser() / "sessions"
+
+
+@dataclass(frozen=True)
+class SavedSession:
+    """A session that was written by itself.
+
+    Parameters
+    ----------
+    path : its file.
+    volume : what was deformed.
+    edited : when the last edit was made.
+    state : one of :data:`STATES`.
+    points, steps : how many there are.
+    index, key : which step, and which of its sets of points, was edited.
+    number : higher than that of any session that was there when this one began, whatever the clock says.
+    """
+
+    path: Path
+    volume: VolumeReference
+    edited: datetime
+    state: str
+    points: int
+    steps: int
+    index: int = 0
+    key: int = 0
+    number: int = 0
+
+    @property
+    def held(self) -> Path:
+        """The file that the session's process holds while it lives."""
+        return self.path.with_suffix(_HELD)
+
+    @property
+    def is_live(self) -> bool:
+        """True while the process that writes it lives."""
+        return not is_abandoned(self.held)
+
+    @property
+    def is_earlier(self) -> bool:
+        """True if it ended with edits that are in no file, and is not offered: it is found in the history."""
+        return self.state in ("closed", "skipped") and not self.is_live
+
+    @property
+    def is_lost(self) -> bool:
+        """True if its process has died without closing it, as in a crash."""
+        return self.state == "open" and self.path not in _skipped and not self.is_live
+
+    def __str__(self) -> str:
+        return f"{moment(self.edited)} ({counted(self.points, 'point')}, {counted(self.steps, 'step')})"
+
+
+def moment(when: datetime, now: datetime | None = None) -> str:
+    """A time for people: of today the hour, else the day too.
+
+    Examples
+    --------
+    >>> now = datetime(2026, 5, 3, 18, 0).astimezone()
+    >>> moment(datetime(2026, 5, 3, 14, 32).astimezone(), now), moment(datetime(2026, 5, 1, 9, 5).astimezone(), now)
+    ('14:32', '2026-05-01 09:05')
+    """
+    local, today = when.astimezone(), (now or datetime.now(UTC)).astimezone()
+    return f"{local:%H:%M}" if local.date() == today.date() else f"{local:%Y-%m-%d %H:%M}"
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things in words.
+
+    Examples
+    --------
+    >>> counted(1, "step"), counted(9, "point")
+    ('1 step', '9 points')
+    """
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+# -- the files ---------------------------------------------------------------------------------------------------------
+
+
+def file_name(reference: VolumeReference, token: str) -> str:
+    """The name of a session's file: first what tells its volume, so that others need not be read."""
+    return f"{reference.sha256[:16]}-{os.getpid()}-{token}{_SUFFIX}"
+
+
+def next_number(folder: Path) -> int:
+    """The number of a session that begins now."""
+    return 1 + max((entry.number for entry in _read_all(folder)), default=0)
+
+
+def write_session(entry: SavedSession, document: Deformation | str) -> None:
+    """Write a session's file, whole or not at all; its folder is made if there is none.
+
+    Raises
+    ------
+    DeformError, OSError
+        If it cannot be written.
+    """
+    entry.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    facts: dict[str, Any] = {"format": FORMAT, "state": entry.state, "edited": entry.edited.isoformat(),
+                             **{name: getattr(entry, name) for name in _NUMBERS}}
+    facts |= {name: getattr(entry.volume, name) for name in _OF_VOLUME} | {"name": entry.volume.name[:_LONGEST_NAME]}
+    text = document if isinstance(document, str) else to_json(document)
+    with atomic_write(entry.path) as stream:
+        stream.write(json.dumps(facts).encode() + b"\n" + text.encode())
+
+
+def read_session(path: Path) -> SavedSession | None:
+    """The facts of a session's file; None if it is none."""
+    try:
+        with path.open("rb") as stream:
+            data = json.loads(stream.readline(_LONGEST_FACTS))
+        if data["format"] != FORMAT or data["state"] not in STATES:
+            return None
+        edited = datetime.fromisoformat(data["edited"])
+        grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"])
+        volume = VolumeReference(str(data["name"])[:_LONGEST_NAME], grid.shape, grid.spacing, str(data["sha256"]),
+                                 grid.origin, grid.direction)
+        numbers = {name: int(data.get(name, 0)) for name in _NUMBERS}
+        return SavedSession(path, volume, edited.astimezone(UTC), data["state"], **numbers)
+    except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        return None
+
+
+def _read_all(folder: Path, prefix: str = "") -> list[SavedSession]:
+    found = (read_session(path) for path in folder.glob(f"{prefix}*{_SUFFIX}"))
+    return sorted((entry for entry in found if entry is not None), key=lambda entry: (entry.number, entry.edited),
+                  reverse=True)
+
+
+# -- for users ---------------------------------------------------------------------------------------------------------
+
+
+def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None, *,
+                   every: bool = False) -> list[SavedSession]:
+    """Sessions on a volume that were lost, the newest first.
+
+    Parameters
+    ----------
+    volume : which; takes a moment for a large one, for its checksum.
+    folder : where they lie; default is :func:`state_folder`.
+    every : those too that were saved, closed, skipped or restored, or are running.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> saved_sessions(PHANTOMS["bar"].make((8, 8, 8)))
+    []
+    """
+    reference = VolumeReference.of(volume) if isinstance(volume, Volume) else volume
+    found = _read_all(folder or state_folder(), reference.sha256[:16])
+    return [entry for entry in found if _same(entry.volume, reference) and (every or entry.is_lost)]
+
+
+def _same(one: VolumeReference, other: VolumeReference) -> bool:
+    """The same voxels at the same places: points are places."""
+    a, b = one.grid, other.grid
+    return one.sha256 == other.sha256 and a is not None and b is not None and a.is_like(b)
+
+
+def restore(entry: SavedSession) -> Deformation:
+    """The document of a session as it was last written.
+
+    Raises
+    ------
+    DeformError
+        If its file has gone or is damaged.
+    """
+    return from_json(_text(entry))
+
+
+def skip(entry: SavedSession) -> None:
+    """Offer a session no more; its file is kept a while."""
+    _skipped.add(entry.path)
+    mark(entry, "skipped")
+
+
+def delete(entry: SavedSession) -> None:
+    """Remove a session's file.
+
+    Raises
+    ------
+    DeformError
+        If it cannot be removed.
+    """
+    try:
+        entry.path.unlink(missing_ok=True)
+        sweep(entry.held)
+    except OSError as error:
+        raise DeformError(f"{shown(entry.path)} cannot be removed: {error.strerror or error}.") from None
+
+
+def mark(entry: SavedSession, state: str) -> None:
+    """Give a session another state, if its file can be written."""
+    with suppress(OSError, DeformError):
+        write_session(replace(entry, state=state), _text(entry))
+
+
+def _text(entry: SavedSession) -> str:
+    try:
+        with entry.path.open("rb") as stream:
+            stream.readline(_LONGEST_FACTS)
+            return stream.read(LONGEST + 1).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DeformError(f"the session of {moment(entry.edited)} cannot be read any more: {error}.") from None
+
+
+# -- how many are kept -------------------------------------------------------------------------------------------------
+
+
+def prune(folder: Path) -> None:
+    """Remove the oldest of what is too much; never what is open: it is running, or nobody has answered its offer yet.
+
+    The folder may be one of the user's: what is not named as a session's file is nothing to us.
+    """
+    with suppress(OSError):
+        for held in _ours(folder, _HELD):
+            if is_abandoned(held):
+                sweep(held)
+        there = list(_ours(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
+        kept = {entry.path for entry in _worth_keeping(_read_all(folder))}
+        for path in there:
+            if path not in kept and not path.with_suffix(_HELD).exists():
+                path.unlink(missing_ok=True)
+
+
+def _ours(folder: Path, suffix: str) -> Iterator[Path]:
+    return (path for path in folder.glob(f"*{suffix}") if _OURS.fullmatch(path.stem))
+
+
+def _worth_keeping(entries: Iterable[SavedSession]) -> list[SavedSession]:
+    """Of sessions, the newest first: those that are open, and of the others those within the bounds."""
+    kept: list[SavedSession] = []
+    counts: dict[str, int] = {}
+    size = most = 0
+    for entry in entries:
+        if entry.state == "open":
+            kept.append(entry)
+            continue
+        own = counts.get(entry.volume.sha256, 0)
+        size += entry.path.stat().st_size
+        if own < MOST_PER_VOLUME and most < MOST and size <= MOST_BYTES:
+            kept.append(entry)
+            counts[entry.volume.sha256] = own + 1
+            most += 1
+    return kept

@@ -1,0 +1,105 @@
+"""How a volume was looked at, kept in a document beside what was done to it: projection, slice, colours, opacities.
+
+A document has it in a field of its own, ``look``, since version 1.4. It is no part of the deformation: it is not undone
+with an edit, and two documents that only look different are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import Reader
+from deformnb.errors import DeformError
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.volume.transfer import PRESETS, TransferFunction
+
+if TYPE_CHECKING:
+    from deformnb.session.session import Session
+
+FIELD = "look"
+MOST_NODES = 1024
+"""Of colours, and of opacities, that a document may have."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a volume was looked at; None is what the document does not tell.
+
+    Parameters
+    ----------
+    transfer : colours and opacities, or the name of a preset.
+    method : projection of the picture.
+    depth : where a slice lies along the normal, from the middle of the volume.
+    """
+
+    transfer: str | TransferFunction | None = None
+    method: str | None = None
+    depth: float | None = None
+
+    @classmethod
+    def of(cls, session: Session) -> Look:
+        """A session's, at this moment."""
+        is_slice = session.method == "slice" and session.index == len(session.deformation.steps) - 1
+        return cls(session.transfer, session.method, session.depth if is_slice else None)
+
+    def added_to(self, deformation: Deformation) -> Deformation:
+        """A document with this look."""
+        transfer: Any = self.transfer
+        if isinstance(transfer, TransferFunction):
+            transfer = {"colors": [list(row) for row in transfer.colors], "unit": transfer.unit,
+                        "opacities": [list(row) for row in transfer.opacities]}
+        told = {"transfer": transfer, "method": self.method, "depth": self.depth}
+        data = {key: value for key, value in told.items() if value is not None}
+        return replace(deformation, extra={**deformation.extra, FIELD: data})
+
+    @classmethod
+    def parted(cls, deformation: Deformation) -> tuple[Deformation, Look]:
+        """A document without its look, and that.
+
+        Names of presets and projections that a later version may have are passed over.
+
+        Raises
+        ------
+        DeformError
+            If it is malformed, naming the place.
+        """
+        if FIELD not in deformation.extra:
+            return deformation, cls()
+        r = Reader(deformation.extra[FIELD], f"document.{FIELD}")
+        method = r.text("method", "")
+        depth = r.number("depth") if "depth" in r.data else None
+        look = cls(_transfer(r), method if method in PROJECTIONS else None, depth)
+        return without_look(deformation), look
+
+    def traits(self, *, is_other: bool = False) -> dict[str, Any]:
+        """What a session takes over; colours at the values of another volume would not fit."""
+        told = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
+                "method": self.method, "depth": None if is_other else self.depth}
+        return {key: value for key, value in told.items() if value is not None}
+
+
+def without_look(deformation: Deformation) -> Deformation:
+    """A document without its look, whatever that is."""
+    if FIELD not in deformation.extra:
+        return deformation
+    return replace(deformation, extra={key: value for key, value in deformation.extra.items() if key != FIELD})
+
+
+def _transfer(r: Reader) -> str | TransferFunction | None:
+    wanted = r.value("transfer", (str, dict), "")
+    if isinstance(wanted, str):
+        return wanted if wanted in PRESETS else None
+    part = r.part("transfer")
+    try:
+        return TransferFunction(_nodes(part, "colors", 4), _nodes(part, "opacities", 2), part.number("unit"))
+    except DeformError as error:
+        raise DeformError(f"{part.where}: {error}") from None
+
+
+def _nodes(r: Reader, key: str, width: int) -> Any:
+    rows = r.value(key, (list,), ...)
+    if len(rows) > MOST_NODES:
+        raise DeformError(f"{key} may have {MOST_NODES} nodes, got {len(rows)}.")
+    return tuple(Reader({key: row}, r.where).numbers(key, width) for row in rows)

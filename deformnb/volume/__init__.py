@@ -1,0 +1,1 @@
+"""Volumes and pictures as arrays with a place in space: grids, planes, sampling, transfer functions."""

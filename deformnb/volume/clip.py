@@ -1,0 +1,115 @@
+"""Parts of a volume along its axes: what is cut away so that one sees inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.volume.volume import Grid, Volume
+
+Clip: TypeAlias = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+"""Of the box along the index axes x, y, z: the lowest and the highest share that is seen, from 0 to 1."""
+
+WHOLE: Clip = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
+"""Nothing is cut away."""
+
+
+def checked_clip(value: Any) -> Clip:
+    """Three pairs of shares as plain numbers.
+
+    Raises
+    ------
+    DeformError
+        If they are not three pairs, or one is not within 0 and 1, or does not rise.
+
+    Examples
+    --------
+    >>> checked_clip([(0, 1), (0.25, 1), (0, 0.5)])
+    ((0.0, 1.0), (0.25, 1.0), (0.0, 0.5))
+    """
+    try:
+        pairs = np.asarray([list(pair) for pair in value] if isinstance(value, Iterable) else None, dtype=np.float64)
+    except (TypeError, ValueError):
+        pairs = np.empty(0)
+    if pairs.shape != (3, 2):
+        raise DeformError(f"a clip is three pairs (low, high) along x, y and z, got {value!r}.")
+    if not all(0 <= low < high <= 1 for low, high in pairs.tolist()):
+        raise DeformError("the shares of a clip rise within 0 and 1, such as (0, 0.5) for the lower half, "
+                          f"got {pairs.tolist()}.")
+    (a, b), (c, d), (e, f) = (pairs + 0.0).tolist()  # no -0.0
+    return (a, b), (c, d), (e, f)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A box along the index axes of a grid, open where nothing is cut away.
+
+    Parameters
+    ----------
+    grid : whose axes it follows.
+    low, high : its sides as (i, j, k) indices of the grid; -inf and inf where it is open.
+    """
+
+    grid: Grid
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @classmethod
+    def of(cls, grid: Grid, clip: Clip, box: Grid | None = None) -> Part | None:
+        """The part of a box that a clip leaves, or None for all of it.
+
+        Parameters
+        ----------
+        grid : whose axes the shares follow.
+        box : of which they are shares; default is the grid's own.
+
+        Examples
+        --------
+        >>> Part.of(Grid((2, 2, 10)), ((0.5, 1), (0, 1), (0, 1))).low
+        (4.5, -inf, -inf)
+        """
+        if clip == WHOLE:
+            return None
+        corners = grid.point_to_index((box or grid).corners())
+        start, end = corners.min(axis=0), corners.max(axis=0)
+        shares = np.asarray(clip)
+        low = np.where(shares[:, 0] > 0, start + shares[:, 0] * (end - start), -np.inf)
+        high = np.where(shares[:, 1] < 1, start + shares[:, 1] * (end - start), np.inf)
+        return cls(grid, tuple(low.tolist()), tuple(high.tolist()))
+
+    @classmethod
+    def whole(cls, grid: Grid) -> Part:
+        """The box of a grid itself, with its six sides."""
+        return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
+
+    def holds(self, lattice: Grid) -> NDArray[np.bool_]:
+        """Which voxels [z, y, x] of another grid have their centres in it."""
+        to_index = np.linalg.inv(self.grid.matrix)
+        steps, first = to_index @ lattice.matrix, self.grid.point_to_index(lattice.origin)
+        nz, ny, nx = (np.arange(n, dtype=np.float32) for n in lattice.shape)
+        held = np.ones(lattice.shape, bool)
+        for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            if np.isinf(low) and np.isinf(high):
+                continue
+            di, dj, dk = (np.float32(c) for c in steps[axis])
+            at = np.float32(first[axis]) + dk * nz[:, None, None] + (dj * ny[:, None] + di * nx)
+            held &= (at >= low) & (at < high)
+        return held
+
+    def sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A place (6, 3) on each side and the direction (6, 3) inwards; a side that is open lies far away."""
+        far = 1e6 * max(self.grid.shape)
+        ends = np.clip([self.low, self.high], -far, far)
+        index = np.array([np.where(np.arange(3) == axis, end, 0.0) for end in ends for axis in range(3)])
+        axes = np.asarray(self.grid.direction).T
+        return self.grid.index_to_point(index), np.concatenate([axes, -axes])
+
+    def emptied(self, volume: Volume) -> Volume:
+        """The volume with background in all voxels outside."""
+        values = np.where(self.holds(volume.grid), volume.finite_values, volume.dtype.type(volume.background))
+        return replace(volume, values=values)

@@ -1,0 +1,121 @@
+"""Public volumes whose files state a wrong voxel spacing, and what is right.
+
+The table is data, ``known_spacings.json`` beside this file. A row names a volume by what any copy of it has, whatever
+its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z), and
+``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
+hashed, so that the rule costs nothing for any other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deformnb.volume.volume import Float3, Grid
+
+
+@dataclass(frozen=True)
+class KnownSpacing:
+    """A row of the table.
+
+    Parameters
+    ----------
+    title : which volume it is.
+    shape, dtype, sha256 : of its voxels [z, y, x].
+    header_spacing : (x, y, z) in its files; wrong.
+    spacing : (x, y, z), the true one in mm.
+    reason : how that is known.
+    """
+
+    title: str
+    shape: tuple[int, int, int]
+    dtype: str
+    sha256: str
+    header_spacing: Float3
+    spacing: Float3
+    reason: str
+
+    @property
+    def note(self) -> str:
+        """What is said where the true spacing was taken."""
+        return (f"this is the {self.title}: its file says a spacing of {_shown(self.header_spacing)}, which is wrong; "
+                f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)")
+
+    @property
+    def older_note(self) -> str:
+        """What is said of a document that was made with the spacing of the file."""
+        return (f"this document was made on the {self.title} with the wrong spacing of its file, "
+                f"{_shown(self.header_spacing)} instead of {_shown(self.spacing)}")
+
+    def is_right(self, grid: Grid) -> bool:
+        """Whether a grid is that of this volume with its true spacing."""
+        return grid.shape == self.shape and bool(np.allclose(grid.spacing, self.spacing, rtol=1e-5, atol=0))
+
+    def as_in_file(self, grid: Grid) -> Grid:
+        """The volume's grid with the spacing of its file."""
+        return replace(grid, spacing=self.header_spacing)
+
+    def corrected(self, output: Grid, grid: Grid) -> Grid:
+        """The grid of a result that was made with the spacing of the file, on the same voxels with the true one.
+
+        Parameters
+        ----------
+        output : its directions are those of the volume.
+        grid : of the volume, with the true spacing.
+        """
+        index = self.as_in_file(grid).point_to_index(output.origin)
+        x, y, z = (float(s) for s in np.asarray(output.spacing) / self.header_spacing * self.spacing)
+        return Grid(output.shape, (x, y, z), tuple(grid.index_to_point(index)), grid.direction)
+
+
+@cache
+def known_spacings() -> tuple[KnownSpacing, ...]:
+    """The rows of the table.
+
+    Examples
+    --------
+    >>> known_spacings()[0].spacing
+    (0.390625, 1.0, 0.78125)
+    """
+    rows = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+    return tuple(KnownSpacing(row["title"], tuple(row["shape"]), row["dtype"], row["sha256"],
+                              tuple(row["header_spacing"]), tuple(row["spacing"]), row["reason"]) for row in rows)
+
+
+def known_spacing(grid: Grid, dtype: Any, checksum: Callable[[], str]) -> KnownSpacing | None:
+    """The row of a volume, None if its file is not known to be wrong.
+
+    Parameters
+    ----------
+    grid : as the file says.
+    dtype : of the voxels.
+    checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; asked only where all the rest agrees.
+    """
+    likely = [row for row in known_spacings() if row.shape == grid.shape and row.dtype == np.dtype(dtype).name
+              and np.allclose(row.header_spacing, grid.spacing, rtol=1e-5, atol=0)]
+    if not likely:
+        return None
+    found = checksum()
+    return next((row for row in likely if row.sha256 == found), None)
+
+
+def older_document(sha256: str, spacing: Float3, grid: Grid) -> KnownSpacing | None:
+    """The row of a document's volume, if the document was made with the file's spacing and ``grid`` has the true one.
+
+    Parameters
+    ----------
+    sha256, spacing : of the document's volume.
+    grid : of the volume that the document is applied to.
+    """
+    return next((row for row in known_spacings() if row.sha256 == sha256 and row.is_right(grid)
+                 and np.allclose(row.header_spacing, spacing, rtol=1e-5, atol=0)), None)
+
+
+def _shown(spacing: Float3) -> str:
+    return " x ".join(f"{s:.6g}" for s in spacing)

@@ -1,0 +1,273 @@
+"""Pictures and where they lie in space: an oriented plane and the raster of the pixels.
+
+A :class:`Plane` has picture coordinates (a, b): ``a`` runs to the right of the picture (along ``u``), ``b`` runs
+down it (along ``v``). The normal ``n = u x v`` points away from the viewer, into the picture, so depth ``c``
+grows from front to back. All lengths are physical (the unit of the volume); no axis is ever a voxel count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+
+if TYPE_CHECKING:
+    from deformnb.volume.volume import Grid
+
+Float3 = tuple[float, float, float]
+
+VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
+"""Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
+
+# Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
+# the front of the patient (-y) up. Radiologists expect exactly this.
+_UP = {"x": (0.0, 0.0, 1.0), "y": (0.0, 0.0, 1.0), "z": (0.0, -1.0, 0.0)}
+
+
+def _triple(value: ArrayLike, what: str) -> Float3:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise DeformError(f"{what} must be three finite numbers (x, y, z), got {value!r}.")
+    return (float(array[0]), float(array[1]), float(array[2]))
+
+
+@dataclass(frozen=True)
+class Raster:
+    """A regular grid of pixel centres in picture coordinates.
+
+    Parameters
+    ----------
+    shape : (nv, nu), rows and columns.
+    spacing : (du, dv), physical distance of neighbouring pixel centres along u and along v.
+    origin : (a, b) of the centre of pixel [0, 0].
+    """
+
+    shape: tuple[int, int]
+    spacing: tuple[float, float]
+    origin: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if len(self.shape) != 2 or min(self.shape) < 1:
+            raise DeformError(f"a raster needs at least one row and one column, got shape {self.shape}.")
+        if not all(np.isfinite(s) and s > 0 for s in self.spacing):
+            raise DeformError(f"pixel spacing must be two positive lengths, got {self.spacing}.")
+        if not np.isfinite(self.origin).all():
+            raise DeformError(f"the origin of a raster must be finite, got {self.origin}.")
+
+    @property
+    def columns(self) -> NDArray[np.float64]:
+        """The coordinate a of every column, shape (nu,)."""
+        return self.origin[0] + self.spacing[0] * np.arange(self.shape[1], dtype=np.float64)
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """The coordinate b of every row, shape (nv,)."""
+        return self.origin[1] + self.spacing[1] * np.arange(self.shape[0], dtype=np.float64)
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Outer edges (a_min, a_max, b_min, b_max): half a pixel beyond the outermost centres."""
+        (du, dv), (a0, b0), (nv, nu) = self.spacing, self.origin, self.shape
+        return (a0 - du / 2, a0 + (nu - 0.5) * du, b0 - dv / 2, b0 + (nv - 0.5) * dv)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the box."""
+        a0, a1, b0, b1 = self.box
+        return float(np.hypot(a1 - a0, b1 - b0))
+
+    def points(self) -> NDArray[np.float64]:
+        """All pixel centres, shape (nv, nu, 2)."""
+        a, b = np.meshgrid(self.columns, self.rows)
+        return np.stack([a, b], axis=-1)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An oriented plane in space: picture coordinates (a, b) and depth c.
+
+    ``point = origin + a u + b v + c n`` with ``n = u x v``.
+
+    Parameters
+    ----------
+    origin : the point (x, y, z) with picture coordinates (0, 0).
+    u, v : orthogonal unit vectors, right and down on the picture.
+
+    Raises
+    ------
+    DeformError
+        If the vectors are not orthonormal within 1e-6.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
+    >>> plane.normal
+    (0.0, 1.0, 0.0)
+    >>> plane.to_plane([3.0, 5.0, -2.0]).tolist()
+    [3.0, 2.0, 5.0]
+    """
+
+    origin: Float3
+    u: Float3
+    v: Float3
+
+    def __post_init__(self) -> None:
+        for name in ("origin", "u", "v"):
+            object.__setattr__(self, name, _triple(getattr(self, name), f"plane {name}"))
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers from a file may be anything
+            gram = np.array([self.u, self.v]) @ np.array([self.u, self.v]).T
+        if not np.allclose(gram, np.eye(2), atol=1e-6):
+            raise DeformError(
+                f"plane vectors must be orthogonal and of length 1, got u = {self.u}, v = {self.v}; "
+                "use Plane.through(origin, normal) to have them made."
+            )
+
+    @property
+    def normal(self) -> Float3:
+        """n = u x v, away from the viewer."""
+        return _triple(np.cross(self.u, self.v) + 0.0, "normal")
+
+    @property
+    def frame(self) -> NDArray[np.float64]:
+        """Rows u, v, n; shape (3, 3). ``frame @ vector`` gives plane components, ``components @ frame`` the vector."""
+        return np.array([self.u, self.v, self.normal])
+
+    def to_plane(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Plane coordinates (a, b, c) of points (..., 3) in space."""
+        away = np.asarray(points, dtype=np.float64) - np.array(self.origin)
+        return np.einsum("...k,mk->...m", away, self.frame)  # BLAS takes seven times as long for such thin matrices
+
+    def from_plane(self, coordinates: ArrayLike) -> NDArray[np.float64]:
+        """Points (..., 3) in space of plane coordinates (..., 2) or (..., 3)."""
+        c = np.asarray(coordinates, dtype=np.float64)
+        return np.array(self.origin) + c @ self.frame[: c.shape[-1]]
+
+    def shifted(self, depth: float) -> Plane:
+        """The parallel plane ``depth`` further along the normal."""
+        return Plane(_triple(np.array(self.origin) + depth * np.array(self.normal), "origin"), self.u, self.v)
+
+    @classmethod
+    def along(cls, grid: Grid, view: str = "+y", depth: float | None = None) -> Plane:
+        """The plane of a picture of ``grid`` seen along one of its own axes.
+
+        Parameters
+        ----------
+        grid : the grid of a volume.
+        view : one of :data:`VIEWS`; for a rotated grid, the voxel axis nearest to that direction is taken.
+        depth : position along the viewing direction, from the first slice; default is the middle slice.
+
+        Notes
+        -----
+        The origin lies at the centre of the voxel that is left-most and top-most in the picture, so a picture of the
+        grid has its pixel [0, 0] at (a, b) = (0, 0).
+        """
+        if view not in VIEWS:
+            raise DeformError(f"unknown view {view!r}; choose one of {', '.join(VIEWS)}.")
+        axis = view[1]
+        toward = np.eye(3)["xyz".index(axis)] * (1.0 if view[0] == "+" else -1.0)
+        direction = np.asarray(grid.direction)
+        n = _nearest_column(direction, toward)
+        n = n / np.linalg.norm(n)
+        v = -_nearest_column(direction, np.array(_UP[axis]), without=n)
+        v = v - (v @ n) * n  # a grid may be four digits off right angles, a plane may not
+        v = v / np.linalg.norm(v)
+        u = np.cross(v, n)
+        corners = grid.corners(centres=True)
+        start = [float((corners @ w).min()) for w in (u, v, n)]
+        length = float((corners @ n).max()) - start[2]
+        c = start[2] + (length / 2 if depth is None else float(depth))
+        origin = start[0] * u + start[1] * v + c * n
+        return cls(_triple(origin + 0.0, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
+
+    @classmethod
+    def through(cls, origin: ArrayLike, normal: ArrayLike, up: ArrayLike | None = None) -> Plane:
+        """The plane through a point with a given viewing direction.
+
+        Parameters
+        ----------
+        origin : (x, y, z) of picture coordinates (0, 0).
+        normal : viewing direction, any length but zero.
+        up : direction that shall point up in the picture; default is the head (+z), or -y for a view along z.
+        """
+        n = np.array(_triple(normal, "normal"))
+        if np.linalg.norm(n) < 1e-12:
+            raise DeformError("the normal of a plane must not be zero.")
+        n /= np.linalg.norm(n)
+        if up is None:
+            up = _UP["z"] if abs(n[2]) > 0.999 else _UP["x"]
+        down = -np.array(_triple(up, "up"))
+        down = down - (down @ n) * n
+        if np.linalg.norm(down) < 1e-9:
+            raise DeformError("up must not be parallel to the normal of the plane.")
+        v = down / np.linalg.norm(down)
+        u = np.cross(v, n)
+        return cls(_triple(origin, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
+
+    def depth_range(self, grid: Grid) -> tuple[float, float]:
+        """Smallest and largest depth c of the voxel centres of ``grid``: zeta = 0 and 1 of an extrusion."""
+        c = self.to_plane(grid.corners(centres=True))[:, 2]
+        return float(c.min()), float(c.max())
+
+
+def _nearest_column(direction: NDArray[np.float64], toward: NDArray[np.float64],
+                    without: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """The signed column of ``direction`` nearest to ``toward``, not counting the column parallel to ``without``."""
+    score = direction.T @ toward
+    if without is not None:
+        score = np.where(np.abs(direction.T @ without) > 0.5, 0.0, score)
+    k = int(np.argmax(np.abs(score)))
+    sign = 1.0 if score[k] >= 0 else -1.0
+    return np.asarray(sign * direction[:, k], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture and where it lies.
+
+    Parameters
+    ----------
+    values : (nv, nu) grey values, or (nv, nu, 4) float32 red, green, blue (times alpha) and alpha.
+    plane, raster : where its pixels are in space.
+    method : name of the projection.
+    window : values shown as black and white.
+    """
+
+    values: NDArray[Any]
+    plane: Plane
+    raster: Raster
+    method: str
+    window: tuple[float, float]
+
+    def __repr__(self) -> str:
+        high, wide = self.values.shape[:2]
+        low, white = self.window
+        kind = "coloured" if self.values.ndim == 3 else f"{self.values.dtype.name} from {low:.6g} to {white:.6g}"
+        return (f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
+                f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>")
+
+    def grey(self) -> NDArray[np.float32]:
+        """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""
+        if self.values.ndim == 3:
+            luminance = np.array((0.2126, 0.7152, 0.0722), dtype=np.float32)
+            return np.asarray(np.clip(self.values[..., :3] @ luminance, 0, 1), dtype=np.float32)
+        low, high = self.window
+        # In 64 bits: neighbouring float64 or int32 values of a narrow window may be one number in 32.
+        return np.clip((self.values.astype(np.float64) - low) / (high - low), 0, 1).astype(np.float32)
+
+    def rgb8(self, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> NDArray[np.uint8]:
+        """(nv, nu, 3) uint8 over a background colour."""
+        if self.values.ndim == 3:
+            color = self.values[..., :3] + (1 - self.values[..., 3:]) * np.asarray(background, dtype=np.float32)
+        else:
+            color = np.repeat(self.grey()[..., None], 3, axis=2)
+        return (np.clip(color, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(a_min, a_max, b_max, b_min): matplotlib's ``imshow(..., extent=..., origin="upper")``."""
+        a0, a1, b0, b1 = self.raster.box
+        return (a0, a1, b1, b0)

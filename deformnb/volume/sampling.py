@@ -1,0 +1,325 @@
+"""Reading voxels between voxels: nearest, linear and cubic. The only file with gather loops.
+
+Everything here works on bare arrays [z, y, x] and on indices; where the indices come from is decided in
+:mod:`deformnb.warping.planning`, what is done with them in :mod:`deformnb.warping.warper`.
+
+A place along one axis is kept as a whole number and a fraction, ``whole + part``. The displacement is added to the
+fraction, never to the index: a float32 index of 500 resolves 3e-5 voxels only, a fraction resolves 1e-7 everywhere.
+
+Outside rule (ITK's): a place in [-1/2, n - 1/2) reads the nearest edge voxel, anything beyond gives the fill value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from numpy.typing import NDArray
+
+from deformnb._jax import compiled, float64, refuse_forked
+
+WIDE = ("int32", "float64")
+"""Voxel types that float32 arithmetic would change; they are interpolated in float64."""
+
+LARGEST_INT32 = 2**31 - 1
+
+# Device memory is shared with NumPy without a copy only where it starts on this boundary (found by trying: 8, 16 and
+# 32 are copied by jaxlib 0.10).
+_ALIGNMENT = 64
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Where to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
+
+    ``fraction`` is in [0, 1], or None where the index is known to be whole and inside.
+    """
+
+    size: int
+    stride: int
+    index: Any
+    fraction: Any | None
+
+
+def compute_type(dtype: np.dtype[Any]) -> str:
+    """The type in which voxels of a type are interpolated."""
+    return "float64" if dtype.name in WIDE else "float32"
+
+
+def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
+    """The context in which to compile and run for a voxel type and a number of voxels (64 bits where needed)."""
+    return float64() if dtype.name in WIDE or size > LARGEST_INT32 else nullcontext()
+
+
+def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
+    """The array as JAX sees it, sharing memory where it can; one copy (with large pages) where it cannot.
+
+    ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
+    """
+    refuse_forked()
+    if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
+        copy = aligned_empty(array.shape, array.dtype)
+        np.copyto(copy, array)
+        array = copy
+    return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
+
+
+def aligned_empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """An array that JAX can share. NumPy alone starts large arrays 16 bytes into a page."""
+    count = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    buffer = np.empty(count + _ALIGNMENT, np.uint8)
+    start = -buffer.ctypes.data % _ALIGNMENT
+    return buffer[start:start + count].view(dtype).reshape(shape)
+
+
+def spline_coefficients(values: NDArray[Any], compute: str, axes: Sequence[int] = (0, 1, 2)) -> NDArray[Any]:
+    """Coefficients of the cubic B-spline through the voxels along ``axes``, mirrored at the edges."""
+    from scipy import ndimage
+
+    result = values
+    for axis in axes:
+        if values.shape[axis] > 1:
+            result = ndimage.spline_filter1d(result, order=3, axis=axis, output=np.dtype(compute), mode="mirror")
+    return result.astype(compute, copy=False)
+
+
+def split(whole: Any, part: Any) -> tuple[Any, Any]:
+    """``whole + part`` with the fraction brought into [0, 1]."""
+    floor = jnp.floor(part)
+    return whole + floor.astype(jnp.int32), part - floor
+
+
+def rounded_index(axis: Axis) -> Any:
+    """The nearest voxel, halves upwards as ITK does: floor(place + 1/2)."""
+    return axis.index if axis.fraction is None else axis.index + (axis.fraction >= 0.5)
+
+
+def inside(axes: Sequence[Axis]) -> Any:
+    """True where every place is in [-1/2, n - 1/2): exactly where the nearest voxel exists, so no float is compared."""
+    result: Any = True
+    for axis in axes:
+        if axis.fraction is not None:
+            result = result & (rounded_index(axis).astype(jnp.uint32) < axis.size)
+    return result
+
+
+def _cell(axis: Axis) -> tuple[Any, Any]:
+    """The lower voxel of the cell and the place in it, clamped to the axis; the upper edge is fraction 1."""
+    fraction: Any = axis.fraction
+    low = jnp.clip(axis.index, 0, axis.size - 2)
+    return low, jnp.clip((axis.index - low).astype(fraction.dtype) + fraction, 0, 1)
+
+
+Taps = list[tuple[Any, Any | None]]
+"""Voxel indices along one axis and their weights (None: one)."""
+
+
+def nearest(axis: Axis) -> Taps:
+    """The nearest voxel."""
+    return [(jnp.clip(rounded_index(axis), 0, axis.size - 1), None)]
+
+
+def linear(axis: Axis) -> Taps:
+    """The two neighbours.
+
+    The form (1 - t) a + t b costs as much as a + t (b - a) with fused multiply-add, and gives a and b exactly at the
+    two ends; the other one misses b by a rounding, so that an identity would change the last plane.
+    """
+    low, t = _cell(axis)
+    return [(low, 1 - t), (low + 1, t)]
+
+
+def cubic(axis: Axis) -> Taps:
+    """Four coefficients of the cubic B-spline through the voxels, mirrored at the edges.
+
+    Unser, Splines: a perfect fit for signal and image processing, IEEE Signal Processing Magazine 16(6), 1999.
+    """
+    low, t = _cell(axis)
+    weights = ((1 - t) ** 3 / 6, 2 / 3 - t * t * (1 - t / 2), 2 / 3 - (1 - t) ** 2 * (1 + t) / 2, t**3 / 6)
+    last = axis.size - 1
+    return [(last - jnp.abs(last - jnp.abs(low + k)), w) for k, w in zip((-1, 0, 1, 2), weights, strict=True)]
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to read between voxels.
+
+    ``taps`` gives the voxels and weights along one axis. ``blends`` says whether values can come out that are in no
+    voxel, ``is_spline`` whether it reads B-spline coefficients (:func:`spline_coefficients`) instead of voxels.
+    """
+
+    taps: Callable[[Axis], Taps]
+    blends: bool
+    is_spline: bool = False
+
+
+METHODS: dict[str, Method] = {
+    "nearest": Method(nearest, blends=False),
+    "linear": Method(linear, blends=True),
+    "cubic": Method(cubic, blends=True, is_spline=True),
+}
+
+
+def _axis_taps(method: str, axis: Axis, index: Any) -> Taps:
+    """Memory offsets and weights along one axis; a whole place and an axis of one voxel need one tap."""
+    if axis.fraction is None or axis.size == 1:
+        taps: Taps = [(jnp.clip(axis.index, 0, axis.size - 1), None)]
+    else:
+        taps = METHODS[method].taps(axis)
+    return [(place.astype(index) * axis.stride, weight) for place, weight in taps]
+
+
+def _nested(read: Callable[[Any], Any], taps: Sequence[Taps], offset: Any = 0) -> Any:
+    """The weighted sum over all combinations of taps, one axis inside the other."""
+    if not taps:
+        return read(offset)
+    total: Any = None
+    for place, weight in taps[0]:
+        value = _nested(read, taps[1:], offset + place)
+        value = value if weight is None else weight * value
+        total = value if total is None else total + value
+    return total
+
+
+def _products(taps: Sequence[Taps]) -> Taps:
+    """The same combinations as one list of offsets with their products of weights."""
+    result: Taps = [(0, None)]
+    for axis in taps:
+        result = [(offset + place, weight if factor is None else factor if weight is None else factor * weight)
+                  for offset, factor in result for place, weight in axis]
+    return result
+
+
+def _finished(value: Any, ok: Any, fill: Any, method: str) -> Any:
+    """Values in the voxel type of ``fill``: integers rounded (halves up) and clipped, ``fill`` where not ``ok``."""
+    if METHODS[method].blends:
+        if jnp.issubdtype(fill.dtype, jnp.integer) and METHODS[method].is_spline:  # linear cannot leave the range
+            limits = np.iinfo(fill.dtype)
+            value = jnp.clip(value, limits.min, limits.max)
+        if fill.dtype == jnp.uint8:
+            # floor(value + 1/2) read off the bits of value + 256.5, whose exponent is known. XLA's conversion saturates
+            # and tests for NaN on the way, which makes the replicated warp a fifth slower.
+            value = lax.bitcast_convert_type((value + 256.5).astype(jnp.float32), jnp.uint32) >> 15
+        elif jnp.issubdtype(fill.dtype, jnp.integer):
+            value = jnp.floor(value + 0.5)
+        value = value.astype(fill.dtype)
+    return jnp.where(ok, value, fill)
+
+
+def _reader(flat: Any, method: str, compute: Any) -> Callable[[Any], Any]:
+    def read(index: Any) -> Any:
+        value = flat.at[index].get(mode="promise_in_bounds")
+        return value.astype(compute) if METHODS[method].blends else value
+
+    return read
+
+
+def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    return shape[1] * shape[2], shape[2], 1
+
+
+def _moved(whole: Sequence[Any], part: Sequence[Any], move: Any) -> tuple[Any, Any]:
+    """Place along one input axis: what each output axis contributes, plus the displacement in voxels."""
+    return split(sum(whole), sum(part) + move)
+
+
+def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int, int],
+             method: str, step: int, compute: str, index: str) -> Any:
+    """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
+
+    flat : the input's voxels (or spline coefficients), one row; ``shape`` is its shape.
+    field : physical displacement (x, y, z) at every ``step``-th plane and row: three arrays (nodes z, nodes y, nx), or
+        one with the components last.
+    matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
+    whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
+    """
+    low = np.arange(whole[1].shape[1]) // step
+    tail = () if isinstance(field, tuple) else (1,)
+    within = jnp.asarray(np.arange(whole[1].shape[1]) % step / step, jnp.float32).reshape(-1, 1, *tail)
+
+    def component(values: Any, q: Any) -> Any:
+        if step == 1:
+            return lax.dynamic_index_in_dim(values, q, keepdims=False)
+        # Two slices, a barrier, then rows by constant numbers: one slice of two planes costs 4 to 7 times more.
+        first = lax.dynamic_index_in_dim(values, q // step, keepdims=False)
+        second = lax.dynamic_index_in_dim(values, q // step + 1, keepdims=False)
+        t = (q % step).astype(jnp.float32) / step
+        nodes = lax.optimization_barrier((1 - t) * first + t * second)
+        return lax.optimization_barrier((1 - within) * nodes[low] + within * nodes[low + 1])
+
+    def plane(q: Any) -> Any:
+        if isinstance(field, tuple):
+            d = [component(values, q) for values in field]
+        else:  # taken apart plane by plane in the cache; doing it before costs half as much as the warp
+            d = list(lax.optimization_barrier(tuple(jnp.moveaxis(component(field, q), -1, 0))))
+        d = [values.astype(compute) for values in d]
+        axes = []
+        for a, stride in enumerate(_strides(shape)):
+            w = (whole[0][a, q], whole[1][a, :, None], whole[2][a])
+            p = (part[0][a, q], part[1][a, :, None], part[2][a])
+            move = matrix[a, 0] * d[0] + matrix[a, 1] * d[1] + matrix[a, 2] * d[2]
+            axes.append(Axis(shape[a], stride, *_moved(w, p, move)))
+        value = _nested(_reader(flat, method, compute), [_axis_taps(method, a, index) for a in axes])
+        return _finished(value, inside(axes), fill, method)
+
+    return lax.map(plane, jnp.arange(whole[0].shape[1]))
+
+
+def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
+              shape: tuple[int, int, int], normal: int, method: str, compute: str, index: str) -> Any:
+    """A block of the output under a field that moves nothing along the array axis ``normal``.
+
+    maps : K maps (2, z, y, x) of displacement along the plane's (u, v), of extent 1 along ``normal``.
+    weights : (K, n) along ``normal``, or None for one replicated map.
+    matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`_general`.
+    """
+    along = [tuple(-1 if k == axis else 1 for k in range(3)) for axis in range(3)]
+    factors = [1] if weights is None else [w.reshape(along[normal]) for w in weights]
+    d = sum(w * m.astype(compute) for w, m in zip(factors, maps, strict=True))
+    axes = []
+    for a, stride in enumerate(_strides(shape)):
+        if a == normal:
+            axes.append(Axis(shape[a], stride, whole[a][a].reshape(along[a]), None))
+            continue
+        w, p = ([table[o][a].reshape(along[o]) for o in range(3) if o != normal] for table in (whole, part))
+        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+    taps = [_axis_taps(method, a, index) for a in axes]
+    fixed = taps.pop(normal)
+    ok = inside(axes)
+    if weights is None:
+        # These are as small as the map: compute them once. With weights they are as large as the output: never store.
+        taps, ok = lax.optimization_barrier((taps, ok))
+    return _finished(_nested(_reader(flat, method, compute), [fixed, *taps]), ok, fill, method)
+
+
+def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int],
+          method: str, compute: str, index: str) -> Any:
+    """A chunk of output rows that move as a whole: one replicated map, the axis of replication last in memory.
+
+    table : (shape[0] * shape[1], n), one row of voxels per place on the picture.
+    maps : (2, rows, columns) of displacement along (u, v).
+    matrix : 2 x 2, from (u, v) to input voxels (rows, columns).
+    whole, part : for output rows and columns the contribution (2, n) to the input place (row, column).
+    """
+    d = maps.astype(compute)
+    axes = []
+    for a, stride in ((0, shape[1]), (1, 1)):
+        w, p = ((t[0][a, :, None], t[1][a]) for t in (whole, part))
+        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+    # The barrier makes offsets and weights small arrays of their own; without it they are computed again for every
+    # voxel and the rows are not read as vectors (2.5 times slower).
+    taps, ok = lax.optimization_barrier((_products([_axis_taps(method, a, index) for a in axes]), inside(axes)))
+    taps = [(offset, None if weight is None else weight[..., None]) for offset, weight in taps]
+    return _finished(_nested(_reader(table, method, compute), [taps]), ok[..., None], fill, method)
+
+
+_STATIC = ("shape", "method", "compute", "index")
+general = compiled(_general, static_argnames=(*_STATIC, "step"))
+extruded = compiled(_extruded, static_argnames=(*_STATIC, "normal"))
+rows = compiled(_rows, static_argnames=_STATIC)

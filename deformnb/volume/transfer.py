@@ -1,0 +1,443 @@
+"""Transfer functions: the colour and opacity of a voxel of some value, and presets that fit themselves to a volume."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.volume.volume import Volume
+
+# Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
+_HISTOGRAM_SLICES = 64
+_BINS = 256
+# A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
+# marker. Below 512 voxels a single one counts.
+_OUTLIERS, _STRETCH, _FEW_VOXELS = 1e-4, 16, 512
+# Entries between neighbouring bytes, at most, in a table for the page: 255 * 8 + 1 = 2041 fit into the smallest texture
+# that WebGL2 allows, 2048.
+_FINEST = 8
+# What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300.
+_AIR_HU, _BONE_HU = -700.0, 300.0
+_CLIPPED = "colours and opacities were clipped to 0 to 1"
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """Colour and opacity as piecewise linear functions of the value.
+
+    Parameters
+    ----------
+    colors : nodes (value, red, green, blue), values rising, colours in [0, 1].
+    opacities : nodes (value, alpha), values rising; alpha is the share of light that a layer of thickness ``unit``
+        stops.
+    unit : thickness that the alphas are meant for, in the volume's unit of length.
+    notes : remarks, such as an alpha that was clipped into [0, 1].
+
+    Raises
+    ------
+    DeformError
+        If there is no node, a value is not finite, or values do not rise.
+
+    Examples
+    --------
+    >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (100, 0.5)))
+    >>> ramp([50.0]).tolist()
+    [[0.5, 0.5, 0.5, 0.25]]
+    """
+
+    colors: tuple[tuple[float, float, float, float], ...]
+    opacities: tuple[tuple[float, float], ...]
+    unit: float = 1.0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.unit) and self.unit > 0):
+            raise DeformError(f"the unit thickness of opacities must be a positive length, got {self.unit}.")
+        clipped = False
+        for name, width in (("colors", 4), ("opacities", 2)):
+            nodes = np.asarray(getattr(self, name), dtype=np.float64)
+            if nodes.ndim != 2 or nodes.shape[1:] != (width,) or len(nodes) == 0 or not np.isfinite(nodes).all():
+                raise DeformError(f"{name} of a transfer function need rows of {width} finite numbers.")
+            if (np.diff(nodes[:, 0]) < 0).any():
+                raise DeformError(f"the values of {name} must rise, got {nodes[:, 0].tolist()}.")
+            inside = np.clip(nodes[:, 1:], 0.0, 1.0)
+            clipped = clipped or bool((inside != nodes[:, 1:]).any())
+            nodes[:, 1:] = inside
+            object.__setattr__(self, name, tuple(tuple(float(v) for v in row) for row in nodes))
+        if clipped and _CLIPPED not in self.notes:
+            object.__setattr__(self, "notes", (*self.notes, _CLIPPED))
+
+    def __call__(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Red, green, blue and alpha (..., 4) of values (...)."""
+        v = np.asarray(values, dtype=np.float64)
+        c, o = np.asarray(self.colors), np.asarray(self.opacities)
+        parts = [np.interp(v, c[:, 0], c[:, k]) for k in (1, 2, 3)]
+        return np.stack([*parts, np.interp(v, o[:, 0], o[:, 1])], axis=-1)
+
+    def knots(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The nodes of colours and opacities together: linear interpolation between them is the function itself.
+
+        Returns
+        -------
+        Values (n,), not falling, and their red, green, blue and alpha (n, 4). Where the function jumps a value is there
+        twice, before and after the jump; at that value holds what comes after it.
+
+        Examples
+        --------
+        >>> step = TransferFunction(((0, 0, 0, 0), (8, 1, 1, 1)), ((4, 0), (4, 1)))
+        >>> step.knots()[0].tolist()
+        [0.0, 4.0, 4.0, 8.0]
+        >>> step.knots()[1][:, 3].tolist()
+        [0.0, 0.0, 1.0, 1.0]
+        """
+        c, o = np.asarray(self.colors), np.asarray(self.opacities)
+        values = np.unique(np.concatenate([c[:, 0], o[:, 0]]))
+        after = self(values)
+        before = np.stack([_before(c[:, 0], c[:, k], values) for k in (1, 2, 3)]
+                          + [_before(o[:, 0], o[:, 1], values)], axis=-1)
+        jumps = (before != after).any(axis=1)
+        places = np.concatenate([np.flatnonzero(jumps), np.arange(len(values))])
+        rows = np.concatenate([before[jumps], after])
+        order = np.argsort(places, kind="stable")  # what comes before a jump first
+        return values[places][order], rows[order]
+
+    def table(self, low: float, high: float) -> NDArray[np.float32]:
+        """Red, green, blue and alpha of evenly spaced values, for graphics hardware that reads them linearly.
+
+        Parameters
+        ----------
+        low, high : values of the first and the last entry; beyond them hold these.
+
+        Returns
+        -------
+        (255 k + 1, 4) with k = 1, 2, 4 or 8, so that each of 256 levels from ``low`` to ``high`` has an entry of its
+        own. There are 16 entries or more in the narrowest segment in which the function changes, or k is 8: then a jump
+        is spread over 1/2040 of the range. Elsewhere the error is at most a quarter of an entry's distance times the
+        change of slope at a node.
+
+        Examples
+        --------
+        >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (100, 0.5)))
+        >>> ramp.table(0, 100).shape
+        (256, 4)
+        >>> ramp.table(0, 4000).shape
+        (1021, 4)
+        """
+        values, rgba = self.knots()
+        changes = (np.diff(rgba, axis=0) != 0).any(axis=1) & (values[1:] >= low) & (values[:-1] <= high)
+        narrowest = np.diff(values)[changes].min(initial=np.inf)
+        k = next((k for k in (1, 2, 4, _FINEST) if narrowest >= 16 * (high - low) / (255 * k)), _FINEST)
+        return self(np.linspace(low, high, 255 * k + 1)).astype(np.float32)
+
+    def scaled(self, factor: float) -> TransferFunction:
+        """The same with all alphas times ``factor``."""
+        return replace(self, opacities=tuple((v, a * factor) for v, a in self.opacities))
+
+    def with_opacities(self, nodes: Iterable[Sequence[float]]) -> TransferFunction:
+        """The same colours with other nodes (value, alpha).
+
+        >>> flat = TransferFunction(((0, 1, 1, 1),), ((0, 0), (9, 1)), unit=2.0)
+        >>> flat.with_opacities([(3, 0.5)]).opacities
+        ((3.0, 0.5),)
+        """
+        rows = tuple(tuple(row) for row in nodes)
+        return replace(self, opacities=rows)  # type: ignore[arg-type]  # the rows are checked where they arrive
+
+    def with_colors(self, stops: Iterable[tuple[float, str | Sequence[float]]]) -> TransferFunction:
+        """The same opacities with other colours.
+
+        Parameters
+        ----------
+        stops : pairs of a value and its colour: "#rrggbb", or red, green and blue from 0 to 1.
+
+        >>> ramp = TransferFunction(((0, 1, 1, 1),), ((0, 0), (9, 1)))
+        >>> ramp.with_colors([(0, "#ff0000"), (9, (0, 0, 1))]).colors
+        ((0.0, 1.0, 0.0, 0.0), (9.0, 0.0, 0.0, 1.0))
+        """
+        try:
+            rows = tuple((value, *_rgb(color)) for value, color in stops)
+        except DeformError:
+            raise
+        except (TypeError, ValueError):
+            raise DeformError("colours need pairs of a value and a colour, such as (120, '#ffcc99').") from None
+        return replace(self, colors=rows)  # type: ignore[arg-type]  # the rows are checked where they arrive
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The values of the first and of the last node, of colours and opacities together."""
+        values = [node[0] for node in (*self.colors, *self.opacities)]
+        return min(values), max(values)
+
+    def windowed(self, low: float, high: float) -> TransferFunction:
+        """The same, stretched so that its :attr:`window` is from ``low`` to ``high``.
+
+        >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (50, 0.1), (100, 0.5)))
+        >>> ramp.windowed(-200, 200).opacities
+        ((-200.0, 0.0), (0.0, 0.1), (200.0, 0.5))
+        """
+        first, last = self.window
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise DeformError(f"a window needs two values that rise, got {low:g} to {high:g}.")
+        if not first < last:
+            raise DeformError(f"a transfer function with all nodes at {first:g} has no width; add a node first.")
+
+        def at(value: float) -> float:  # never falling, and met exactly at either end
+            return high if value == last else min(high, low + (value - first) / (last - first) * (high - low))
+
+        return replace(self, colors=tuple((at(v), r, g, b) for v, r, g, b in self.colors),
+                       opacities=tuple((at(v), alpha) for v, alpha in self.opacities))
+
+
+def _before(nodes: NDArray[np.float64], heights: NDArray[np.float64],
+            values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear interpolation; at a jump what comes before it, where ``np.interp`` gives what comes after."""
+    return np.interp(-values, -nodes[::-1], heights[::-1])
+
+
+_HEX_COLOR = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+def _rgb(color: str | Sequence[float]) -> Sequence[float]:
+    if not isinstance(color, str):
+        return color
+    if not _HEX_COLOR.fullmatch(color):
+        raise DeformError(f"a colour is written as #rrggbb, got {color!r:.40}.")
+    return [int(color[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """How often the values of a volume occur, counted in slices spread through it.
+
+    Parameters
+    ----------
+    counts : voxels in each of the equally wide bins from ``low`` to ``high``.
+    low, high : outer edges of the first and last bin; values beyond are not counted.
+    slices : how many slices were looked at.
+    total : how many there are.
+    """
+
+    counts: NDArray[np.int64]
+    low: float
+    high: float
+    slices: int
+    total: int
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether some slices were left out."""
+        return self.slices < self.total
+
+
+def histogram(volume: Volume, low: float, high: float, bins: int = _BINS, slices: int = _HISTOGRAM_SLICES) -> Histogram:
+    """Count the values of a volume from ``low`` to ``high``.
+
+    Parameters
+    ----------
+    volume : whose values are counted; what is not finite counts as background.
+    low, high : outer edges of the first and last bin.
+    bins : equally wide, each without its upper edge but for the last.
+    slices : if the volume has twice as many or more, that many up to twice as many are looked at, equally spaced.
+
+    Examples
+    --------
+    >>> three = Volume.from_array(np.array([[[0, 1, 1, 7]]]))
+    >>> histogram(three, -0.5, 2.5, 3).counts.tolist()
+    [1, 2, 0]
+    """
+    if not high > low:
+        raise DeformError(f"a histogram needs a range of values that rises, got {low:g} to {high:g}.")
+    step = max(1, volume.shape[0] // slices)
+    counts = np.zeros(bins, np.int64)
+    smallest, largest = volume.value_range
+    for values in volume.finite_values[::step]:  # np.histogram refuses bool, and a range of a few steps of a float32
+        inside = values if low <= smallest and largest <= high else values[(values >= low) & (values <= high)]
+        at = (inside.astype(np.float64) - low) / (high - low) * bins
+        counts += np.bincount(np.minimum(at, bins - 1).astype(np.intp).ravel(), minlength=bins)
+    return Histogram(counts, low, high, len(range(0, volume.shape[0], step)), volume.shape[0])
+
+
+def levels(volume: Volume) -> tuple[float, float, float, float]:
+    """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
+
+    The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
+    Outliers that stretch the range are left out, see :func:`typical_range`.
+    """
+    return _measured(volume).levels
+
+
+def typical_range(volume: Volume) -> tuple[float, float]:
+    """The smallest and the largest value, but of outliers that stretch this range sixteenfold or more.
+
+    Those are at most 1 in 10 000 voxels, or one: hot voxels, a marker. Labels, bytes and volumes of fewer than 512
+    voxels have none.
+
+    Examples
+    --------
+    >>> values = np.arange(1000.0).reshape(10, 10, 10)
+    >>> values[5, 5, 5] = 1e6
+    >>> typical_range(Volume.from_array(values))
+    (0.0, 999.0)
+    """
+    return _measured(volume).range if _may_have_outliers(volume) else volume.value_range
+
+
+def _may_have_outliers(volume: Volume) -> bool:
+    return not volume.is_labels and volume.dtype.itemsize > 1 and volume.grid.size >= _FEW_VOXELS
+
+
+@dataclass(frozen=True)
+class _Measured:
+    range: tuple[float, float]
+    levels: tuple[float, float, float, float]
+
+
+_MEASURED: WeakKeyDictionary[Volume, _Measured] = WeakKeyDictionary()
+
+
+def _measured(volume: Volume) -> _Measured:
+    if volume not in _MEASURED:
+        low, high = volume.value_range
+        if high <= low:
+            _MEASURED[volume] = _Measured((low, low), (low, low, low, low))
+        else:
+            found = _typical(volume, histogram(volume, low, high))
+            _MEASURED[volume] = _Measured((found.low, found.high), _levels(found))
+    return _MEASURED[volume]
+
+
+def _typical(volume: Volume, whole: Histogram) -> Histogram:
+    """The histogram over :func:`typical_range`, from the one over all values."""
+    if not _may_have_outliers(volume):
+        return whole
+    size = volume.grid.size
+    most, found = max(1, int(_OUTLIERS * size)), whole
+    while (ends := _crowded(found, most)) is not None:
+        inside = [part[(part >= ends[0]) & (part <= ends[1])] for part in volume.finite_values]
+        low, high = (float(f([f(part) for part in inside if part.size])) for f in (min, max))
+        if not low < high or size - sum(part.size for part in inside) > most:  # a spot on an even ground is no outlier
+            return whole
+        if (low, high) == (found.low, found.high):
+            break
+        found = histogram(volume, low, high)
+    return found
+
+
+def _crowded(counts: Histogram, most: int) -> tuple[float, float] | None:
+    """Edges of the few bins that hold all that is counted but ``most`` voxels; None if they are not few."""
+    below = np.concatenate([[0], np.cumsum(counts.counts)])
+    ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which that many lie
+    first = int(np.where(ends < len(below), ends - np.arange(len(below)), len(below)).argmin())
+    if ends[first] - first > len(counts.counts) // _STRETCH:
+        return None
+    width = (counts.high - counts.low) / len(counts.counts)
+    return counts.low + first * width, counts.low + float(ends[first]) * width
+
+
+def _levels(found: Histogram) -> tuple[float, float, float, float]:
+    low, high, counts = found.low, found.high, found.counts
+    middle = low + (np.arange(_BINS) + 0.5) * ((high - low) / _BINS)
+    first = _otsu(counts)
+    second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first
+    top = int(np.flatnonzero(np.cumsum(counts[::-1]) > 1e-4 * counts[first + 1 :].sum())[0])
+    return low, float(middle[first]), float(middle[second]), float(middle[_BINS - 1 - top])
+
+
+def _otsu(counts: NDArray[np.int64]) -> int:
+    """The last bin of the lower class that makes the variance between two classes largest."""
+    n = np.cumsum(counts).astype(np.float64)
+    s = np.cumsum(counts * np.arange(len(counts)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = (s[-1] * n / n[-1] - s) ** 2 / (n * (n[-1] - n))
+    return int(np.nanargmax(np.where(np.isfinite(between), between, -1.0)))
+
+
+def _rising(values: list[float]) -> list[float]:
+    return [float(v) for v in np.maximum.accumulate(values)]
+
+
+def _layer(volume: Volume) -> float:
+    """One hundredth of the shortest edge of the volume: the thickness that preset opacities are meant for."""
+    return min(volume.grid.lengths) / 100
+
+
+def _is_hounsfield(low: float, high: float) -> bool:
+    """Whether values say by themselves what is bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
+    return low <= _AIR_HU and high >= _BONE_HU
+
+
+def specimen(volume: Volume) -> TransferFunction:
+    """A fish or a lobster in a glass jar: translucent flesh, bright bones."""
+    low, air, dense, high = levels(volume)
+    body = air + 0.35 * (dense - air)
+    v = _rising([low, air, body, dense, dense + 0.35 * (high - dense), high])
+    rgb = [(0.55, 0.28, 0.18), (0.62, 0.33, 0.2), (0.86, 0.55, 0.38), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86),
+           (1.0, 1.0, 0.97)]
+    alpha = [0.0, 0.004, 0.016, 0.045, 0.45, 0.9]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)), tuple(zip(v, alpha, strict=True)),
+                            _layer(volume))
+
+
+def bone(volume: Volume) -> TransferFunction:
+    """Only what is dense: bones in CT."""
+    low, _, dense, high = levels(volume)
+    if _is_hounsfield(low, high):
+        v = _rising([low, 150.0, 400.0, max(high, 1000.0)])
+    else:
+        v = _rising([low, dense, dense + 0.25 * (high - dense), high])
+    rgb = [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
+                            tuple(zip(v, (0.0, 0.0, 0.6, 0.95), strict=True)), _layer(volume))
+
+
+def muscle(volume: Volume) -> TransferFunction:
+    """Flesh over bones: red soft tissue that lets the skeleton through, fat hardly seen."""
+    low, air, dense, high = levels(volume)
+    if _is_hounsfield(low, high):
+        v = _rising([low, -200.0, 0.0, 60.0, 180.0, 400.0, max(high, 1000.0)])
+    else:
+        edge = dense - air
+        v = _rising([low, air, air + 0.3 * edge, air + 0.7 * edge, dense, dense + 0.35 * (high - dense), high])
+    rgb = [(0.6, 0.45, 0.25), (0.7, 0.5, 0.3), (0.72, 0.22, 0.15), (0.8, 0.25, 0.17), (0.93, 0.6, 0.42),
+           (1.0, 0.95, 0.84), (1.0, 1.0, 0.97)]
+    alpha = [0.0, 0.0, 0.012, 0.035, 0.1, 0.6, 0.95]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)), tuple(zip(v, alpha, strict=True)),
+                            _layer(volume))
+
+
+def surface(volume: Volume) -> TransferFunction:
+    """The skin: everything that is not air, opaque."""
+    low, air, dense, high = levels(volume)
+    v = _rising([low, air, air + 0.3 * (dense - air), dense, high])
+    rgb = [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)]
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
+                            tuple(zip(v, (0.0, 0.0, 0.8, 0.95, 0.98), strict=True)), _layer(volume))
+
+
+def xray(volume: Volume) -> TransferFunction:
+    """Like an X-ray film: everything adds a little, the dense adds more."""
+    low, air, dense, high = levels(volume)
+    v = _rising([low, air, dense, high])
+    grey = (0.9, 0.94, 1.0)
+    return TransferFunction(tuple((a, *grey) for a in v), tuple(zip(v, (0.0, 0.002, 0.02, 0.06), strict=True)),
+                            _layer(volume))
+
+
+PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
+    "specimen": specimen, "bone": bone, "muscle": muscle, "surface": surface, "xray": xray,
+}
+"""Transfer functions that fit themselves to a volume, by name; the first is the default."""
+
+
+def preset(name: str, volume: Volume) -> TransferFunction:
+    """The preset of a name for a volume; DeformError listing the names if there is none."""
+    try:
+        return PRESETS[name](volume)
+    except KeyError:
+        raise DeformError(f"unknown transfer function {name!r}; choose one of {', '.join(PRESETS)}.") from None

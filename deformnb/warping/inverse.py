@@ -1,0 +1,185 @@
+"""The whole map backwards: where everything goes, at all nodes of a lattice, with a certificate at each of them.
+
+A backward field D tells each place y of the result where its value comes from, ``x = y + D(y)``. Its inverse F tells
+each place x of the input where its matter goes, ``y = x + F(x)``. Every node is solved on its own by Newton's method
+(:mod:`deformnb.warping.points`) to a residual ``|y + D(y) - x|`` that is measured at the very value handed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf.extrusion import unchanging_axes
+from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.volume.plane import Raster
+from deformnb.volume.volume import Grid
+from deformnb.warping.points import POINTS_AT_A_TIME, checked_points, default_tolerance, moved, warp_points
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+# A thousandth of the smallest step of the lattice: far less than what linear interpolation between nodes errs by.
+_NODE_TOLERANCE = 1e-3
+
+# Values are kept in float32 unless the tolerance is a smaller share of the step than its digits can hold.
+_SINGLE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Inverse:
+    """The inverse of a backward field on a lattice.
+
+    Parameters
+    ----------
+    field : forward displacements F (*shape, dim) at the nodes x, ``y = x + F(x)``, read linearly in between. Warping by
+        it undoes what warping by the field does.
+    error : (*shape) float32, the residual ``|y + D(y) - x|`` at each node, a length.
+    reached : (*shape) bool; False where the residual is beyond the tolerance: no place of the result shows this matter,
+        or none was found. F is there the best place known, and no promise.
+    tolerance : the largest residual of a node that counts as reached.
+    """
+
+    field: DisplacementField
+    error: NDArray[np.float32]
+    reached: NDArray[np.bool_]
+    tolerance: float
+
+    @property
+    def share(self) -> float:
+        """The part of the nodes that was reached, from 0 to 1."""
+        return float(np.mean(self.reached))
+
+
+@dataclass(frozen=True)
+class RoundTrip:
+    """How far points miss their own place after a way forward and back.
+
+    Parameters
+    ----------
+    worst, mean : lengths, of the points that have a place in the result; 0 without any.
+    reached : the part of the points that have, from 0 to 1.
+    """
+
+    worst: float
+    mean: float
+    reached: float
+
+
+def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | None = None,
+           progress: Progress | None = None) -> Inverse:
+    """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
+
+    A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
+    places is found. Beside a cut matter moves with the region it lies in; what is hidden behind other matter, or by the
+    paper's rule, is not reached.
+
+    Parameters
+    ----------
+    field : backward displacements of any kind, of the lattice's dimension.
+    lattice : a Grid in space, or a Raster for a field over a plane.
+    tolerance : largest residual, a length; default is a thousandth of the lattice's smallest step.
+    progress : called with the finished share from 0 to 1 after every block; may raise
+        :class:`~deformnb.errors.Cancelled`, which is passed on.
+
+    Returns
+    -------
+    Inverse, with the residual of every node and a mask of those that were reached.
+
+    Raises
+    ------
+    DeformError
+        If the field has not the lattice's dimension or the tolerance is not positive.
+
+    Notes
+    -----
+    Between nodes F is interpolated, which adds ``h^2 / 8`` times its second derivative; the certificate is for nodes.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> grown = fit_rbf(ControlPoints.from_arrays([[0, 0], [1, 0], [0, 1]], [[0, 0], [2, 0], [0, 2]]))  # twice as large
+    >>> inverse = invert(grown, Raster((3, 3), (1.0, 1.0), (0.0, 0.0)))
+    >>> inverse.field.displacement([[1.0, 0.0], [2.0, 1.5]]).round(5).tolist(), inverse.share
+    ([[1.0, 0.0], [2.0, 1.5]], 1.0)
+    """
+    step = float(min(lattice.spacing))
+    tolerance = _NODE_TOLERANCE * step if tolerance is None else float(tolerance)
+    if field.dim != len(lattice.shape):
+        raise DeformError(f"a field of dimension {field.dim} has no inverse on a lattice of {len(lattice.shape)} axes.")
+    if not tolerance > 0:  # NaN as well
+        raise DeformError(f"the tolerance of an inverse must be a positive length, got {tolerance}.")
+    dtype = np.float32 if tolerance >= _SINGLE * step else np.float64
+    # Turned by less than this, a slice far away is off by a millionth of its distance times that.
+    same = unchanging_axes(field, lattice, 1e-10) if isinstance(lattice, Grid) else ()
+    if isinstance(lattice, Raster) or not same:
+        return _inverted(field, lattice, tolerance, dtype, progress)
+    axis = min(same)
+    shape = tuple(1 if k == axis else n for k, n in enumerate(lattice.shape))
+    one = _inverted(field, Grid(shape, lattice.spacing, lattice.origin, lattice.direction),  # type: ignore[arg-type]
+                    tolerance, dtype, progress)
+    count = lattice.shape[axis]
+    values = DisplacementField(np.repeat(one.field.values, count, axis=axis), lattice)
+    return Inverse(values, np.repeat(one.error, count, axis=axis), np.repeat(one.reached, count, axis=axis), tolerance)
+
+
+def round_trip(field: AbstractField, points: ArrayLike) -> RoundTrip:
+    """Points forward by the inverse of the map and back by the map itself: what is promised of them, measured.
+
+    Parameters
+    ----------
+    points : (..., dim), physical, in the input.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> round_trip(Identity(2), [[3.0, 4.0]])
+    RoundTrip(worst=0.0, mean=0.0, reached=1.0)
+    """
+    x = checked_points(points, field).reshape(-1, field.dim)
+    if not len(x):
+        return RoundTrip(0.0, 0.0, 1.0)
+    tolerance = default_tolerance(x, field)
+    y, found = warp_points(x, field, tolerance=tolerance)
+    error = np.linalg.norm(y + field.displacement(y) - x, axis=1)
+    found &= error <= 2 * tolerance  # matter that lies behind other matter at a cut is not seen at y
+    if not found.any():
+        return RoundTrip(0.0, 0.0, 0.0)
+    return RoundTrip(float(error[found].max()), float(error[found].mean()), float(found.mean()))
+
+
+def _inverted(field: AbstractField, lattice: Grid | Raster, tolerance: float, dtype: Any,
+              progress: Progress | None) -> Inverse:
+    """Node by node, in blocks."""
+    count, dim = int(np.prod(lattice.shape)), field.dim
+    values = np.empty((count, dim), dtype)
+    error, reached = np.empty(count, np.float32), np.empty(count, bool)
+    for part, x in _nodes(lattice):
+        y, found = moved(x, field, tolerance / 2)  # half is left for the rounding of what is kept
+        values[part] = y - x
+        y = x + values[part]  # as it is handed over, rounded
+        left = np.linalg.norm(y + field.displacement(y) - x, axis=1)
+        error[part], reached[part] = left, found & (left <= tolerance)
+        if progress is not None:
+            progress(min(1.0, part.stop / count))
+    shape = lattice.shape
+    return Inverse(DisplacementField(values.reshape(*shape, dim), lattice), error.reshape(shape),
+                   reached.reshape(shape), tolerance)
+
+
+def _nodes(lattice: Grid | Raster) -> Iterator[tuple[slice, Array]]:
+    """The nodes (n, dim) of a lattice, block by block in the order of its array."""
+    count = int(np.prod(lattice.shape))
+    for first in range(0, count, POINTS_AT_A_TIME):
+        part = slice(first, min(count, first + POINTS_AT_A_TIME))
+        index = np.stack(np.unravel_index(np.arange(part.start, part.stop), lattice.shape)[::-1], axis=-1)
+        if isinstance(lattice, Raster):
+            yield part, np.asarray(lattice.origin) + index * np.asarray(lattice.spacing)
+        else:
+            yield part, lattice.index_to_point(index)

@@ -1,0 +1,396 @@
+"""Deciding how a volume is warped: what the options allow, where each output voxel lies in the input, which of three
+kernels may be used, and in which parts the work is done.
+
+All of this is small (tables along axes, maps of one picture) and is computed on the host in float64.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Decoupled
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.sampling import METHODS, on_device
+from deformnb.volume.volume import Grid
+
+Progress = Callable[[float], None]
+"""Told the finished share of the work, from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`."""
+
+_Part = TypeVar("_Part")
+
+# Fractions of a voxel that float32 cannot tell from a whole number; geometry computed in two ways differs by 1e-13.
+_WHOLE = 1e-7
+
+# Direction cosines from files are rounded to float32 (1e-7). Axes this close count as parallel: over 1000 voxels the
+# map is looked up at most 1e-3 voxels beside.
+_PARALLEL = 1e-6
+
+# What that amounts to over a whole volume, in voxels.
+_SKEW = 1e-3
+
+# Far outside any volume, and small enough to add up without leaving int32.
+_FAR = 2**29
+
+BLOCK_VOXELS = 2**20
+"""Output voxels computed at once: 16 parts of a volume of 256^3. Their displacements take 12 MiB, which stays in the
+cache; memory above 32 MiB would be given back to the system after every part, which costs as much as the warp."""
+
+CHUNK_BYTES = 2**24
+"""Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
+the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
+
+
+def checked_method(method: str | None, *, discrete: bool) -> str:
+    """The method, or its default; refused where it would make up labels."""
+    if method is None:
+        return "nearest" if discrete else "linear"
+    if not isinstance(method, str) or method not in METHODS:
+        raise DeformError(f"unknown method {shown_value(method)}; choose one of {', '.join(METHODS)}.")
+    if discrete and METHODS[method].blends:
+        raise DeformError(f"method {method!r} would invent values between labels; leave it at 'nearest'.")
+    return method
+
+
+def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
+    """The fill value in the voxel type, refused where the type does not hold it; bool as uint8."""
+    try:
+        with np.errstate(all="ignore"):
+            voxel = np.asarray(value)
+            voxel = voxel.astype(dtype, casting="same_kind" if voxel.dtype.kind == "c" else "unsafe")
+            same = voxel.shape == () and (voxel.item() == value or (dtype.kind == "f" and not np.isinf(voxel)))
+    except (TypeError, ValueError, OverflowError):
+        same = False
+    if not same:
+        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {shown_value(value)}.")
+    return voxel.view(np.uint8)[()] if dtype == np.bool_ else voxel[()]
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where output voxels lie in the input, in voxels, before any displacement.
+
+    The place of output voxel (k, j, i) along input axis a (both in the order z, y, x) is
+    ``sum over o of whole[o][a, index o] + part[o][a, index o]``.
+
+    whole, part : one table (axes, n) per output axis; integers, and fractions in [0, 1).
+    matrix : from a displacement to input voxels.
+    """
+
+    whole: tuple[NDArray[np.int32], ...]
+    part: tuple[NDArray[np.floating[Any]], ...]
+    matrix: NDArray[np.floating[Any]]
+
+    def block(self, slices: Sequence[slice]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """``whole`` and ``part`` of a block; axes without a slice are whole, slices may end beyond the last voxel."""
+        every = (*slices, *[slice(None)] * (len(self.whole) - len(slices)))
+        whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
+        return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
+
+    def along(self, axes: list[int], matrix: NDArray[Any]) -> Places:
+        """The same for some array axes only, with the rows of another matrix."""
+        return Places(tuple(self.whole[o][axes] for o in axes), tuple(self.part[o][axes] for o in axes), matrix[axes])
+
+
+def _cut(table: NDArray[Any], part: slice) -> NDArray[Any]:
+    """A part of a table along its last axis; beyond the end it repeats the last entry."""
+    if part.stop is None or part.stop <= table.shape[1]:
+        return table[:, part]
+    return np.take(table, np.arange(part.start, part.stop), axis=1, mode="clip")
+
+
+def _tables(steps: NDArray[np.float64], start: NDArray[np.float64], shape: tuple[int, ...],
+            compute: str) -> tuple[tuple[NDArray[np.int32], ...], tuple[NDArray[Any], ...]]:
+    """Split ``start + sum_o steps[:, o] * index_o`` into integers and fractions, axis by axis of the output."""
+    whole, part = [], []
+    for o, n in enumerate(shape):
+        place = steps[:, o, None] * np.arange(n, dtype=np.float64)
+        place[o] += start[o]  # to its own axis: where a kernel leaves an axis out, nothing that others need is lost
+        place = np.where(np.abs(place - np.round(place)) < _WHOLE, np.round(place), place)
+        floor = np.floor(place)
+        whole.append(np.clip(floor, -_FAR, _FAR).astype(np.int32))
+        part.append((place - floor).astype(compute))
+    return tuple(whole), tuple(part)
+
+
+def places(source: Grid, output: Grid, compute: str) -> Places:
+    """Places of the voxels of ``output`` in ``source``; ``compute`` is the type of the fractions."""
+    inverse = np.linalg.inv(source.matrix)[::-1]
+    steps = (inverse @ output.matrix)[:, ::-1]
+    start = source.point_to_index(np.asarray(output.origin))[::-1]
+    whole, part = _tables(steps, start, output.shape, compute)
+    return Places(whole, part, inverse.astype(compute))
+
+
+def picture_places(source: Raster, output: Raster, compute: str) -> Places:
+    """Places (row, column) of the pixels of ``output`` in ``source``."""
+    sizes = np.array(source.spacing[::-1])
+    steps = np.diag(np.array(output.spacing[::-1]) / sizes)
+    start = (np.array(output.origin[::-1]) - np.array(source.origin[::-1])) / sizes
+    whole, part = _tables(steps, start, output.shape, compute)
+    return Places(whole, part, np.array([[0, 1 / sizes[0]], [1 / sizes[1], 0]], dtype=compute))
+
+
+@dataclass(frozen=True)
+class Extruded:
+    """An extruded field on an output grid that shares the axis of extrusion with the input, voxel by voxel.
+
+    normal : the array axis (0, 1, 2 for z, y, x) along the plane's normal.
+    maps : K maps (2, rows, columns), float32; rows and columns are the two other array axes in order.
+    weights : (K, n) along ``normal``; None if one map holds everywhere.
+    matrix : 3 x 2, from displacement along (u, v) to input voxels (z, y, x).
+    opacity : (rows, columns) of what cuts leave; None if there are none.
+    """
+
+    normal: int
+    maps: NDArray[np.float32]
+    weights: NDArray[np.float32] | None
+    matrix: NDArray[np.floating[Any]]
+    opacity: NDArray[np.float32] | None = None
+
+
+def shared_axis(plane: Plane, source: Grid, output: Grid) -> int | None:
+    """The array axis along the plane's normal, if input and output have the same voxels along it; else None."""
+    directions = np.asarray(output.direction)
+    cosines = np.abs(directions.T @ plane.frame.T)  # [axis x y z, u v n]
+    if np.abs(np.sort(cosines, axis=0)[:2]).max() > _PARALLEL:
+        return None
+    axis = int(np.argmax(cosines[:, 2]))
+    steps = np.linalg.inv(source.matrix) @ output.matrix
+    start = source.point_to_index(np.asarray(output.origin))[axis]
+    n_source, n_output = source.shape[2 - axis], output.shape[2 - axis]
+    unit = np.eye(3)[axis]
+    skew = max(np.abs(steps[axis] - unit).max() * max(output.shape), np.abs(steps[:, axis] - unit).max() * n_output)
+    same = skew < _SKEW and abs(start - round(start)) < _WHOLE
+    return 2 - axis if same and 0 <= round(start) <= n_source - n_output else None
+
+
+def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> Extruded | None:
+    """Plan the short cut for ``field``, or None where only the general kernel is right."""
+    if isinstance(field, Decoupled):
+        return _cut_and_replicated(field, source, output, compute)
+    if not isinstance(field, Extrusion):
+        return None
+    normal = shared_axis(field.plane, source, output)
+    if normal is None:
+        return None
+    maps = np.stack([_on_voxels(m, field.plane, output, normal)[0] for m in field.maps])
+    n = np.arange(output.shape[normal])
+    index = np.zeros((len(n), 3))
+    index[:, 2 - normal] = n
+    weights = np.asarray(field.weights_at(field.plane.to_plane(output.index_to_point(index))[:, 2]), dtype=np.float64)
+    checked(weights)
+    kept: NDArray[np.float32] | None = None
+    if field.is_replication:
+        if len(maps) > 1 or weights[0, 0] != 1:
+            maps = np.einsum("k,k...->...", weights[:, 0], maps, dtype=np.float64)[None].astype(np.float32)
+    else:
+        kept = weights.astype(np.float32)
+    return Extruded(normal, maps, kept, to_voxels(field.plane, source, compute))
+
+
+def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
+    """Cuts on every slice alike: the choice among the regions is made once, on the picture's plane."""
+    plane = field.plane
+    if plane is None or not all(isinstance(f, Extrusion) and f.plane == plane and f.is_plain for f in field.fields):
+        return None
+    normal = shared_axis(plane, source, output)
+    if normal is None:
+        return None
+    flat = replace(field, fields=tuple(f.maps[0] for f in field.fields), plane=None)  # type: ignore[attr-defined]
+    map_, opacity = _on_voxels(flat, plane, output, normal)
+    return Extruded(normal, map_[None], None, to_voxels(plane, source, compute), opacity)
+
+
+def to_voxels(plane: Plane, source: Grid, compute: str) -> NDArray[np.floating[Any]]:
+    """3 x 2, from displacement along (u, v) to input voxels (z, y, x)."""
+    return (np.linalg.inv(source.matrix) @ plane_vectors(plane))[::-1].astype(compute)
+
+
+def plane_vectors(plane: Plane) -> NDArray[np.float64]:
+    """The vectors u and v as columns, 3 x 2."""
+    return plane.frame[:2].T
+
+
+def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
+               normal: int) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """A 2-D field at the voxel centres of one plane of the grid: (2, rows, columns) in the order of array axes.
+
+    The opacity (rows, columns) comes along; None if there are no cuts.
+    """
+    axes = [axis for axis in range(3) if axis != normal]
+    cosines = np.asarray(output.direction).T @ plane.frame.T
+    along_u = max(axes, key=lambda axis: abs(cosines[2 - axis, 0]))
+    along_v = axes[0] if along_u == axes[1] else axes[1]
+    start = plane.to_plane(output.origin)
+    first, flip = [], []
+    for axis, k in ((along_u, 0), (along_v, 1)):
+        reverse = cosines[2 - axis, k] < 0
+        flip.append(-1 if reverse else 1)
+        first.append(start[k] - (output.shape[axis] - 1) * output.spacing[2 - axis] * reverse)
+    raster = Raster((output.shape[along_v], output.shape[along_u]),
+                    (output.spacing[2 - along_u], output.spacing[2 - along_v]), (first[0], first[1]))
+    values, opacity = seen_on_raster(field, raster)
+    turned = [a if a is None else a[..., ::flip[1], ::flip[0]] for a in (values, opacity)]
+    if along_v > along_u:
+        turned = [a if a is None else a.swapaxes(-1, -2) for a in turned]
+    return turned[0], turned[1]  # type: ignore[return-value]
+
+
+def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
+    """Where the field is wanted for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
+    (z, y), extra = block, int(step > 1)
+    shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
+    sx, sy, sz = grid.spacing
+    origin = grid.index_to_point([0, y.start, z.start])
+    return Grid(shape, (sx, sy * step, sz * step), (origin[0], origin[1], origin[2]), grid.direction)
+
+
+def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
+    """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side.
+
+    A field that is evaluated is asked at every ``step``-th node along x only, and interpolated linearly in between.
+    """
+    if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
+        d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
+        if d is not None:
+            return checked(d)
+    if step > 1 and grid.shape[2] > step:
+        return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
+    return tuple(on_device(d) for d in checked(field.on_grid(grid)))
+
+
+def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
+    (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
+    count = ceil((nx - 1) / step) + 1
+    nodes = field.on_grid(Grid((nz, ny, count), (step * sx, sy, sz), grid.origin, grid.direction))
+    t = np.arange(step, dtype=np.float32) / np.float32(step)
+    between = nodes[..., :-1, None] * (1 - t) + nodes[..., 1:, None] * t
+    return np.concatenate([between.reshape(3, nz, ny, -1), nodes[..., -1:]], axis=-1)[..., :nx]
+
+
+def seen(field: AbstractField, grid: Grid, step: int = 1) -> tuple[Any, NDArray[np.float32] | None]:
+    """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
+    if not field.has_cuts:
+        return displacements(field, grid, step), None
+    d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
+    d = checked(d).reshape(3, *grid.shape)
+    return tuple(on_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
+
+
+def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """A field on a raster, (2, nv, nu), and its opacity (nv, nu); None if it has no cuts."""
+    if isinstance(field, DisplacementField) and isinstance(field.lattice, Raster):
+        d = _resampled(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
+        if d is not None:
+            return checked(np.moveaxis(d, -1, 0)), None
+    values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
+    return checked(values), opacity
+
+
+def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
+    """Stored samples read linearly, one axis after the other; None if the axes are not parallel.
+
+    Where the places are samples themselves this is a view, so a field stored on the output's grid costs nothing.
+    """
+    axes = range(samples.ndim - 1)
+    if any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis):
+        return None
+    samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers lie between none
+    for axis in axes:
+        n = samples.shape[axis]
+        place = np.clip(at.whole[axis][axis] + at.part[axis][axis], 0, n - 1)
+        low = place.astype(np.int64)
+        t = (place - low).astype(samples.dtype)
+        if not t.any() and (np.diff(low) == 1).all():
+            samples = samples[(slice(None),) * axis + (slice(low[0], low[-1] + 1),)]
+            continue
+        t = t.reshape([-1 if k == axis else 1 for k in range(samples.ndim)])
+        samples = (1 - t) * samples.take(low, axis) + t * samples.take(np.minimum(low + 1, n - 1), axis)
+    return samples
+
+
+def checked(values: Any) -> NDArray[np.float32]:
+    """Displacements, refused if any is not finite. One dot product finds that six times faster than ``np.isfinite``."""
+    array = np.ascontiguousarray(values, dtype=np.float32)
+    if not np.isfinite(np.vdot(array, array)):
+        raise DeformError(
+            "the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
+            "on top of each other."
+        )
+    return array
+
+
+def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
+    """Parts of the output along z and y, all of one size so that one compilation serves all.
+
+    The last part along an axis overlaps the one before, or ends up to ``step`` - 1 beyond the array, so that every part
+    starts on a node of the lattice.
+    """
+    nz, ny, nx = shape
+    rows = _length(ny, BLOCK_VOXELS // nx, step)
+    planes = _length(nz, BLOCK_VOXELS // (nx * rows), step)
+    starts = ((z, y) for z in _starts(nz, planes, step) for y in _starts(ny, rows, step))
+    return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
+
+
+def chunks(count: int, size: int) -> list[slice]:
+    """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
+    return parts(count, CHUNK_BYTES // max(1, size))
+
+
+def parts(count: int, most: int) -> list[slice]:
+    """Parts of ``count`` slices, at most ``most`` (or one) at a time, all of one length; the last one overlaps."""
+    length = _length(count, most, 1)
+    return [slice(start, start + length) for start in _starts(count, length, 1)]
+
+
+def _length(n: int, most: int, step: int) -> int:
+    """About the largest length up to ``most`` that divides n evenly, in whole steps."""
+    return ceil(ceil(n / ceil(n / max(1, most))) / step) * step
+
+
+def _starts(n: int, length: int, step: int) -> list[int]:
+    last = max(0, ceil((n - length) / step) * step)
+    return sorted({min(start, last) for start in range(0, n, length)})
+
+
+def share(parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
+    """Do all parts, on as many threads as this process may use: XLA runs the loops of one call on one thread only."""
+    threads = min(len(parts), processors())
+    done = 0.0
+    if threads == 1:
+        for part in parts:
+            work(part)
+            done += 1
+            if progress:
+                progress(done / len(parts))
+        return
+    with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-warp") as pool:
+        try:
+            for future in as_completed([pool.submit(work, part) for part in parts]):
+                future.result()
+                done += 1
+                if progress:
+                    progress(done / len(parts))
+        except BaseException:  # the reason may be Cancelled: what has not begun must not run on
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def processors() -> int:
+    """Processors this process may use, which is fewer than the machine's in a container or under taskset."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,401 @@
+"""Points move forwards: where the matter of a place goes, found by inverting the backward map.
+
+Damped Newton on the map's own derivative: ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error
+falls. Near a solution the error is squared at every turn. Where the start matters, several are tried.
+
+Landmarks: named places that follow a deformation, and the pairs of them that make one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from deformnb._jax import adjugate, determinant, one_plus
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Decoupled
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+
+Array = NDArray[np.float64]
+
+POINTS_AT_A_TIME = 2**14
+"""Points of one block: few enough that only some shapes are ever compiled, and enough to be quick."""
+
+# Newton's method ends at this share of the extent of the points: three digits better than a thousandth of a voxel in a
+# volume of 1000 voxels, and far above the rounding of a stored float32 field (1e-7 of its displacement).
+_POINT_TOLERANCE = 1e-6
+
+# Coordinates themselves are rounded to 1e-16 of their size, and a sum of many terms to some more.
+_ROUNDING = 1e-14
+
+# A Newton step halved this far without gain leads nowhere.
+_SHORTEST_STEP = 1e-4
+
+# Below this share of the product of a matrix's rows its determinant counts as none, and the step is damped instead.
+_SINGULAR = 1e-9
+
+# Nodes at which the map is sampled to find a start where the usual ones lead nowhere: per axis, by dimension; and how
+# many of the nearest are tried.
+_SEEDS = {2: 128, 3: 24}
+_TRIED = 4
+
+
+def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
+                max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
+    """Where points of the input are in the result: y with ``y + D(y) = x``, the inverse of the backward map.
+
+    Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
+    and from the places that the map brings nearest to x. A field of several steps is followed step by step. Where the
+    map folds there are several such places and one of them is found.
+
+    Parameters
+    ----------
+    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2.
+    field : backward displacements.
+    tolerance : largest error of ``y + D(y)``, as a length; default is 1e-6 of the extent of points and displacements.
+    max_iterations : Newton steps at most, of each start.
+
+    Returns
+    -------
+    moved : (..., dim), float64 and finite, the best place found.
+    converged : (...), bool; False where the map has no such place, where it was not found, where the one found
+        lies on a sheet of the folded map that is turned over (det J has the other sign than around), and where the
+        paper's rule of cuts hides it. Never ignore it.
+
+    Raises
+    ------
+    DeformError
+        If points are not finite or do not have the field's dimension.
+
+    See Also
+    --------
+    deformnb.invert : the same for all nodes of a lattice.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> moved, converged = warp_points([[1.0, 2.0, 3.0]], Identity())
+    >>> moved.tolist(), converged.tolist()
+    ([[1.0, 2.0, 3.0]], [True])
+    """
+    x = checked_points(points, field)
+    if not x.size:
+        return x, np.ones(x.shape[:-1], dtype=bool)
+    flat = x.reshape(-1, field.dim)
+    y, found = np.empty_like(flat), np.empty(len(flat), dtype=bool)
+    tolerance = default_tolerance(flat, field) if tolerance is None else tolerance
+    for start in range(0, len(flat), POINTS_AT_A_TIME):
+        part = slice(start, start + POINTS_AT_A_TIME)
+        y[part], found[part] = moved(flat[part], field, tolerance, max_iterations)
+    return y.reshape(x.shape), found.reshape(x.shape[:-1])
+
+
+def checked_points(points: ArrayLike, field: AbstractField) -> Array:
+    """A copy of points (..., dim) as float64; DeformError if they are not finite or not of the field's dimension."""
+    x = np.array(points, dtype=np.float64)
+    if x.ndim < 1 or x.shape[-1] != field.dim:
+        raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {x.shape}.")
+    flat = x.reshape(-1, field.dim)
+    bad = np.flatnonzero(~np.isfinite(flat).all(axis=1))
+    if len(bad):
+        raise DeformError(f"point {bad[0]} is not finite ({flat[bad[0]].tolist()}); remove it or give its place.")
+    return x
+
+
+def default_tolerance(x: Array, field: AbstractField) -> float:
+    """1e-6 of the extent of points (N, dim), and of how far they go; never less than rounding."""
+    d = [np.abs(field.displacement(x[k : k + POINTS_AT_A_TIME])) for k in range(0, len(x), POINTS_AT_A_TIME)]
+    far = float(max(np.where(np.isfinite(part), part, 0.0).max() for part in d))
+    return max(_POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), far),
+               _ROUNDING * (float(np.abs(x).max()) + far))
+
+
+def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int = 50, *,
+          start: Array | None = None, thorough: bool = True) -> tuple[Array, NDArray[np.bool_]]:
+    """What :func:`warp_points` returns, for a block of points (N, dim), at least one.
+
+    Parameters
+    ----------
+    start : (N, dim), about where they go, if that is known; for a field without cuts.
+    thorough : False leaves what the first starts do not reach.
+    """
+    if isinstance(field, Decoupled):
+        return _beside_cuts(x, field, tolerance, max_iterations)
+    if start is None and len(field.steps) > 1:
+        y, found = x, np.ones(len(x), dtype=bool)
+        for step in field.steps:
+            y, is_found = moved(y, step, tolerance, max_iterations)
+            found &= is_found
+        if field.has_cuts:  # a map that jumps has no derivative of the whole to go on with
+            return y, found
+        start = y
+    if isinstance(field, Extrusion) and _is_exact(field):
+        y, error = _in_the_plane(x, field, tolerance, max_iterations, start)
+    else:
+        y, error = _searched(x, _of_field(field), tolerance, max_iterations, start)
+    left = np.flatnonzero(~(error <= tolerance))
+    if len(left) and thorough:
+        y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
+    found = error <= tolerance
+    return y, found & ~_turned_over(y, found, x, field)
+
+
+def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractField) -> NDArray[np.bool_]:
+    """Which places y found for points x (N, dim) lie where the map is turned over, as its middle sheet is in a fold.
+
+    Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
+    """
+    is_over = np.zeros(len(x), dtype=bool)
+    if found.any():
+        centre, half = (x.max(axis=0) + x.min(axis=0)) / 2, np.ptp(x, axis=0).max() + np.abs(y - x)[found].max()
+        signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * x.shape[1]), axis=-1).reshape(-1, x.shape[1])
+        around = _determinants(centre + 4 * half * signs, field)
+        is_over[found] = _determinants(y[found], field) * np.sign(np.median(np.sign(around))) < 0
+    return is_over
+
+
+def _determinants(places: Array, field: AbstractField) -> Array:
+    return np.asarray(determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1))))
+
+
+def _beside_cuts(x: Array, field: Decoupled, tolerance: float,
+                 max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Matter moves with the region it lies in; by the paper's rule none is seen across a cut."""
+    y, found = x.copy(), np.ones(len(x), dtype=bool)
+    for mask, own in field.of_source(x):
+        if own is not None and mask.any():
+            y[mask], found[mask] = moved(x[mask], own, tolerance, max_iterations)
+    if field.rule == "paper":
+        found &= field.regions_of(y) == field.regions_of(x)
+    return y, found
+
+
+# ---- the search ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Map:
+    """D (n, dim) and its derivative (n, dim, dim), of places (n, dim) and the numbers (n) of their points."""
+
+    displacement: Callable[[Array, NDArray[np.intp]], Array]
+    jacobian: Callable[[Array, NDArray[np.intp]], Array]
+
+
+def _of_field(field: AbstractField) -> _Map:
+    return _Map(lambda y, _: field.displacement(y), lambda y, _: field.jacobian(y))
+
+
+def _is_exact(field: Extrusion) -> bool:
+    """Whether the plane's frame is orthonormal to rounding, so that lengths on the plane are those in space."""
+    frame = field.plane.frame
+    return bool(np.abs(frame @ frame.T - np.eye(3)).max() < 1e-12)
+
+
+def _in_the_plane(x: Array, field: Extrusion, tolerance: float, max_iterations: int,
+                  start: Array | None) -> tuple[Array, Array]:
+    """Nothing leaves its depth: two unknowns instead of three, and weights that are known from the start."""
+    plane = field.plane
+    abc = plane.to_plane(x)
+    ab, weights = abc[:, :2], field.weights_at(abc[:, 2])
+    first = None if start is None else plane.to_plane(start)[:, :2]
+    if field.is_plain:
+        only = field.maps[0]
+        y, _ = moved(ab, only, tolerance, max_iterations, start=first, thorough=False)
+        error = _errors(y + only.displacement(y) - ab)
+    else:
+        parts = list(zip(field.maps, weights, strict=True))
+        total = _Map(lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
+                     lambda y, k: _sum(w[k, None, None] * m.jacobian(y) for m, w in parts))
+        y, error = _searched(ab, total, tolerance, max_iterations, first)
+    return x + (y - ab) @ plane.frame[:2], error
+
+
+def _sum(parts: Any) -> Array:
+    return np.asarray(sum(parts))
+
+
+def _searched(x: Array, at: _Map, tolerance: float, max_iterations: int, start: Array | None) -> tuple[Array, Array]:
+    """The best places found for points x (N, dim), and their errors, from two or three starts."""
+    d = at.displacement(x, np.arange(len(x)))
+    starts = (start, np.where(np.isfinite(d), x - d, x), x)
+    y, error = x.copy(), np.full(len(x), np.inf)
+    for first in starts:
+        if first is None:
+            continue
+        left = np.flatnonzero(~(error <= tolerance))
+        if not len(left):
+            break
+        _keep_better(y, error, left, *_newton(first[left], x[left], left, at, tolerance, max_iterations))
+    return y, error
+
+
+def _keep_better(y: Array, error: Array, k: NDArray[np.intp], y_new: Array, error_new: Array) -> None:
+    better = error_new < error[k]
+    y[k[better]], error[k[better]] = y_new[better], error_new[better]
+
+
+def _from_seeds(x: Array, y: Array, error: Array, field: AbstractField, tolerance: float,
+                max_iterations: int) -> tuple[Array, Array]:
+    """The same for points that the usual starts do not reach: from the nodes of a lattice that are brought nearest."""
+    d = field.displacement(x)
+    reach = float(np.abs(np.where(np.isfinite(d), d, 0.0)).max()) + 0.1 * float(np.ptp(x, axis=0).max()) + tolerance
+    lines = [np.linspace(a - reach, b + reach, _SEEDS[field.dim])
+             for a, b in zip(x.min(axis=0), x.max(axis=0), strict=True)]
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, field.dim)
+    brought = nodes + field.displacement(nodes)
+    finite = np.isfinite(brought).all(axis=1)
+    if not finite.any():
+        return y, error
+    nodes, tree = nodes[finite], cKDTree(brought[finite])
+    nearest = tree.query(x, min(_TRIED, len(nodes)))[1].reshape(len(x), -1)
+    y, error, at = y.copy(), error.copy(), _of_field(field)
+    for column in nearest.T:
+        left = np.flatnonzero(~(error <= tolerance))
+        if not len(left):
+            break
+        _keep_better(y, error, left, *_newton(nodes[column[left]], x[left], left, at, tolerance, max_iterations))
+    return y, error
+
+
+def _errors(r: Array) -> Array:
+    with np.errstate(invalid="ignore", over="ignore"):
+        error = np.sqrt(np.einsum("nk,nk->n", r, r))
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+def _newton(start: Array, x: Array, numbers: NDArray[np.intp], at: _Map, tolerance: float,
+            max_iterations: int) -> tuple[Array, Array]:
+    """The best places y found from ``start`` and their errors |y + D(y) - x|."""
+    y = start.copy()
+    r = y + at.displacement(y, numbers) - x
+    error = _errors(r)
+    active = np.flatnonzero(np.isfinite(error) & (error > tolerance))
+    for _ in range(max_iterations):
+        if not len(active):
+            break
+        step = _newton_step(at.jacobian(y[active], numbers[active]), r[active])
+        t, left = 1.0, np.arange(len(active))
+        while len(left) and t > _SHORTEST_STEP:
+            k = active[left]
+            trial = y[k] + t * step[left]
+            r_trial = trial + at.displacement(trial, numbers[k]) - x[k]
+            error_trial = _errors(r_trial)
+            good = error_trial < error[k]
+            y[k[good]], r[k[good]], error[k[good]] = trial[good], r_trial[good], error_trial[good]
+            t, left = t / 2, left[~good]
+        active = np.delete(active, left)  # those are stuck
+        active = active[error[active] > tolerance]
+    return y, error
+
+
+def _newton_step(jacobian: Array, r: Array) -> Array:
+    """Minus the inverse of 1 + dD/dx (n, dim, dim), times the residual; finite also where there is no inverse."""
+    a = one_plus(np.moveaxis(jacobian, 0, -1))
+    det = determinant(a)
+    size = np.sqrt(np.einsum("mkn,mkn->mn", a, a)).prod(axis=0)
+    singular = ~(np.abs(det) > _SINGULAR * size)
+    step = -np.einsum("mkn,nk->nm", adjugate(a), r) / np.where(singular, 1.0, det)[:, None]
+    if singular.any():
+        b = np.moveaxis(a[:, :, singular], -1, 0)
+        normal = np.einsum("nki,nkj->nij", b, b)
+        damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is kept
+        normal += damping[:, None, None] * np.eye(b.shape[1])
+        step[singular] = -np.linalg.solve(normal, np.einsum("nki,nk->ni", b, r[singular])[..., None])[..., 0]
+    return step
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Places in space, or on a picture, with names.
+
+    Parameters
+    ----------
+    points : (N, 3) physical, LPS; or (N, 2).
+    names : N texts; default none.
+    fixed : the places that the points correspond to in another volume, as in BigWarp's files; NaN where there is none.
+    active : (N,) bool, False for a landmark that is switched off.
+    notes : remarks for a status line.
+
+    Examples
+    --------
+    >>> marks = Landmarks([[0, 0, 0], [10, 0, 0]], ("tail", "head"), fixed=[[0, 0, 0], [12, 1, 0]])
+    >>> marks.control_points().displacement.tolist()
+    [[0.0, 0.0, 0.0], [-2.0, -1.0, 0.0]]
+    """
+
+    points: NDArray[np.float64]
+    names: tuple[str, ...] = ()
+    fixed: NDArray[np.float64] | None = None
+    active: NDArray[np.bool_] | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        points = _places(self.points, "landmarks")
+        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+        if len(bad):
+            raise DeformError(f"landmark {bad[0]} is not finite ({points[bad[0]].tolist()}); correct it.")
+        fixed = None if self.fixed is None else _places(self.fixed, "fixed places of landmarks")
+        names = tuple(map(str, self.names)) or ("",) * len(points)
+        active = np.ones(len(points), dtype=bool) if self.active is None else np.array(self.active, dtype=bool)
+        if len(names) != len(points) or active.shape != (len(points),) or (
+                fixed is not None and fixed.shape != points.shape):
+            raise DeformError(f"{len(points)} landmarks need as many names, switches and fixed places.")
+        for name, value in (("points", points), ("names", names), ("fixed", fixed), ("active", active)):
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def control_points(self) -> ControlPoints:
+        """Pairs as control points: each place is dragged to its fixed one. What has none is left out."""
+        if self.fixed is None:
+            raise DeformError("these landmarks are single places, not pairs; control points need where each shall go.")
+        whole = np.flatnonzero(np.isfinite(self.fixed).all(axis=1))
+        assert self.active is not None
+        return ControlPoints.from_arrays(
+            self.points[whole], self.fixed[whole], active=self.active[whole],
+            names=[self.names[k] for k in whole])
+
+
+def _places(given: Any, what: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise DeformError(f"{what} must be numbers of shape (N, 3) or (N, 2).") from None
+    if array.size == 0:
+        array = array.reshape(0, array.shape[-1] if array.shape[-1:] in ((2,), (3,)) else 3)
+    if array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise DeformError(f"{what} must have shape (N, 3) or (N, 2), got {array.shape}.")
+    return array
+
+
+def warp_landmarks(landmarks: Landmarks, field: AbstractField) -> Landmarks:
+    """The landmarks in the deformed volume; a note names those without a place in it, which stay where they were.
+
+    Parameters
+    ----------
+    landmarks : in the space of the volume that the field deforms; their fixed places belong to another and stay.
+    field : backward displacements, of the landmarks' dimension.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> warp_landmarks(Landmarks([[1, 2, 3]]), Identity()).points.tolist()
+    [[1.0, 2.0, 3.0]]
+    """
+    moved, found = warp_points(landmarks.points, field)
+    notes = landmarks.notes
+    if not found.all():
+        lost = [landmarks.names[k] or str(k) for k in np.flatnonzero(~found)]
+        more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
+        notes += (f"these landmarks have no place in the result and stay where they were: {', '.join(lost[:5])}{more}",)
+    return replace(landmarks, points=np.where(found[:, None], moved, landmarks.points), notes=notes)

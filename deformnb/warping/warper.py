@@ -1,0 +1,397 @@
+"""Applying a field: volumes and pictures are looked up backwards. (Points move forwards, see :mod:`points`.)
+
+``output(x) = input(x + D(x))``. Which kernel does it is decided by what the field is: one replicated map moves whole
+rows of voxels, an extruded map moves nothing along its normal, anything else is computed block by block from the
+field's values on the output's lattice. All three give the same voxels.
+
+The paper's transparency map A, applied to voxels: what a cut hides gives way to the background.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.volume import sampling
+from deformnb.volume.plane import Raster
+from deformnb.volume.sampling import METHODS
+from deformnb.volume.volume import DTYPES, Grid, Volume
+from deformnb.warping import planning
+from deformnb.warping.composed import Chain
+from deformnb.warping.cut_tiles import CutPlan, plan_cut
+from deformnb.warping.planning import Progress
+
+
+def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
+    """``fill + A (value - fill)``; what has nothing in between is shown from A = 1/2 on: labels, bool, a fill of NaN.
+
+    Parameters
+    ----------
+    values : voxels; changed in place where they may be, else copied.
+    discrete : nothing in between may be made up.
+    opacity : A from 0 to 1, of the shape of the first axes of ``values``.
+    fill : the background, of the type of the voxels.
+
+    Examples
+    --------
+    >>> faded(np.array([10, 20, 30], np.uint8), np.array([1.0, 0.5, 0.0]), np.uint8(1), discrete=False).tolist()
+    [10, 11, 1]
+    """
+    at = np.nonzero(opacity < 1)  # along the cuts only
+    if not len(at[0]):
+        return values
+    if not values.flags.writeable:
+        values = values.copy(order="K")
+    some, share = values[at], opacity[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
+    if discrete or not np.isfinite(fill):
+        values[at] = np.where(share < 0.5, fill, some)
+        return values
+    mixed = float(fill) + share * (some.astype(np.float64) - float(fill))
+    values[at] = np.floor(mixed + 0.5) if values.dtype.kind in "iu" else mixed
+    return values
+
+
+_Part = TypeVar("_Part")
+
+
+def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fill: float | None = None,
+         method: str | None = None, step: int = 1, progress: Progress | None = None) -> Volume:
+    """The deformed volume: ``output(x) = input(x + D(x))``.
+
+    Parameters
+    ----------
+    volume : the voxels to deform; NaN and infinity count as background.
+    field : backward displacements in space, of dimension 3.
+    output : the grid of the result (field of view and resolution); default is the volume's.
+    fill : value of places more than half a voxel outside the volume; default is the volume's background.
+    method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
+        edges). Default is linear, and nearest for labels and bool.
+    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
+        linearly; the error of the displacement is at most h^2/8 (|D_xx| + |D_yy| + |D_zz|), derivatives by voxel.
+        Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
+    progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
+
+    Returns
+    -------
+    Volume of the same voxel type, with the notes of the one that was given. Integers are rounded to the nearest, halves
+    upwards, and clipped to their type.
+
+    Raises
+    ------
+    DeformError
+        If the field is not one in space, is not finite, or the options do not fit the voxels; in a process made by
+        ``fork`` after its parent has deformed something, where JAX would wait for ever.
+
+    Notes
+    -----
+    All processors are used already. To share work among processes all the same, start them with "spawn":
+    ``ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn"))``.
+
+    See Also
+    --------
+    Warper : the same for many edits of one volume.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4)))
+    >>> bool((warp(volume, Identity()).values == volume.values).all())
+    True
+    """
+    return Warper(volume, output=output, fill=fill, method=method, step=step)(field, progress=progress)
+
+
+class Warper:
+    """A volume made ready for many edits; call it with a field. Parameters are those of :func:`warp`.
+
+    What depends on the volume alone is made once: the array in JAX's memory, the coefficients of the cubic spline and,
+    where :meth:`prepare` asks for it, a copy with the axis of extrusion last in memory. May be called from several
+    threads at once.
+
+    Notes
+    -----
+    Along a prepared axis z or y the result's values are a view of an array in another order: right in every respect,
+    but not C-contiguous. Pass ``np.ascontiguousarray(values)`` to code that needs that. Values may be read-only.
+    """
+
+    def __init__(self, volume: Volume, *, output: Grid | None = None, fill: float | None = None,
+                 method: str | None = None, step: int = 1) -> None:
+        if not isinstance(volume, Volume) or not isinstance(output, Grid | None):
+            raise DeformError(f"a Volume is warped onto a Grid, got {shown_value(volume)} and {shown_value(output)}.")
+        discrete = volume.is_labels or volume.dtype == np.bool_
+        self.volume = volume
+        self.output = output or volume.grid
+        self.method = planning.checked_method(method, discrete=discrete)
+        self.fill = volume.background if fill is None else fill
+        if not (isinstance(step, int | np.integer) and 1 <= step < 2**31):
+            raise DeformError(f"step must be a whole number of voxels, at least 1, got {shown_value(step)}.")
+        self.step = int(step)
+        self._fill = planning.as_voxel(self.fill, volume.dtype)
+        self._compute = sampling.compute_type(volume.dtype)
+        self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
+        self._places = planning.places(volume.grid, self.output, self._compute)
+        self._tables: dict[int, Any] = {}
+
+    def __call__(self, field: AbstractField, *, progress: Progress | None = None) -> Volume:
+        """The volume deformed by ``field``; see :func:`warp`."""
+        if not isinstance(field, AbstractField):
+            raise DeformError(f"a volume is deformed by a field, got {shown_value(field)}; a deformation has one for "
+                              "each grid: deformation.field(volume.grid).")
+        if field.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        _ = self.volume.values  # raises where its file has changed
+        plan, cut = None, None
+        if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
+            plan = planning.extruded(field, self.volume.grid, self.output, self._compute)
+            cut = None if plan else plan_cut(field, self.volume.grid, self.output, self._compute)
+        try:
+            values = self._beside(cut, progress) if cut else self._planned(plan, field, progress)
+        except MemoryError:
+            nz, ny, nx = self.output.shape
+            raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
+                              "smaller or its spacing larger (output).") from None
+        if self.volume.dtype == np.bool_:
+            values = values.view(np.bool_)
+        return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
+
+    def _planned(self, plan: planning.Extruded | None, field: AbstractField,
+                 progress: Progress | None) -> NDArray[Any]:
+        if plan is None:
+            return self._general(field, progress)
+        if plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
+            values = self._rows(plan, progress)
+        elif plan.weights is not None and plan.normal == 2:
+            values = self._along_rows(plan, progress)
+        else:
+            values = self._extruded(plan, progress)
+        if plan.opacity is None:
+            return values
+        rows = np.moveaxis(values, plan.normal, 2)  # which fade as a whole
+        return np.moveaxis(self._faded(rows, plan.opacity), 2, plan.normal)
+
+    def prepare(self, axis: int) -> None:
+        """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
+
+        Costs one copy of the volume; for x only where its memory does not start as JAX wants it.
+        """
+        if axis not in self._tables:
+            rows = np.moveaxis(self._voxels, axis, 2)
+            with self._arithmetic():
+                self._tables[axis] = sampling.on_device(rows, (-1, rows.shape[2]))
+
+    @property
+    def _voxels(self) -> NDArray[Any]:
+        values = self.volume.finite_values
+        return values.view(np.uint8) if values.dtype == np.bool_ else values
+
+    def _share(self, parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
+        """Do all parts; the file of a memory map is checked before each, for JAX reads from the map itself."""
+        def checked(part: _Part) -> None:
+            _ = self.volume.values
+            work(part)
+
+        planning.share(parts, checked, progress)
+
+    def _is_whole(self, axis: int) -> bool:
+        return self.output.shape[axis] == self.volume.shape[axis]
+
+    def _arithmetic(self) -> Any:
+        return sampling.arithmetic(self.volume.dtype, self.volume.grid.size)
+
+    @cached_property
+    def _flat(self) -> Any:
+        """The voxels, or the spline's coefficients, in JAX's memory."""
+        values = self._voxels
+        if METHODS[self.method].is_spline:
+            values = sampling.spline_coefficients(values, self._compute)
+        return sampling.on_device(values, (-1,))
+
+    def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
+        return faded(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
+
+    def _settings(self) -> dict[str, Any]:
+        return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
+
+    def _general(self, field: AbstractField, progress: Progress | None) -> NDArray[Any]:
+        grid, at = self.output, self._places
+        out = np.empty(grid.shape, self._voxels.dtype)
+        with self._arithmetic():
+            flat = self._flat
+        step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
+
+        chain = Chain(field, grid)
+
+        def work(block: tuple[slice, slice]) -> None:
+            nodes = planning.lattice(grid, block, step)
+            d, opacity = planning.seen(field, nodes, step) if chain.is_single else chain.seen(nodes)
+            with self._arithmetic():
+                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
+                                                     **self._settings()))
+            if opacity is not None:
+                result = self._faded(result, opacity)
+            target = out[block]
+            target[...] = result[: target.shape[0], : target.shape[1]]
+
+        self._share(planning.blocks(grid.shape, step), work, progress)
+        return out
+
+    def _beside(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
+        """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
+        out = self._planned(cut.apart, Identity(3), None)
+        with self._arithmetic():
+            flat = self._flat
+
+        def work(tile: tuple[slice, slice, slice]) -> None:
+            d, opacity = cut.tile(tile)
+            weights = np.ones((1, d.shape[cut.apart.normal + 1]), np.float32)
+            with self._arithmetic():
+                result = np.asarray(sampling.extruded(
+                    flat, d[None], weights, cut.apart.matrix, *self._places.block(tile), self._fill,
+                    normal=cut.apart.normal, **self._settings()))
+            result = self._faded(result, opacity)
+            target = out[tile]
+            target[...] = result[tuple(slice(n) for n in target.shape)]
+
+        self._share(cut.tiles, work, progress)
+        return out
+
+    def _extruded(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
+        axis, n = plan.normal, self.output.shape[plan.normal]
+        out = np.empty(self.output.shape, self._voxels.dtype)
+        before = (slice(None),) * axis
+        first = int(self._places.whole[axis][axis, 0])
+        # A slice along x has a voxel of every row, so thin parts are slow to cut out: 46 ms for 16 at once, 16 for 64.
+        most = planning.BLOCK_VOXELS * (4 if axis == 2 else 1) * n // self.output.size
+
+        def work(part: slice) -> None:
+            voxels = self._voxels[*before, slice(first + part.start, first + part.stop)]
+            with self._arithmetic():
+                out[*before, part] = self._slices(plan, voxels, None if plan.weights is None else plan.weights[:, part])
+
+        self._share(planning.parts(n, most), work, progress)
+        return out
+
+    def _slices(self, plan: planning.Extruded, voxels: NDArray[Any], weights: Any) -> NDArray[Any]:
+        settings = self._settings() | {"shape": voxels.shape}
+        if plan.normal == 2:  # rows lie in memory as they move
+            at, settings = self._places.along([0, 1], plan.matrix), settings | {"shape": voxels.shape[:2]}
+            table = sampling.on_device(voxels, (-1, voxels.shape[2]))
+            return np.asarray(sampling.rows(table, plan.maps[0], at.matrix, at.whole, at.part, self._fill, **settings))
+        whole, part = list(self._places.whole), list(self._places.part)
+        whole[plan.normal] = np.zeros((3, voxels.shape[plan.normal]), np.int32)
+        whole[plan.normal][plan.normal] = np.arange(voxels.shape[plan.normal])
+        part[plan.normal] = np.zeros(whole[plan.normal].shape, self._compute)
+        maps = np.expand_dims(plan.maps, plan.normal + 2)
+        return np.asarray(sampling.extruded(sampling.on_device(voxels, (-1,)), maps, weights, plan.matrix, tuple(whole),
+                                            tuple(part), self._fill, normal=plan.normal, **settings))
+
+    def _along_rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        """Maps that change along x: parts along z and y, for slices would have to be cut out of every row."""
+        out = np.empty(self.output.shape, self._voxels.dtype)
+        with self._arithmetic():
+            flat = self._flat
+
+        def work(block: tuple[slice, slice]) -> None:
+            with self._arithmetic():
+                out[block] = sampling.extruded(flat, plan.maps[:, :, *block, None], plan.weights, plan.matrix,
+                                               *self._places.block(block), self._fill, normal=2, **self._settings())
+
+        self._share(planning.blocks(self.output.shape, 1), work, progress)
+        return out
+
+    def _rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        axes = [axis for axis in range(3) if axis != plan.normal]
+        shape = tuple(self.volume.shape[axis] for axis in axes)
+        at = self._places.along(axes, plan.matrix)
+        settings = self._settings() | {"shape": shape}
+        out = _moved_rows(self._tables[plan.normal], plan.maps[0], at, self._fill, settings, progress)
+        return np.moveaxis(out, 2, plan.normal)
+
+
+def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill: Any, settings: dict[str, Any],
+                progress: Progress | None = None) -> NDArray[Any]:
+    """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
+    shape = (*maps.shape[1:], table.shape[1])
+
+    def moved(chunk: slice) -> NDArray[Any]:
+        with sampling.arithmetic(fill.dtype, table.size):
+            done = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
+        return np.asarray(done)
+
+    chunks = planning.chunks(shape[0], shape[1] * shape[2] * fill.dtype.itemsize)
+    if len(chunks) == 1:  # the kernel's own memory, not copied
+        whole = moved(chunks[0])
+        if progress:
+            progress(1.0)
+        return whole
+    out = np.empty(shape, fill.dtype)
+
+    def work(chunk: slice) -> None:
+        out[chunk] = moved(chunk)
+
+    planning.share(chunks, work, progress)
+    return out
+
+
+def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, output: Raster | None = None,
+                 fill: float | None = None, method: str | None = None) -> NDArray[Any]:
+    """The deformed picture: ``output(a, b) = input((a, b) + D(a, b))``.
+
+    Parameters
+    ----------
+    values : pixels [v, u], or [v, u, channels] (all channels move together); any voxel type.
+    raster : where the pixels lie.
+    field : backward displacements on the plane, of dimension 2.
+    output : the raster of the result; default is the picture's.
+    fill : value of places more than half a pixel outside; default is the smallest finite value.
+    method : a name of :data:`~deformnb.volume.sampling.METHODS`; default is linear, and nearest for bool.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> raster = Raster((2, 3), (1.0, 1.0), (0.0, 0.0))
+    >>> warp_picture(np.eye(2, 3), raster, Identity(2)).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    if field.dim != 2:
+        raise DeformError("a picture needs a field on its plane, of dimension 2; this one is in space.")
+    if values.ndim not in (2, 3) or values.shape[:2] != raster.shape:
+        raise DeformError(f"the picture has shape {values.shape} but its raster has {raster.shape}.")
+    if values.dtype.name not in DTYPES:
+        raise DeformError(f"pixels of type {values.dtype} cannot be sampled; use one of {', '.join(DTYPES)}.")
+    method = planning.checked_method(method, discrete=values.dtype == np.bool_)
+    compute = sampling.compute_type(values.dtype)
+    settings = {"shape": raster.shape, "method": method, "compute": compute, "index": "int32"}
+    output = output or raster
+    pixels, background = _finite_pixels(values)
+    lowest = planning.as_voxel(background if fill is None else fill, values.dtype)
+    if METHODS[method].is_spline:
+        pixels = sampling.spline_coefficients(pixels, compute, axes=(0, 1))
+    with sampling.arithmetic(values.dtype, 0):
+        # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
+        table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
+    at = planning.picture_places(raster, output, compute)
+    d, opacity = planning.seen_on_raster(field, output)
+    result = _moved_rows(table, d, at, lowest, settings)
+    if opacity is not None:
+        result = faded(result, opacity, lowest, discrete=not METHODS[method].blends)
+    return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
+
+
+def _finite_pixels(values: NDArray[Any]) -> tuple[NDArray[Any], float]:
+    """Pixels with NaN and infinity replaced by the smallest finite value, and that value; bool as 0 and 1."""
+    if values.dtype == np.bool_:
+        values = values.view(np.uint8)
+    finite = np.isfinite(values)
+    if not finite.any():
+        return np.zeros_like(values), 0.0
+    background = values[finite].min()
+    return values if finite.all() else np.where(finite, values, background), float(background)

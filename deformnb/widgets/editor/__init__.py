@@ -1,0 +1,1 @@
+"""Editors of control points on a picture and in space."""

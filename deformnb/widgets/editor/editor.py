@@ -1,0 +1,423 @@
+"""The editor: control points dragged on a picture that follows them while the mouse moves.
+
+The page fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
+drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
+
+Messages are those of :mod:`~deformnb.widgets.editor.points` and :mod:`~deformnb.widgets.protocol`.
+
+Pictures of an editor: as the page gets them, and as a still where there is no page.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import traitlets
+from numpy.typing import NDArray
+
+from deformnb.document.deformation import Step, support_radius
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import CUT_RULES, Decoupled, decoupled_fits
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.stages import Fit, fit_points
+from deformnb.volume.plane import Picture, Plane, Raster
+from deformnb.warping.points import warp_points
+from deformnb.warping.warper import warp_picture
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.editor.points import PAGE_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.protocol import (
+    OVERLAYS,
+    ChooseMessage,
+    Message,
+    RefusedMessage,
+    ShapesMessage,
+    ShapesTrait,
+    choice_from_page,
+    followed,
+    header,
+    place_of,
+    shapes_from_page,
+    shapes_of,
+)
+from deformnb.widgets.view.stills import with_png
+
+# Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.
+_SHEET = 200
+_AIR = 0.2  # of the box of the points, on each side
+_PREVIEW_DPI = 80  # 560 pixels along the longer side, some 100 kB in the notebook
+_PARTS = 6  # of a grid line in a cell
+
+
+def picture_png(picture: Picture) -> tuple[bytes, int]:
+    """The picture as PNG and its channels: 1 for grey values, 3 for colours over black."""
+    from PIL import Image
+
+    is_grey = picture.values.ndim == 2
+    pixels = (picture.grey() * 255 + 0.5).astype(np.uint8) if is_grey else picture.rgb8()
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, format="PNG")
+    return stream.getvalue(), 1 if is_grey else 3
+
+
+def raster_json(raster: Raster, channels: int) -> dict[str, Any]:
+    """A raster as the page gets it."""
+    return {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
+            "channels": channels}
+
+
+def sheet(points: ControlPoints) -> Picture:
+    """An empty picture around the points."""
+    places = np.concatenate([points.source, points.target]) if len(points) else np.array([[0.0, 0.0], [100.0, 100.0]])
+    low, high = places.min(axis=0), places.max(axis=0)
+    longest = float((high - low).max()) or 100.0
+    low, high = low - _AIR * longest, high + _AIR * longest
+    d = float((high - low).max()) / _SHEET
+    nu, nv = (max(1, round(float(v) / d)) for v in high - low)
+    raster = Raster((nv, nu), (d, d), (float(low[0]) + d / 2, float(low[1]) + d / 2))
+    return Picture(np.zeros((nv, nu), np.uint8), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), raster, "sheet", (0.0, 1.0))
+
+
+def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
+    """A net of square cells over a raster, ``cells`` along its longer side, as polylines (n, 2) that can bend."""
+    a0, a1, b0, b1 = raster.box
+    size = max(a1 - a0, b1 - b0) / cells
+    across, down = max(1, round((a1 - a0) / size)), max(1, round((b1 - b0) / size))
+    a, b = np.linspace(a0, a1, across * _PARTS + 1), np.linspace(b0, b1, down * _PARTS + 1)
+    upright = [np.stack([np.full_like(b, x), b], axis=-1) for x in a[::_PARTS]]
+    return upright + [np.stack([a, np.full_like(a, y)], axis=-1) for y in b[::_PARTS]]
+
+
+def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list[NDArray[np.float64]]:
+    """Where lines of a picture are after its deformation, in pieces where the map folds and at cuts."""
+    places = np.concatenate(lines)
+    moved, found = warp_points(places, fit)
+    region = np.zeros(len(places), dtype=int)
+    if isinstance(fit, Decoupled):
+        for k, (lies_there, _) in enumerate(fit.of_source(places)):
+            region[lies_there] = k
+    region[~found] = -1
+    ends = np.cumsum([len(line) for line in lines])[:-1]
+    pieces = []
+    for line, label in zip(np.split(moved, ends), np.split(region, ends), strict=True):
+        changes = np.flatnonzero(np.diff(label)) + 1
+        runs = zip(np.split(line, changes), np.split(label, changes), strict=True)
+        pieces += [run for run, of_run in runs if of_run[0] >= 0 and len(run) > 1]
+    return pieces
+
+
+def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cells: int) -> bytes:
+    """The deformed picture with its net and points."""
+    from deformnb.imaging.drawing import draw_pictures
+
+    lines = grid_lines(picture.raster, cells) if cells else []
+    if points.displacement.any():  # most editors are shown before anything is dragged: no need to compile for that
+        picture = replace(picture, values=warp_picture(picture.values, picture.raster, fit))
+        lines = deformed_lines(lines, fit) if lines else []
+    figure = draw_pictures([picture], nets=[lines], points=[points], style="dark")
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
+    return stream.getvalue()
+
+
+_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js",
+          "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
+          "fold_map.js", "net_places.js", "strain_crosses.js", "ghost.js", "overlay.js", "shape_handles.js",
+          "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
+          "hand_marks.js", "draw_rate.js", "editor_keys.js", "gestures.js", "net_nodes.js", "editor_drawing.js",
+          "editor_shapes.js", "editor_edits.js", "editor_hand.js", "editor.js")
+
+_LOG = logging.getLogger(__name__)
+
+ShapesCallback = Callable[[ShapesMessage], None]
+"""Called with what the page did to cuts or rigid parts."""
+
+# Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
+_LONE_POINT_SHARE = 0.25
+
+
+class Editor(EditedPoints):
+    """Control points on a picture, dragged in the page.
+
+    Parameters
+    ----------
+    picture : what is seen behind the points; None for an empty sheet.
+    points : control points in the picture's coordinates; default is none.
+    raster : where an empty sheet lies; default is the box of the points with some air.
+    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    density : cells of the grid along the longer side of the picture; 0 for no grid.
+    show_net, show_radius : whether the grid and the reach of the points are drawn.
+    overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how matter grows and
+        shrinks, "strain" crosses along the principal strains, "uncertainty" the haze of ``haze``. Where the map folds
+        all of them show it, "none" does not.
+    drag_net : True lets the nodes of the grid be dragged: each that is becomes a control point.
+    height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
+    theme : "auto" follows the page, "light" and "dark" do not.
+    label : what a screen reader calls the picture.
+    read_only : True shows points that cannot be changed.
+    beyond : (a0, a1, b0, b1), a box on the picture's plane: as far the deformed picture is drawn where it reaches
+        beyond the picture itself; empty for no farther than that.
+    lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
+    cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
+        the plain data of :mod:`deformnb.document.json_format`, which the traits then hold.
+    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
+
+    Notes
+    -----
+    ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
+    others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
+    The same holds for ``cuts`` and ``parts``, which are drawn in the page too. ``chosen_shape`` is the one of them that
+    is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the list changes.
+    ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what a hand does on one side of the
+    line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap`` is the step of a
+    grid to which a hand's targets keep, 0 for none; ``stop_at_folds`` holds them back before the map folds;
+    ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
+    ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
+    ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
+    own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
+    "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
+    such as another picture: while it is not empty the page dims the picture, shows that text over it and takes no edit
+    and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
+    editor in its page, where other widgets find its live points without the kernel (see link.js).
+    ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours. ``haze`` is
+    one byte for each cell of a raster over the picture, rows first, 255 where the map is known least; ``haze_facts`` is
+    ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour is drawn at each byte.
+
+    Raises
+    ------
+    DeformError
+        For points in space, an unknown name, or a setting that is no sensible number.
+
+    Examples
+    --------
+    >>> editor = Editor(None, ControlPoints.from_arrays([[0, 0], [40, 0], [0, 30]], [[0, 0], [50, 0], [0, 30]]))
+    >>> editor.points = editor.points.move(2, [5, 33])
+    >>> bool(abs(editor.fit().displacement([5.0, 33.0]) - [-5.0, -3.0]).max() < 1e-12)
+    True
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("editor.css", "editor_hand.css", "thompson.css")
+
+    points = PointsTrait(2)
+    cuts = ShapesTrait("cuts")
+    parts = ShapesTrait("parts")
+    chosen_shape = traitlets.Dict(help="the cut or part that is chosen, {} for none").tag(sync=True)
+    cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
+    density = traitlets.Int(16, min=0, max=64).tag(sync=True)
+    show_net = traitlets.Bool(True).tag(sync=True)
+    show_radius = traitlets.Bool(False).tag(sync=True)
+    mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
+    snap = traitlets.Float(0.0).tag(sync=True)
+    stop_at_folds = traitlets.Bool(False).tag(sync=True)
+    brush_radius = traitlets.Float(0.0).tag(sync=True)
+    drag_net = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
+    overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
+    haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
+    haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
+    marked = traitlets.List(traitlets.Int(), help="points that disagree with their neighbours").tag(sync=True)
+    ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
+    ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
+    raster = traitlets.Dict().tag(sync=True)
+    beyond = traitlets.List(traitlets.Float(), help="how far matter off the picture is drawn").tag(sync=True)
+    image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
+
+    def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
+                 raster: Raster | None = None, **settings: Any) -> None:
+        given = ControlPoints.empty() if points is None else points
+        self._previous: Fit | None = None
+        self._picture = picture
+        self._shapes_callbacks: list[ShapesCallback] = []
+        super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
+
+    # ---- what is shown ----------------------------------------------------------------------------------------------
+
+    @property
+    def picture(self) -> Picture | None:
+        """What is seen behind the points; setting another one keeps the points."""
+        return self._picture
+
+    @picture.setter
+    def picture(self, picture: Picture | None) -> None:
+        traits = _of_picture(picture, None, self.points)
+        self._picture = picture
+        with self.hold_sync():  # both in one message: a picture must never meet another one's raster
+            for name, value in traits.items():
+                setattr(self, name, value)
+
+    def fit(self) -> AbstractField:
+        """The fit of the points as the core makes it: the displacement that the page shows.
+
+        An :class:`~deformnb.rbf.interpolant.RBFInterpolant`, beside rigid parts a
+        :class:`~deformnb.rbf.rigid.RigidInterpolant`, in stages a :class:`~deformnb.rbf.stages.Staged`, with cuts a
+        :class:`~deformnb.rbf.cuts.Decoupled`.
+
+        Raises
+        ------
+        DeformError
+            If the points cannot be fitted; the page shows the same message.
+        """
+        points = self.points if self.strength == 1 else self.points.blended(self.strength)
+        cuts = [cut.region for cut in shapes_of("cuts", self.cuts) if cut.enabled]
+        if not cuts:
+            return self._fit(points, self.points)
+        fits = decoupled_fits(self.points, cuts, lambda some: self._fit(
+            some if self.strength == 1 else some.blended(self.strength), some))
+        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=self.cut_rule,
+                         softness=float(np.mean(self.raster["spacing"])))
+
+    def _fit(self, dragged: ControlPoints, points: ControlPoints) -> AbstractField:
+        settings: dict[str, Any] = {name: getattr(self, name) for name in ("kernel", "trend", "smoothing", "stages")}
+        settings["support"] = (support_radius(self.support, self.chosen_support, points, self.kernel)
+                               or self.lone_support)
+        parts = [part.scaled(self.strength) for part in shapes_of("parts", self.parts) if part.enabled]
+        self._previous = fit_points(dragged, parts, previous=self._previous, **settings)
+        return self._previous
+
+    def step(self, **options: Any) -> Step:
+        """The points and settings as a step of a :class:`~deformnb.document.deformation.Deformation`.
+
+        Parameters
+        ----------
+        options : further fields of the step, such as its rule of extrusion.
+        """
+        if self._picture is None:
+            raise DeformError("an editor without a picture has no plane in space; give it a picture.")
+        names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule", "stages")
+        own = {name: getattr(self, name) for name in names} | {"chosen_support": self.kept_support}
+        shapes = {what: shapes_of(what, getattr(self, what)) for what in ("cuts", "parts")}
+        return Step((self.points,), self._picture.plane, **{**own, **shapes, **options})
+
+    def preview_png(self) -> bytes:
+        """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
+        picture = self._picture or sheet(self.points)
+        return preview_png(picture, self.points, self.fit(), self.density if self.show_net else 0)
+
+    # ---- shapes -----------------------------------------------------------------------------------------------------
+
+    def draw(self, tool: str) -> None:
+        """Let whoever sees the page draw: a "cut", a rigid "part", or the "ground"."""
+        if tool not in ("cut", "part", "ground"):
+            raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
+        self.send({"type": "draw", "tool": tool})
+
+    def choose(self, what: str | None, index: int = 0) -> None:
+        """Mark a shape in the page: one of the "cuts" or "parts" by its place in the list; None marks none."""
+        self.chosen_shape = {} if what is None else {"what": what, "index": index}
+
+    def look_at(self, point: int) -> None:
+        """Bring the point with this id to the middle of the view in the page, nearer if all of the picture is seen."""
+        self.points.index(point)
+        self.send({"type": "look", "id": point})
+
+    def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
+        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the page.
+
+        ``edit`` is a :class:`~deformnb.widgets.protocol.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
+        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the page.
+        """
+        if remove:
+            self._shapes_callbacks.remove(callback)
+        else:
+            self._shapes_callbacks.append(callback)
+
+    def _read(self, content: Any) -> Message | None:
+        readers: dict[str, Callable[[Any], Message]] = {
+            "shapes": lambda content: shapes_from_page(content, self.next_id), "choose": choice_from_page}
+        read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
+        if read is None:
+            return super()._read(content)
+        try:
+            sender, seq = header(content)
+        except DeformError as error:
+            _LOG.warning("a message to an editor was dropped: %s", error)
+            return None
+        try:
+            return read(content)
+        except DeformError as error:
+            _LOG.warning("an edit of shapes was refused: %s", error)
+            return RefusedMessage(sender, seq, str(error), "shapes")
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, ChooseMessage):
+            place = place_of(message, getattr(self, message.what)) if message.what else None
+            self.choose(None if place is None else message.what, place or 0)
+        elif not isinstance(message, ShapesMessage):
+            super()._take(message)
+        elif message.seq > self.seen.get(message.sender, -1):
+            before = getattr(self, message.what)
+            self.edit_under_way = message
+            try:
+                setattr(self, message.what, message.shapes)
+                self.points = message.points or self.points
+            except DeformError as error:  # of an observer: nobody wants these shapes
+                setattr(self, message.what, before)
+                self.send({"type": "error", "message": f"Python did not take these {message.what}: {error}"})
+                return
+            finally:
+                self.edit_under_way = None
+            self._note(message)
+            for callback in tuple(self._shapes_callbacks):
+                callback(message)
+
+    @traitlets.validate("chosen_shape")
+    def _a_shape_that_is_there(self, proposal: Any) -> dict[str, Any]:
+        value = dict(proposal["value"])
+        count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
+        if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
+            raise DeformError('the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
+                              f"that is there, got {value}.")
+        return value
+
+    @traitlets.observe("cuts", "parts")
+    def _follow_the_chosen_shape(self, change: Any) -> None:
+        chosen = self.chosen_shape
+        if chosen and chosen["what"] == change["name"]:
+            place = followed(change["old"], change["new"], chosen["index"])
+            self.choose(None if place is None else chosen["what"], place or 0)
+
+    @traitlets.validate("haze_facts")
+    def _facts_of_a_haze(self, proposal: Any) -> dict[str, Any]:
+        value = dict(proposal["value"])
+        sizes, legend = [value.get("width"), value.get("height")], value.get("legend", [])
+        if value and not (all(isinstance(n, int) and n > 0 for n in sizes) and all(
+                len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)):
+            raise DeformError('the facts of a haze must be {} or {"width": columns, "height": rows, "legend": [[byte, '
+                              f"text], ...]}}, got {value}.")
+        return value
+
+    @traitlets.validate("beyond")
+    def _box_beyond(self, proposal: Any) -> list[float]:
+        value = [float(x) for x in proposal["value"]]
+        if value and not (len(value) == 4 and np.isfinite(value).all() and value[0] < value[1] and value[2] < value[3]):
+            raise DeformError(f"what is drawn beyond a picture is (a0, a1, b0, b1) with a0 < a1 and b0 < b1, or empty, "
+                              f"got {value}.")
+        return value
+
+    @traitlets.validate("mirror", "snap", "brush_radius")
+    def _of_the_hand(self, proposal: Any) -> Any:
+        PAGE_TRAITS[proposal["trait"].name](proposal["value"])
+        return proposal["value"]
+
+    # ---- display ----------------------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        if self._picture is None:
+            return f"Editor({len(self.points)} points, no picture)"
+        nv, nu = self._picture.raster.shape
+        return f"Editor({len(self.points)} points, picture of {nu} x {nv})"
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        return with_png(super()._repr_mimebundle_(**options), self.preview_png)
+
+
+def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
+    """The traits that follow from a picture, or from an empty sheet."""
+    where = picture.raster if picture is not None else raster or sheet(points).raster
+    image, channels = (b"", 1) if picture is None else picture_png(picture)
+    return {"image": image, "raster": raster_json(where, channels), "lone_support": _LONE_POINT_SHARE * where.diagonal}

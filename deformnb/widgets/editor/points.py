@@ -1,0 +1,312 @@
+"""What the editors of control points have in common: the points and their settings, callbacks, and talk with the page.
+
+Messages by the page:
+
+- ``{"type": "greet", "sender": id, "seq": 0}`` when a page opens, for the answer
+- ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
+  "points": [...]}``
+- ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
+
+Messages to the page: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
+``{"type": "error", "message": text}``.
+
+Points go to Python by these messages alone and to the page by the trait alone; the trait ``seen`` tells each window
+which of its messages the points include (see sender.js).
+
+Traits by which the page of an editor keeps how a hand works: its mirror, its grid, its brush.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import uuid
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import traitlets
+
+from deformnb.document.deformation import ChosenSupport, check_support
+from deformnb.errors import DeformError
+from deformnb.rbf.interpolant import choose_support
+from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.stages import MOST_STAGES
+from deformnb.rbf.trends import trend_named
+from deformnb.widgets.protocol import (
+    EditMessage,
+    HistoryMessage,
+    Message,
+    RefusedMessage,
+    checked_state,
+    message_from_page,
+    points_to_json,
+)
+from deformnb.widgets.synced import SyncedWidget
+
+
+def _flat_mirror(value: Any) -> None:
+    _mirror(value, ("a", "b"))
+
+
+def _space_mirror(value: Any) -> None:
+    _mirror(value, ("x", "y", "z"))
+
+
+def _mirror(value: Any, axes: tuple[str, ...]) -> None:
+    keys = {"on", "axis", "at"}
+    if not isinstance(value, dict) or set(value) != keys:
+        raise DeformError(f'the mirror must have "on", "axis" and "at", such as {{"on": True, "axis": "{axes[0]}", '
+                          f'"at": None}}; got {value!r:.80}.')
+    if not isinstance(value["on"], bool) or value["axis"] not in axes:
+        names = " or ".join(f'"{axis}"' for axis in axes)
+        raise DeformError(f"the mirror is on or off, and its axis {names}; got {value!r:.80}.")
+    if value["at"] is not None and not _is_length(value["at"]):
+        raise DeformError(f"the axis of the mirror must be at a finite number or None, got {value['at']!r:.40}.")
+
+
+def _length(value: Any) -> None:
+    if not _is_length(value) or value < 0:
+        raise DeformError(f"it must be 0 or a positive length, got {value!r:.40}.")
+
+
+def _switch(value: Any) -> None:
+    if not isinstance(value, bool):
+        raise DeformError("it must be true or false.")
+
+
+def _is_length(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e15
+
+
+PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
+    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
+"""What checks a value of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
+
+SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
+"""The same for an editor in space."""
+
+
+class SpaceHandTraits(traitlets.HasTraits):
+    """How a hand works in space: the plane of its mirror, and the lattice to which targets keep."""
+
+    mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
+    snap = traitlets.Float(0.0).tag(sync=True)
+
+    @traitlets.validate("mirror", "snap")
+    def _of_the_hand(self, proposal: Any) -> Any:
+        SPACE_TRAITS[proposal["trait"].name](proposal["value"])
+        return proposal["value"]
+
+
+_LOG = logging.getLogger(__name__)
+
+# Windows that have shown an editor and may still have an edit on its way.
+_WINDOWS = 8
+
+EditCallback = Callable[[ControlPoints, str], None]
+"""Called with the points and "move" or "end"."""
+
+DetailCallback = Callable[[EditMessage], None]
+"""Called with all that the page says of an edit."""
+
+HistoryCallback = Callable[[str], None]
+"""Called with "undo" or "redo"."""
+
+
+class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
+    """Control points of one dimension; in the page a plain list."""
+
+    def __init__(self, dim: int) -> None:
+        super().__init__(ControlPoints.empty(dim))
+        self.info_text = f"control points of dimension {dim}"
+        self._dim = dim
+        self.tag(sync=True, to_json=lambda value, widget: points_to_json(value))
+
+    def validate(self, obj: Any, value: Any) -> ControlPoints:
+        if not isinstance(value, ControlPoints):
+            raise DeformError(f"the points of an editor must be ControlPoints, got {type(value).__name__}.")
+        if value.dim != self._dim and self._dim == 2:
+            raise DeformError("an editor shows points on a picture, with two coordinates; these lie in space.")
+        if value.dim != self._dim:
+            raise DeformError("an editor in space needs points with three coordinates; these lie on a picture.")
+        return value
+
+
+class EditedPoints(SyncedWidget):
+    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
+
+    points: Any
+    page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
+    chooses_support = True
+    """Whether ``chosen_support`` follows the points; False where a session says what it is."""
+
+    next_id = traitlets.Int(0).tag(sync=True)
+    seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
+    history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
+    selected = traitlets.List(traitlets.Int()).tag(sync=True)
+    kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
+    support = traitlets.Any(None, help="a radius, None or the name of a rule").tag(sync=True)
+    chosen_support = traitlets.Float(None, allow_none=True, help="the radius while support is None").tag(sync=True)
+    trend = traitlets.Unicode("affine").tag(sync=True)
+    smoothing = traitlets.Float(0.0).tag(sync=True)
+    strength = traitlets.Float(1.0).tag(sync=True)
+    stages = traitlets.Int(1, min=1, max=MOST_STAGES).tag(sync=True)
+    lone_support = traitlets.Float(1.0).tag(sync=True)
+    height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
+    theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    label = traitlets.Unicode("Picture").tag(sync=True)
+    read_only = traitlets.Bool(False).tag(sync=True)
+    waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)
+    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    uid = traitlets.Unicode().tag(sync=True)
+
+    def __init__(self, **given: Any) -> None:
+        self._callbacks: list[tuple[Callable[..., None], bool]] = []
+        self._history_callbacks: list[HistoryCallback] = []
+        self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
+        self._drawn: dict[str, float] = {}
+        super().__init__(uid=uuid.uuid4().hex, **given)
+        self.on_msg(self._received)
+
+    # ---- edits ------------------------------------------------------------------------------------------------------
+
+    def on_edit(self, callback: EditCallback | DetailCallback, remove: bool = False, *, details: bool = False) -> None:
+        """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
+
+        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
+        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the page.
+
+        Parameters
+        ----------
+        callback : what is called, in the order of registration.
+        remove : True takes the callback away again.
+        details : True calls ``callback(edit)`` instead, with an
+            :class:`~deformnb.widgets.protocol.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
+            whether it goes on with the edit before it (``joins``).
+        """
+        if remove:
+            self._callbacks = [held for held in self._callbacks if held[0] != callback]
+        else:
+            self._callbacks.append((callback, details))
+        self.live = bool(self._callbacks)
+
+    def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
+        """Call ``callback("undo")`` or ``callback("redo")`` when the page asks, if ``history`` is not empty.
+
+        Exceptions of the callback are logged and shown in the page.
+        """
+        if remove:
+            self._history_callbacks.remove(callback)
+        else:
+            self._history_callbacks.append(callback)
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        message = self._read(content)
+        if message is None:
+            return
+        try:
+            self._take(message)
+        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+            _LOG.exception("a callback of an editor failed")
+            self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
+        finally:
+            self._note(message)  # whatever came of it: a page that waits for it takes no other points
+            self.send({"type": "done", "sender": message.sender, "seq": message.seq})
+
+    def _read(self, content: Any) -> Message | None:
+        """What a message of the page says; None for what is none."""
+        return message_from_page(content, self.next_id, self.points.dim)
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, RefusedMessage):
+            self.send({"type": "error", "message": f"Python did not take these {message.what}: {message.reason}"})
+        elif isinstance(message, HistoryMessage):
+            for step in tuple(self._history_callbacks):
+                step(message.way)
+        elif isinstance(message, EditMessage) and message.seq > self.seen.get(message.sender, -1):
+            if message.phase == "end":
+                self._drawn = message.drawn or self._drawn
+                self.edit_under_way = message
+                try:
+                    self.points = message.points
+                finally:
+                    self.edit_under_way = None
+                self._note(message)
+            for callback, details in tuple(self._callbacks):
+                callback(message) if details else callback(message.points, message.phase)
+
+    def _note(self, message: Message) -> None:
+        # After the points and not together with them: until the page reads this it leaves the points alone, and two
+        # updates in order need no pause of all others (hold_sync), which threads would take from one another.
+        if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
+            return
+        others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
+        self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        state = checked_state(sync_data, self.page_traits)
+        if state:
+            super().set_state(state)
+
+    def stats(self) -> dict[str, float]:
+        """What the page measured in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
+
+        The first is how many pictures a second were drawn, the second the median from a movement of the hand to its
+        picture. 0 before the first such drag, and where a page does not measure.
+        """
+        return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
+
+    @property
+    def kept_support(self) -> ChosenSupport | None:
+        """The support that was chosen, as a step keeps it."""
+        return None if self.chosen_support is None else ChosenSupport(self.chosen_support, self.kernel)
+
+    # ---- traits -----------------------------------------------------------------------------------------------------
+
+    @traitlets.observe("points")
+    def _ids_never_come_back(self, change: Any) -> None:
+        self.next_id = max(self.next_id, change["new"].next_id)
+
+    @traitlets.validate("kernel", "trend")
+    def _known(self, proposal: Any) -> str:
+        check = {"kernel": kernel_named, "trend": trend_named}[proposal["trait"].name]
+        check(proposal["value"])
+        return str(proposal["value"])
+
+    @traitlets.observe("points", "kernel", "trend", "smoothing", "support")
+    def _choose_support(self, change: Any) -> None:
+        """Find the support anew when points are added, removed or switched, and for other settings: never in a drag."""
+        is_drag = change["name"] == "points" and isinstance(change["old"], ControlPoints) and change[
+            "new"].has_places_of(change["old"])
+        if self.chooses_support and self.support is None and not is_drag:
+            current = self.chosen_support if change["name"] == "points" else None
+            self.chosen_support = choose_support([self.points], kernel=self.kernel, trend=self.trend,
+                                                 smoothing=self.smoothing, current=current)
+
+    @traitlets.validate("support", "lone_support", "chosen_support")
+    def _a_length(self, proposal: Any) -> float | str | None:
+        value = proposal["value"]
+        check_support(value)
+        return value if value is None or isinstance(value, str) else float(value)
+
+    @traitlets.validate("history")
+    def _two_texts(self, proposal: Any) -> dict[str, str]:
+        value = dict(proposal["value"])
+        if value and (set(value) != {"undo", "redo"} or not all(isinstance(v, str) for v in value.values())):
+            raise DeformError(f'the history must be {{}} or texts for "undo" and "redo", got {value}.')
+        return value
+
+    @traitlets.validate("smoothing", "strength")
+    def _a_number(self, proposal: Any) -> float:
+        name, value = proposal["trait"].name, proposal["value"]
+        if not np.isfinite(value) or (name == "smoothing" and value < 0):
+            allowed = "0 or a positive number" if name == "smoothing" else "a finite number"
+            raise DeformError(f"{name} must be {allowed}, got {value}.")
+        return float(value)
+
+
+def _changes_nothing(message: Message) -> bool:
+    return type(message) is Message or (isinstance(message, EditMessage) and message.phase == "move")

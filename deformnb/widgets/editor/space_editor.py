@@ -1,0 +1,393 @@
+"""The editor in space: control points with three coordinates, in three linked pictures of the volume (Eq. 9).
+
+The page draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and sent
+as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others by the page, each with
+``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the page:
+``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: what is said below
+them), with the pixels of each and, of projections, the depths.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import threading
+import time
+import weakref
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import traitlets
+from numpy.typing import NDArray
+
+from deformnb.document.deformation import Step, lone_support
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField, compose
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Volume
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait, SpaceHandTraits
+from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
+from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
+from deformnb.widgets.view.stills import with_png
+from deformnb.widgets.view.transport import Pacer
+from deformnb.widgets.worker import Worker, close_earlier_of_this_cell
+
+_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "turns.js", "mirror.js", "sender.js", "handles.js",
+          "hand_marks.js", "key_help.js", "toolbar.js", "draw_rate.js", "editor_drawing.js", "space_edits.js",
+          "space_pane.js", "space_gestures.js", "space_editing.js", "space_hand.js", "space_editor.js")
+
+_LOG = logging.getLogger(__name__)
+
+_MOVING, _RESTING = 256, 512  # pixels along the longer side of a slice
+_SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which on they have fewer pixels
+_REST = 0.35  # seconds after the last movement
+_PREVIEW_DPI = 80
+
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
+
+
+class SpaceEditor(SpaceHandTraits, EditedPoints):
+    """Control points in space, placed and dragged in three pictures at right angles.
+
+    Parameters
+    ----------
+    volume : what is deformed.
+    points : control points of dimension 3; default is none.
+    before : what was done to the volume before, a backward field in space.
+    options : further fields of the step, such as its rigid ``parts``: see :meth:`step`.
+    window : values that are black and white; default is from the background to the densest matter.
+    transfer : of composite pictures, or the name of a preset.
+    cursor : the place (x, y, z) through which the slices go; default is the middle.
+    projection : "slice", or "mip", "composite" and "shaded" for all of the volume seen from that side.
+    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    height : largest height of the pictures in CSS pixels.
+    theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
+
+    Notes
+    -----
+    It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
+    ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
+    ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
+    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what a hand does in the
+    pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
+    that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
+
+    Examples
+    --------
+    >>> volume = Volume.from_array(np.zeros((20, 30, 40), np.uint8))
+    >>> editor = SpaceEditor(volume, ControlPoints.from_arrays([[10, 10, 10]], [[14, 10, 10]]), trend="none")
+    >>> editor.fit().displacement([14.0, 10.0, 10.0]).round(6).tolist()
+    [-4.0, 0.0, 0.0]
+    >>> editor.close()
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("editor.css", "editor_hand.css", "space_editor.css")
+
+    points = PointsTrait(3)
+    page_traits = SPACE_TRAITS
+    cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
+    projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
+    shows_original = traitlets.Bool(False).tag(sync=True)
+    panes: Any = traitlets.List().tag(sync=True)
+    revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")
+
+    def __init__(self, volume: Volume, points: ControlPoints | None = None, *, before: AbstractField | None = None,
+                 options: dict[str, Any] | None = None, window: tuple[float, float] | None = None,
+                 transfer: TransferFunction | str = "specimen", **settings: Any) -> None:
+        self._lock = threading.RLock()  # callbacks run in another thread than cells
+        self._window, self._transfer = window, transfer
+        self._before, self._options = before, dict(options or {})
+        self._made: tuple[Any, AbstractField | None] = (None, None)
+        self._facts: dict[str, Any] = {}
+        self._moved: ControlPoints | None = None
+        self._is_moving = False
+        self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        self._sent: dict[int, Any] = {}
+        self._pace = 0.0  # seconds for the pictures of the last movements
+        self._has_page = False
+        self._worker = Worker("deformnb-space-editor")
+        self._pacer = Pacer(self._ask)
+        traits = self._of_volume(volume)
+        super().__init__(**{**traits, "label": volume.name or "Volume", "height": 360, **settings},
+                         points=ControlPoints.empty(3) if points is None else points)
+        shown = ["points", *_SETTINGS, "revision", "cursor", "projection", "shows_original"]
+        self.observe(lambda change: self._changed(), shown)
+        close_earlier_of_this_cell(self)
+
+    # ---- what is shown ----------------------------------------------------------------------------------------------
+
+    def _of_volume(self, volume: Volume) -> dict[str, Any]:
+        function = preset(self._transfer, volume) if isinstance(self._transfer, str) else self._transfer
+        self._pictures = SpacePictures(volume, function, self._window)
+        self._sent = {}
+        return {"panes": [pane.info() for pane in self._pictures.panes], "cursor": list(volume.grid.center),
+                "lone_support": lone_support(volume.grid)}
+
+    @property
+    def volume(self) -> Volume:
+        """What is deformed; setting another one keeps the points."""
+        return self._pictures.volume
+
+    @volume.setter
+    def volume(self, volume: Volume) -> None:
+        with self._lock:
+            traits = self._of_volume(volume)
+        with self.hold_sync():  # both in one message: a cursor must never meet another one's pictures
+            for name, value in traits.items():
+                setattr(self, name, value)
+        self.revision += 1
+
+    @property
+    def before(self) -> AbstractField | None:
+        """What was done to the volume before this step: a backward field in space, or None."""
+        return self._before
+
+    @before.setter
+    def before(self, field: AbstractField | None) -> None:
+        self._before = field
+        self.revision += 1
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Further fields of the step, such as its rigid ``parts``; set anew to change them."""
+        return dict(self._options)
+
+    @options.setter
+    def options(self, options: dict[str, Any]) -> None:
+        replace(self.step(), **options)  # refuses what no step has
+        self._options = dict(options)
+        self.revision += 1
+
+    def fit(self) -> AbstractField:
+        """The backward displacement of the points as the core makes it, without what was done before.
+
+        Raises
+        ------
+        DeformError
+            If the points cannot be fitted; the page shows the same message.
+        """
+        return self.step().field(self.volume.grid)
+
+    def step(self, **options: Any) -> Step:
+        """The points and settings as a step of a :class:`~deformnb.document.deformation.Deformation`.
+
+        Parameters
+        ----------
+        options : further fields of the step, besides those of ``editor.options``.
+        """
+        return self._step(self.points, options)
+
+    def _step(self, points: ControlPoints, options: dict[str, Any]) -> Step:
+        settings = {name: getattr(self, name) for name in _SETTINGS}
+        return Step((points,), None, chosen_support=self.kept_support, **{**settings, **self._options, **options})
+
+    def look_at(self, point: int) -> None:
+        """Bring the slices to the target of the point with this id."""
+        self.cursor = self.points.target[self.points.index(point)].tolist()
+        self.send({"type": "look", "id": point})
+
+    def field(self, points: ControlPoints | None = None) -> AbstractField:
+        """All that is done to the volume: what was done before, and then these points or the editor's own.
+
+        Raises
+        ------
+        DeformError
+            If the points cannot be fitted.
+        """
+        step = self._step(self.points if points is None else points, {}).field(self.volume.grid)
+        return step if self._before is None else compose(self._before, step)
+
+    def preview_png(self) -> bytes:
+        """The three pictures with the points as a PNG: what is seen where no front end runs."""
+        from deformnb.imaging.drawing import draw_pictures
+
+        made, field = self._pictures, self.field()
+        shown = [made.slice(k, field, self.cursor, _MOVING) for k in range(len(made.panes))]
+        pictures = [Picture(s.values, p.plane, s.raster, p.name, (0.0, 255.0))
+                    for s, p in zip(shown, made.panes, strict=True)]
+        flat = [replace(self.points, source=p.plane.to_plane(self.points.source)[:, :2],
+                        target=p.plane.to_plane(self.points.target)[:, :2]) for p in made.panes]
+        figure = draw_pictures(pictures, points=flat, titles=[p.name for p in made.panes], style="dark")
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
+        return stream.getvalue()
+
+    # ---- the page ---------------------------------------------------------------------------------------------------
+
+    def _received(self, widget: Any, content: Any, buffers: Any) -> None:
+        kind = content.get("type") if isinstance(content, dict) else None
+        answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+        if answer is None:
+            super()._received(widget, content, buffers)
+            return
+        with dropping("a message"):
+            answer(self, text(content.get("view")), content)
+
+    def _hello(self, view: str, content: dict[str, Any]) -> None:
+        self._has_page = True
+        self._worker.latest(f"hello {view}", _weakly(self, lambda editor: editor._draw(0, view)))
+
+    def _seen(self, view: str, content: dict[str, Any]) -> None:
+        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
+
+    def _look(self, view: str, content: dict[str, Any]) -> None:
+        self._is_moving = content.get("moving") is True
+        for name, key in (("cursor", "cursor"), ("projection", "projection"), ("shows_original", "original")):
+            if key in content:
+                setattr(self, name, content[key])
+        self._offer()  # also where nothing has changed: it may have come to rest
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, EditMessage):
+            message = replace(message, points=self._held(message.points))
+            self._is_moving = message.phase == "move"
+            if self._is_moving:
+                self._moved = message.points
+                self._offer()
+        super()._take(message)
+
+    def _held(self, points: ControlPoints) -> ControlPoints:
+        """Points of the page, new ones taking hold of what is seen where they were put.
+
+        A page knows the target only and sends it as the source. What is seen there comes from target + D, and with that
+        as its source nothing moves. Until the page has heard of it, it goes on sending the same.
+        """
+        known, source = set(self.points.ids), points.source.copy()
+        for k, number in enumerate(points.ids):
+            if number not in known and number not in self._lifted and np.array_equal(source[k], points.target[k]):
+                self._lifted[number] = (source[k].copy(), self._origin(source[k]))
+            raw, origin = self._lifted.get(number, (None, source[k]))
+            if raw is not None and np.array_equal(source[k], raw):
+                source[k] = origin
+        return replace(points, source=source)
+
+    def _origin(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        field = None if self.shows_original else self._field(self.points)
+        if field is None:
+            return place.copy()
+        if self._before is not None:  # sources are places of what this step is given
+            field = self._last_fit(self.points)
+        return np.asarray(place + field.displacement(place) / (self.strength or 1.0))
+
+    def _last_fit(self, points: ControlPoints) -> AbstractField:
+        return self._step(points, {}).field(self.volume.grid)
+
+    # ---- pictures ---------------------------------------------------------------------------------------------------
+
+    def _changed(self) -> None:
+        self._moved = None
+        self._offer()
+
+    def _offer(self) -> None:
+        if self._has_page:  # a page that comes later asks
+            self._pacer.offer()
+
+    def _ask(self, number: int) -> None:
+        self._worker.latest("pictures", _weakly(self, lambda editor: editor._draw(number, None)))
+
+    def _rest(self) -> None:
+        self._is_moving = False
+        self._offer()
+
+    def _field(self, points: ControlPoints) -> AbstractField | None:
+        """What these points make of the volume; the last good field where they cannot be fitted, and why."""
+        key = (points, self.volume, self._before, self._options, *(getattr(self, name) for name in _SETTINGS))
+        with self._lock:
+            held = self._made[0]
+            if held is None or any(a is not b and not _is_same(a, b) for a, b in zip(key, held, strict=True)):
+                try:
+                    field = self.field(points) if len(points) or self._before is not None else None
+                    facts = {"note": "; ".join(getattr(field, "notes", ())), "isBad": False}
+                except DeformError as error:
+                    field, facts = self._made[1], {"note": str(error), "isBad": True}
+                self._made, self._facts = (key, field), facts
+            return self._made[1]
+
+    def _draw(self, number: int, view: str | None) -> None:
+        points, is_moving, start = self._moved or self.points, self._is_moving, time.monotonic()
+        try:
+            field = self._field(points)
+            images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
+            facts = dict(self._facts)
+            if not is_moving and field is not None:
+                found = folding(field, self.volume.grid)
+                facts |= {"folds": (found.least, found.share), "worst": found.place}
+        except Exception as error:  # in a thread of its own nobody else would hear of it
+            _LOG.exception("pictures could not be made")
+            images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}
+        said, parts = [], []
+        for index, shown in images.items():
+            about, buffers = shown.message()
+            said.append({"index": index, **about})
+            parts += buffers
+        self.send({"type": "pictures", "seq": number, "view": view, "panes": said, "facts": facts}, parts)
+        if is_moving:
+            self._pace += 0.3 * (time.monotonic() - start - self._pace)
+            self._worker.at_rest(_REST, _weakly(self, SpaceEditor._rest))
+
+    def _images(self, field: AbstractField | None, is_moving: bool, *, all_of_them: bool) -> dict[int, Shown]:
+        """The pictures that have changed since the last ones."""
+        images = {}
+        pictures, cursor, projection = self._pictures, self.cursor, self.projection
+        most = _RESTING if not is_moving else _MOVING if self._pace < _SLOW else _FEWER
+        for index, pane in enumerate(pictures.panes):
+            depth = pane.depth_of(cursor) if projection == "slice" else None
+            key = (pictures, field, projection, depth, most, self._options)
+            if key == self._sent.get(index) and not all_of_them:
+                continue
+            if projection == "slice":
+                made = pictures.slice(index, field, cursor, most)
+                images[index] = replace(made, shapes=shapes_on(pane, pane.depth_of(cursor), self.step()))
+            else:
+                images[index] = pictures.projection(index, field, projection, is_quick=is_moving)
+            self._sent[index] = key
+        return images
+
+    # ---- traits and display -----------------------------------------------------------------------------------------
+
+    @traitlets.validate("cursor")
+    def _inside(self, proposal: Any) -> list[float]:
+        place = np.asarray(proposal["value"], dtype=np.float64)
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise DeformError(f"the cursor must be three finite numbers (x, y, z), got {proposal['value']!r:.60}.")
+        grid = self.volume.grid
+        index = np.clip(grid.point_to_index(place), 0, np.asarray(grid.shape[::-1]) - 1)
+        return [float(x) for x in (place if np.allclose(index, grid.point_to_index(place)) else
+                                   grid.index_to_point(index))]
+
+    def close(self) -> None:
+        """End the widget and its thread."""
+        self._worker.close()
+        super().close()
+
+    def __repr__(self) -> str:
+        nz, ny, nx = self.volume.shape
+        return f"SpaceEditor({len(self.points)} points, volume of {nx} x {ny} x {nz})"
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        return with_png(super()._repr_mimebundle_(**options), self.preview_png)
+
+
+_ANSWERS = {"hello": SpaceEditor._hello, "look": SpaceEditor._look, "seen": SpaceEditor._seen}
+"""What is done about each kind of message, besides those about points."""
+
+
+def _is_same(a: Any, b: Any) -> bool:
+    return isinstance(a, str | float | int | None) and isinstance(b, str | float | int | None) and a == b
+
+
+def _weakly(editor: SpaceEditor, work: Any) -> Any:
+    """Work for the editor's thread, which must not keep an editor alive that nobody uses any more."""
+    held = weakref.ref(editor)
+
+    def job() -> None:
+        alive = held()
+        if alive is not None:
+            work(alive)
+
+    return job

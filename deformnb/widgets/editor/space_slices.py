@@ -1,0 +1,239 @@
+"""Three pictures of a deformed volume at right angles, and what a page must know to draw points in them.
+
+A slice of a deformation in space takes its voxels from other slices, so the pictures are made here, each by warping the
+volume onto the lattice of that one slice: a few milliseconds, and the same voxels as in the whole deformed volume.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.analysis.folds import Folds, folds_of
+from deformnb.document.deformation import Step
+from deformnb.imaging.picture import project
+from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.transfer import TransferFunction, levels
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp
+from deformnb.widgets.packed_volume import checked_window, shown_volume
+
+PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
+"""Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
+
+PROJECTIONS = ("slice", "mip", "composite", "shaded")
+"""What the pictures may show: a slice, or all of the volume seen from that side."""
+
+# Voxels of the volume that a projection warps while something moves, and at rest: 40 ms and a third of a second.
+_MAXIMUM, _LIGHT = (96**3, 192**3), (64**3, 128**3)
+_LARGEST_SIDE = 2048
+# Nodes along the longest side of the lattice on which folds are looked for.
+_FOLD_NODES = 24
+_SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
+_OPAQUE = 0.5  # of what lies in front of a place: there the surface of a composite picture is
+
+
+@dataclass(frozen=True)
+class Pane:
+    """Where one of the pictures lies.
+
+    Parameters
+    ----------
+    name : of the picture.
+    plane : of the first slice; depth runs along its normal.
+    box : (a0, a1, b0, b1, c0, c1), outer faces of the volume in the plane's coordinates.
+    spacing : of voxels along u, v and the normal.
+    """
+
+    name: str
+    plane: Plane
+    box: tuple[float, ...]
+    spacing: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, grid: Grid, view: str) -> Pane:
+        """The picture of a volume seen along one of its axes."""
+        plane = Plane.along(grid, view, depth=0.0)
+        corners = plane.to_plane(grid.corners())
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        axes = np.abs(plane.frame @ np.asarray(grid.direction)).argmax(axis=1)
+        u, v, n = (float(grid.spacing[k]) for k in axes)
+        return cls(PANES[view], plane, tuple(float(x) for pair in zip(low, high, strict=True) for x in pair), (u, v, n))
+
+    @property
+    def depths(self) -> tuple[float, float]:
+        """Of the middles of the first and of the last slice."""
+        return self.box[4] + self.spacing[2] / 2, self.box[5] - self.spacing[2] / 2
+
+    def raster(self, most: int) -> Raster:
+        """Square pixels over the picture, as fine as the voxels but at most so many along a side."""
+        a0, a1, b0, b1 = self.box[:4]
+        d = max(min(self.spacing[:2]), max(a1 - a0, b1 - b0) / most)
+        nu, nv = (max(1, round(length / d)) for length in (a1 - a0, b1 - b0))
+        du, dv = (a1 - a0) / nu, (b1 - b0) / nv
+        return Raster((nv, nu), (du, dv), (a0 + du / 2, b0 + dv / 2))
+
+    def lattice(self, depth: float, most: int) -> Grid:
+        """The voxels of one slice."""
+        raster = self.raster(most)
+        origin = self.plane.from_plane([*raster.origin, depth])
+        direction = tuple(tuple(float(x) for x in row) for row in self.plane.frame.T)
+        return Grid((1, *raster.shape), (*raster.spacing, self.spacing[2]), tuple(origin), direction)  # type: ignore[arg-type]
+
+    def depth_of(self, place: ArrayLike) -> float:
+        """How deep a place in space lies, at most on the last slice."""
+        return float(np.clip(self.plane.to_plane(place)[2], *self.depths))
+
+    def info(self) -> dict[str, Any]:
+        """What the page must know."""
+        plane = self.plane
+        return {"name": self.name, "origin": list(plane.origin), "u": list(plane.u), "v": list(plane.v),
+                "n": list(plane.normal), "box": list(self.box), "depths": list(self.depths),
+                "spacing": list(self.spacing)}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One picture as the page gets it.
+
+    Parameters
+    ----------
+    values : uint8 (nv, nu) or (nv, nu, 3).
+    raster : where its pixels lie.
+    depths : of projections, the depth that is seen at each pixel, float32 (nv, nu).
+    shapes : of slices, uint8 (n, m, 2) over the same box: how much of each place lies in a rigid part, and on a cut.
+    """
+
+    values: NDArray[np.uint8]
+    raster: Raster
+    depths: NDArray[np.float32] | None = None
+    shapes: NDArray[np.uint8] | None = None
+
+    def message(self) -> tuple[dict[str, Any], list[bytes]]:
+        """What is said of it, and its buffers."""
+        raster = self.raster
+        about = {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
+                 "channels": 1 if self.values.ndim == 2 else 3, "hasDepths": self.depths is not None,
+                 "shapes": None if self.shapes is None else list(self.shapes.shape[:2])}
+        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.shapes]
+        return about, [np.ascontiguousarray(part).tobytes() for part in parts if part is not None]
+
+
+class SpacePictures:
+    """A volume made ready to be seen in three pictures.
+
+    Parameters
+    ----------
+    window : values that are black and white; default is from the background to the densest matter.
+    transfer : colours and opacities of composite pictures.
+    """
+
+    def __init__(self, volume: Volume, transfer: TransferFunction, window: tuple[float, float] | None = None) -> None:
+        self.volume, self.transfer = volume, transfer
+        self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
+        self.window = _window(volume) if window is None else checked_window(window)
+        self._coarser: dict[int, Volume] = {}
+        self._projected: tuple[Any, dict[int, Shown]] = ((), {})
+
+    def slice(self, index: int, field: AbstractField | None, place: ArrayLike, most: int) -> Shown:
+        """One slice of the deformed volume through a place."""
+        pane = self.panes[index]
+        lattice = pane.lattice(pane.depth_of(place), most)
+        values = warp(self.volume, Identity(3) if field is None else field, output=lattice).values[0]
+        return Shown(_grey(values, *self.window), pane.raster(most))
+
+    def projection(self, index: int, field: AbstractField | None, method: str, *, is_quick: bool) -> Shown:
+        """All of the deformed volume seen from one side; from fewer voxels if it is to be quick."""
+        limit = (_MAXIMUM if method == "mip" else _LIGHT)[0 if is_quick else 1]
+        key = (id(field), method, limit)
+        if self._projected[0] != (key, field):
+            warped = self._coarse(limit) if field is None else warp(self._coarse(limit), field, step=2)
+            self._projected = ((key, field), {k: self._project(warped, k, method) for k in range(len(self.panes))})
+        return self._projected[1][index]
+
+    def _coarse(self, limit: int) -> Volume:
+        if limit not in self._coarser:
+            shown = shown_volume(self.volume, limit, _LARGEST_SIDE, self.window)
+            low, high = self.window
+            values = (shown.volume.values.astype(np.float32) * np.float32((high - low) / 255) + np.float32(low))
+            self._coarser[limit] = Volume(values, shown.volume.grid, self.volume.name)
+        return self._coarser[limit]
+
+    def _project(self, volume: Volume, index: int, method: str) -> Shown:
+        plane = self.panes[index].plane
+        picture = project(volume, plane, method, transfer=self.transfer)
+        values = picture.rgb8() if picture.values.ndim == 3 else _grey(picture.values, *self.window)
+        layers, depths = _layers(volume, plane)
+        if method == "mip":
+            seen = layers.argmax(axis=0)
+        else:  # where half of the light has been stopped; where nothing stops it, at the brightest
+            alphas = np.clip(self.transfer(layers.reshape(-1))[:, 3].reshape(layers.shape), 0, 0.9999)
+            thickness = abs(depths[1] - depths[0]) / self.transfer.unit if len(depths) > 1 else 1.0
+            passed = np.cumsum(np.log1p(-alphas) * thickness, axis=0) < np.log1p(-_OPAQUE)
+            seen = np.where(passed.any(axis=0), passed.argmax(axis=0), layers.argmax(axis=0))
+        return Shown(values, picture.raster, depths[seen].astype(np.float32))
+
+
+def _layers(volume: Volume, plane: Plane) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """The voxels as [depth, v, u] of a plane along their axes, and the depths."""
+    cosines = plane.frame[[2, 1, 0]] @ np.asarray(volume.grid.direction)
+    best = np.abs(cosines).argmax(axis=1)
+    layers = volume.values.transpose([2 - int(k) for k in best])
+    layers = layers[tuple(slice(None, None, 1 if cosines[row, k] > 0 else -1) for row, k in enumerate(best))]
+    corners = plane.to_plane(volume.grid.corners(centres=True))[:, 2]
+    return layers, np.linspace(corners.min(), corners.max(), len(layers))
+
+
+def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
+    """Where the rigid parts and the cuts of a step in space are on a slice; None if it has none.
+
+    Shares of 255, uint8 (n, m, 2): of each place how much lies in a part where that has gone, and on a cut.
+    """
+    parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
+    cuts = [cut.region for cut in step.cuts if cut.enabled]
+    if not parts and not cuts:
+        return None
+    raster = pane.raster(_SHAPE_PIXELS)
+    points = raster.points()
+    x = pane.plane.from_plane(np.concatenate([points, np.full((*raster.shape, 1), depth)], axis=-1))
+    shares, pixel = np.zeros((*raster.shape, 2)), max(raster.spacing)
+    for part in parts:
+        far = part.region.signed_distance(x if part.motion is None else part.motion.inverse(x))
+        shares[..., 0] = np.maximum(shares[..., 0], np.clip(0.5 - far / pixel, 0, 1))
+    for region in cuts:
+        shares[..., 1] = np.maximum(shares[..., 1], np.clip(1.3 - np.abs(region.signed_distance(x)) / pixel, 0, 1))
+    return (shares * 255 + 0.5).astype(np.uint8)
+
+
+def _window(volume: Volume) -> tuple[float, float]:
+    low, high = volume.value_range
+    if not (volume.is_labels or volume.dtype == np.bool_):
+        low, _, _, high = levels(volume)
+    return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
+
+
+def _grey(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    scaled = (values.astype(np.float32) - np.float32(low)) * np.float32(255 / (high - low))
+    return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
+
+
+def folding(field: AbstractField, grid: Grid) -> Folds:
+    """The smallest factor by which a field stretches volumes, where that is, and the share of places where it folds.
+
+    On a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes.
+
+    Examples
+    --------
+    >>> folding(Identity(3), Grid((20, 20, 20))).share
+    0.0
+    """
+    lengths = np.asarray(grid.spacing) * np.asarray(grid.shape[::-1])
+    counts = np.maximum(3, np.round(_FOLD_NODES * lengths / lengths.max())).astype(int)
+    spacing = lengths / counts
+    first = grid.index_to_point((spacing / np.asarray(grid.spacing) - 1) / 2)
+    lattice = Grid((int(counts[2]), int(counts[1]), int(counts[0])), tuple(spacing), tuple(first), grid.direction)
+    return folds_of(field, lattice)

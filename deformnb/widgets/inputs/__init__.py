@@ -1,0 +1,1 @@
+"""Input widgets: curves, transfer functions, lists, tables, players."""

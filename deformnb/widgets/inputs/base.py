@@ -1,0 +1,172 @@
+"""What the small widgets have in common whose value a hand changes in the page: messages, callbacks, checks.
+
+Python says what is shown in one trait, ``shown``; the page never writes traits.
+
+Messages by the page: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages to
+the page: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``. What is
+wrong in a message is said in the page, logged, and changes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import traitlets
+
+from deformnb.errors import DeformError
+from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.view.base import ViewMeta
+
+_LOG = logging.getLogger(__name__)
+
+SCRIPTS = ("elements.js", "edit_link.js", "edited_page.js")
+"""Scripts in front of those of every such widget."""
+
+LONGEST_MESSAGE = 65536
+"""Bytes of a message by the page at most."""
+
+_LONGEST_NAME = 40
+_PAGES = 16  # that are told apart; an older one has long been closed
+
+EditCallback = Callable[[Any, str], None]
+"""Called with the value and "move" or "end"."""
+
+
+class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
+    """A value that is changed by hand in the page.
+
+    Notes
+    -----
+    ``on_edit(callback)`` hears of every movement of a drag; the traits change at its end only.
+    """
+
+    shown = traitlets.Dict(help="what the page draws").tag(sync=True)
+    theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    label = traitlets.Unicode("").tag(sync=True)
+    read_only = traitlets.Bool(False).tag(sync=True)
+    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+
+    def __init__(self, **traits: Any) -> None:
+        self._callbacks: list[EditCallback] = []
+        self._seen: dict[str, int] = {}
+        super().__init__(**traits)
+        self.on_msg(self._received)
+
+    @abstractmethod
+    def _checked(self, value: Any) -> Any:
+        """What the page means, for callbacks and :meth:`_take`; DeformError for anything wrong."""
+
+    @abstractmethod
+    def _take(self, edit: Any) -> Any:
+        """Make an edit the value of the traits."""
+
+    @abstractmethod
+    def _show(self) -> None:
+        """Call :meth:`_say` with what the page draws."""
+
+    def _say(self, **shown: Any) -> None:
+        # In one trait, for no page may meet a new value without knowing whether its own last edit is in it.
+        self.shown = {**shown, "seen": dict(self._seen)}
+
+    def _told(self, edit: Any) -> Any:
+        """What callbacks get of an edit."""
+        return edit
+
+    def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
+        """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
+
+        During a drag the traits stay as they were; only the callback sees the value on its way. Exceptions of the
+        callback are logged and shown in the page.
+        """
+        if remove:
+            self._callbacks.remove(callback)
+        else:
+            self._callbacks.append(callback)
+        self.live = bool(self._callbacks)
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        try:
+            seq, view, phase = _envelope(content)
+        except DeformError as error:
+            _LOG.warning("a message to %s was dropped: %s", type(self).__name__, error)
+            return
+        try:
+            edit = self._checked(content.get("value"))
+            if phase == "end":
+                self._see(view, seq)
+                self._take(edit)
+            for callback in tuple(self._callbacks):
+                callback(self._told(edit), phase)
+        except DeformError as error:
+            _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
+            self.send({"type": "error", "view": view, "message": str(error)})
+        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+            _LOG.exception("a callback of %s failed", type(self).__name__)
+            self.send({"type": "error", "view": view, "message": f"{type(error).__name__} in a callback: {error}"})
+        finally:
+            if phase == "end":  # taken or refused: what is shown now is the answer
+                self._see(view, seq)
+                self._show()
+            self.send({"type": "done", "seq": seq, "view": view})
+
+    def _see(self, view: str, seq: int) -> None:
+        self._seen.pop(view, None)
+        self._seen[view] = seq
+        while len(self._seen) > _PAGES:
+            del self._seen[next(iter(self._seen))]
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits: only ipywidgets' own count of views."""
+        given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
+        count = given.get("_view_count")
+        if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):
+            _LOG.warning("traits of %s from the page were dropped: %.80r", type(self).__name__, sorted(map(str, given)))
+        elif given:
+            super().set_state(given)
+
+
+def _envelope(content: Any) -> tuple[int, str, str]:
+    """Number, view and phase of an edit."""
+    if not isinstance(content, dict) or content.get("type") != "edit":
+        raise DeformError("it is no edit.")
+    try:
+        size = len(json.dumps(content))
+    except (TypeError, ValueError, RecursionError):
+        raise DeformError("it is no JSON.") from None
+    if size > LONGEST_MESSAGE:
+        raise DeformError(f"it has {size} bytes, more than {LONGEST_MESSAGE}.")
+    seq: Any = content.get("seq")
+    view, phase = content.get("view", ""), content.get("phase")
+    if not is_whole(seq) or phase not in ("move", "end") or not isinstance(view, str) or len(view) > _LONGEST_NAME:
+        raise DeformError("an edit needs a number, a phase and the name of its view.")
+    return seq, view, phase
+
+
+def is_whole(value: Any) -> bool:
+    """Whether this is a whole number that JavaScript counts exactly."""
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
+
+
+def is_number(value: Any) -> bool:
+    """Whether this is a finite number of ordinary size."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def nodes_from_json(data: Any, fewest: int, most: int) -> tuple[tuple[float, float], ...]:
+    """Nodes (x, y) from the page's list, x not falling.
+
+    >>> nodes_from_json([[0, 1], [2, 0.5]], 2, 9)
+    ((0.0, 1.0), (2.0, 0.5))
+    """
+    if not isinstance(data, list) or not fewest <= len(data) <= most:
+        raise DeformError(f"a curve needs a list of {fewest} to {most} nodes.")
+    if not all(isinstance(row, list) and len(row) == 2 and all(map(is_number, row)) for row in data):
+        raise DeformError("a node of a curve must be two finite numbers.")
+    if any(a[0] > b[0] for a, b in pairwise(data)):
+        raise DeformError("the nodes of a curve must come from left to right.")
+    return tuple((float(x), float(y)) for x, y in data)

@@ -1,0 +1,44 @@
+"""Sliders that cut away parts of what a view shows, moved in the page: a live view follows them without the kernel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ipywidgets
+import traitlets
+
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.synced import SyncedWidget
+
+CLIP_FILES = ("clip_sliders.js",)
+"""Scripts of the sliders, behind elements.js, camera.js and clipping.js."""
+
+CLIP_STYLES = ("clip_sliders.css",)
+
+
+class ClipControls(SyncedWidget):
+    """Three sliders with two ends each, a button that opens the volume towards the viewer, and one that closes it.
+
+    Parameters
+    ----------
+    view : any view with the traits ``clip``, ``camera`` and ``volume_info``; None shows nothing. The page writes its
+        ``clip``, as a program may.
+
+    Examples
+    --------
+    >>> from deformnb.widgets.view.live_view import LiveView
+    >>> view = LiveView()
+    >>> ClipControls(view).view is view
+    True
+    """
+
+    _esm = joined("elements.js", "camera.js", "clipping.js", *CLIP_FILES, "clip_controls.js")
+    _css = style(*CLIP_STYLES)
+
+    view = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
+
+    def __init__(self, view: Any = None, **traits: Any) -> None:
+        super().__init__(view=view, **traits)
+
+    def set_state(self, sync_data: Any) -> None:
+        """The page decides on nothing here: what it cuts away is said to the view."""

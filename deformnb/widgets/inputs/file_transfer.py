@@ -1,0 +1,54 @@
+"""Hands a text to the clipboard, or a file to the browser's downloads: what only the page can do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import traitlets
+
+from deformnb.errors import DeformError
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.synced import SyncedWidget
+
+LARGEST_DOWNLOAD = 128 * 2**20
+"""Bytes of one download at most: a message of 256 MB was seen to break a front end."""
+
+
+class HandOver(SyncedWidget):
+    """A line in the page that says what was handed over.
+
+    Notes
+    -----
+    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with
+    the bytes. The page sends nothing.
+
+    Examples
+    --------
+    >>> HandOver().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
+    Traceback (most recent call last):
+    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a page takes at once; it is in the folder.
+    """
+
+    _esm = joined("hand_over.js")
+    _css = style("hand_over.css")
+
+    said = traitlets.Unicode("").tag(sync=True)
+
+    def copy(self, text: str, note: str = "") -> None:
+        """Put a text on the clipboard; where the browser refuses, it is shown and selected.
+
+        Parameters
+        ----------
+        note : what to do with it, said along with how much was copied.
+        """
+        self.send({"type": "copy", "text": text, "note": note})
+
+    def download(self, name: str, content: bytes) -> None:
+        """Let the browser save a file under this name."""
+        if len(content) > LARGEST_DOWNLOAD:
+            raise DeformError(f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
+                              "a page takes at once; it is in the folder.")
+        self.send({"type": "download", "name": name}, [content])
+
+    def set_state(self, sync_data: Any) -> None:
+        """The page owns nothing here."""

@@ -1,0 +1,125 @@
+"""A list in the page of things with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
+
+Python owns the list and the page asks for what shall be done: ``{"type": "act", "what": "switch", "index": 1,
+"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. What was meant for rows as they were
+before is dropped: another row may be at its place now.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import traitlets
+
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.synced import SyncedWidget
+
+_LOG = logging.getLogger(__name__)
+
+LONGEST_NAME = 100
+"""Characters of a name that a page gives."""
+
+COMMANDS = ("rename", "up", "down", "double", "remove")
+"""What a row may have a button for."""
+
+ActCallback = Callable[[str, int, Any], None]
+"""Called with "choose", "switch" or one of :data:`COMMANDS`, the row's number, and True, False or a name."""
+
+
+class ItemList(SyncedWidget):
+    """Rows that can be chosen, switched, renamed, moved, duplicated and removed.
+
+    Parameters
+    ----------
+    columns : headings of name and facts; none is shown without.
+    commands : those of :data:`COMMANDS` that a row has buttons and keys for.
+    switches : whether rows can be switched on and off.
+    label : what a screen reader calls the list; empty : shown where there is no row.
+
+    Examples
+    --------
+    >>> items = ItemList(commands=["remove"])
+    >>> items.show([{"title": "from the front", "facts": ["5 points"], "on": True}], 0)
+    >>> items.on_act(lambda what, index, value: items.show([], -1))
+    >>> items._handle_custom_msg({"type": "act", "what": "remove", "index": 0, "version": items.version}, [])
+    >>> items.rows
+    []
+    """
+
+    _esm = joined("elements.js", "item_list.js")
+    _css = style("item_list.css")
+
+    rows = traitlets.List(traitlets.Dict()).tag(sync=True)
+    chosen = traitlets.Int(-1).tag(sync=True)
+    version = traitlets.Int(0).tag(sync=True)
+    columns = traitlets.List(traitlets.Unicode()).tag(sync=True)
+    commands = traitlets.List(traitlets.Enum(COMMANDS), list(COMMANDS)).tag(sync=True)
+    switches = traitlets.Bool(True).tag(sync=True)
+    label = traitlets.Unicode("List").tag(sync=True)
+    empty = traitlets.Unicode("").tag(sync=True)
+
+    def __init__(self, **traits: Any) -> None:
+        self._callbacks: list[ActCallback] = []
+        super().__init__(**traits)
+        self.on_msg(self._received)
+
+    def show(self, rows: Sequence[dict[str, Any]], chosen: int) -> None:
+        """Show these rows.
+
+        Parameters
+        ----------
+        rows : of each ``name``, or ``title`` where it has none; ``facts``, a list of texts; ``on``; a colour as
+            ``swatch``, or a letter as ``mark``, in the place of its number; ``tip``; ``time`` in seconds since 1970,
+            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else tells it apart.
+        chosen : the row that is marked, -1 for none.
+        """
+        whole = [{"name": "", "title": "", "facts": [], "swatch": "", "tip": "", "on": True, **row} for row in rows]
+        with self.hold_sync():
+            if whole != self.rows:
+                if [_identity(row) for row in whole] != [_identity(row) for row in self.rows]:
+                    self.version += 1
+                self.rows = whole
+            self.chosen = chosen
+
+    def on_act(self, callback: ActCallback) -> None:
+        """Call ``callback(what, index, value)`` when the page's user wants something done."""
+        self._callbacks.append(callback)
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        try:
+            act = self._checked(content)
+            if act is None:
+                _LOG.warning("a message to a list was dropped: %.200r", content)
+            elif content["version"] == self.version:
+                for callback in tuple(self._callbacks):
+                    callback(*act)
+        except Exception:  # it must not end the conversation with the page
+            _LOG.exception("a callback of a list failed")
+        finally:
+            self.send({"type": "done"})
+
+    def _checked(self, content: Any) -> tuple[str, int, Any] | None:
+        if not isinstance(content, dict) or content.get("type") != "act" or not is_whole(content.get("version")):
+            return None
+        what, index, value = content.get("what"), content.get("index"), content.get("value")
+        if not isinstance(what, str) or what not in ("choose", "switch", *self.commands):
+            return None
+        if not is_whole(index) or not isinstance(index, int) or index < 0:
+            return None
+        if content["version"] == self.version and index >= len(self.rows):
+            return None
+        wanted = {"switch": bool, "rename": str}.get(what)
+        if wanted is None:
+            return what, index, None
+        return (what, index, value) if isinstance(value, wanted) and len(str(value)) <= LONGEST_NAME else None
+
+    def set_state(self, sync_data: Any) -> None:
+        """The page owns nothing here."""
+
+
+def _identity(row: dict[str, Any]) -> tuple[Any, ...]:
+    """What tells a row from another one at its place."""
+    return row.get("name"), row.get("title"), row.get("swatch"), row.get("id")

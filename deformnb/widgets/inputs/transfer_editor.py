@@ -1,0 +1,209 @@
+"""The transfer editor: opacity as a curve over the histogram of a volume, below it colours and the window of both.
+
+Values of its messages (see :mod:`~deformnb.widgets.inputs.base`): ``{"nodes": [[value, alpha], ...]}``, ``{"colors":
+[[value, "#rrggbb"], ...]}``, ``{"window": [low, high]}`` or ``{"preset": name}``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import traitlets
+
+from deformnb.errors import DeformError
+from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
+from deformnb.volume.volume import Volume
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, nodes_from_json
+from deformnb.widgets.inputs.curve_editor import MOST_NODES
+
+_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the page adds up what is finer than a pixel
+_TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
+_FELT = 16  # more steps than this in a bin, and one more or less is not seen
+
+
+class _TransferTrait(traitlets.TraitType[TransferFunction, TransferFunction]):
+    """A transfer function."""
+
+    info_text = "a TransferFunction"
+
+    def validate(self, obj: Any, value: Any) -> TransferFunction:
+        if not isinstance(value, TransferFunction):
+            raise DeformError(f"transfer must be a TransferFunction, got {type(value).__name__}; see preset(name).")
+        return value
+
+
+class TransferEditor(AbstractEdited):
+    """Opacities, colours and window of a transfer function, dragged under the histogram of a volume.
+
+    Parameters
+    ----------
+    volume : whose values they are for.
+    transfer : a transfer function or the name of a preset.
+    height : least height of the plot in CSS pixels; a wide page makes it a little larger.
+    power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent matter
+        can be told apart and dragged; 1 is linear.
+    theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
+
+    Notes
+    -----
+    ``transfer`` is a trait: ``editor.observe(f, "transfer")`` calls f after every edit. Colours are no part of a
+    document and of its undo; the way back is the preset, which the page offers as "Reset".
+
+    Examples
+    --------
+    >>> editor = TransferEditor(Volume.from_array(np.arange(60, dtype=np.uint8).reshape(3, 4, 5)), "bone")
+    >>> len(editor.transfer.opacities)
+    4
+    >>> editor.preset("xray")
+    >>> editor.transfer.opacities[-1][1]
+    0.06
+    """
+
+    _esm = joined(*SCRIPTS, "curves.js", "curve_plot.js", "value_axis.js", "color_stops.js",
+                  "window_bar.js", "transfer_editor.js")
+    _css = style("curve_editor.css", "transfer_editor.css")
+
+    transfer = _TransferTrait(TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 1))))
+    height = traitlets.Int(150, min=80, max=1024).tag(sync=True)
+    power = traitlets.Float(0.4, min=0.1, max=1.0).tag(sync=True)
+    presets = traitlets.List(list(PRESETS), read_only=True).tag(sync=True)
+    histogram = traitlets.Dict(help="bars behind the curve").tag(sync=True)
+
+    def __init__(self, volume: Volume, transfer: TransferFunction | str = "specimen", **traits: Any) -> None:
+        self._volume = volume
+        self._named: tuple[str, TransferFunction] | None = None
+        counts, self._extent = shown_histogram(volume)
+        super().__init__(histogram=_bars(counts), **{"label": "Opacities and colours", **traits})
+        self.set_transfer(transfer)
+        self._show()
+
+    @property
+    def volume(self) -> Volume:
+        """Whose values they are for; setting another one keeps a preset's name, or else the nodes."""
+        return self._volume
+
+    @volume.setter
+    def volume(self, volume: Volume) -> None:
+        counts, extent = shown_histogram(volume)
+        name = self._preset_name
+        self._volume, self._extent = volume, extent
+        with self.hold_sync():  # all in one message: a histogram must never meet another volume's nodes
+            self.histogram = _bars(counts)
+            if name:
+                self.preset(name)
+            self._show()
+
+    def preset(self, name: str) -> None:
+        """Take the preset of this name for the volume."""
+        self.set_transfer(name)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Take a transfer function, or the preset of a name."""
+        if isinstance(transfer, str):
+            found = preset(transfer, self._volume)
+            self._named = (transfer, found)
+            transfer = found
+        self.transfer = transfer
+
+    # ---- edits ------------------------------------------------------------------------------------------------------
+
+    def _checked(self, value: Any) -> tuple[str, TransferFunction]:
+        if not isinstance(value, dict):
+            raise DeformError("a transfer function is nodes, colours, a window or the name of a preset.")
+        if "preset" in value:
+            name = value["preset"]
+            if not isinstance(name, str):
+                raise DeformError("the name of a preset is a text.")
+            return name, preset(name, self._volume)
+        if "colors" in value:
+            return "", self.transfer.with_colors(_stops(value["colors"], max(MOST_NODES, len(self.transfer.colors))))
+        if "window" in value:
+            return "", self.transfer.windowed(*_window(value["window"]))
+        nodes = nodes_from_json(value.get("nodes"), 1, max(MOST_NODES, len(self.transfer.opacities)))
+        if any(not 0 <= alpha <= 1 for _, alpha in nodes):
+            raise DeformError("an alpha must be a number from 0 to 1.")
+        return "", self.transfer.with_opacities(nodes)
+
+    def _take(self, edit: tuple[str, TransferFunction]) -> None:
+        name, transfer = edit
+        if name:
+            self._named = (name, transfer)
+        self.transfer = transfer
+        self._show()
+
+    def _told(self, edit: tuple[str, TransferFunction]) -> TransferFunction:
+        return edit[1]
+
+    @property
+    def _preset_name(self) -> str:
+        return self._named[0] if self._named is not None and self._named[1] == self.transfer else ""
+
+    @traitlets.observe("transfer")
+    def _changed(self, _change: Any) -> None:
+        self._show()
+
+    def _show(self) -> None:
+        values = [*self._extent, *self.transfer.window]
+        self._say(nodes=[list(node) for node in self.transfer.opacities], preset=self._preset_name,
+                  colors=[list(node) for node in self.transfer.colors], back=self._named[0] if self._named else "",
+                  range=[min(values), max(values)])
+
+    def __repr__(self) -> str:
+        what = repr(self._preset_name) if self._preset_name else f"{len(self.transfer.opacities)} nodes"
+        return f"TransferEditor({self._volume.name or 'volume'}, {what})"
+
+
+def _stops(data: Any, most: int) -> list[tuple[float, str]]:
+    """Colours by the page, values not falling."""
+    if not isinstance(data, list) or not 1 <= len(data) <= most:
+        raise DeformError(f"colours need a list of 1 to {most} stops.")
+    if not all(isinstance(row, list) and len(row) == 2 and is_number(row[0]) and isinstance(row[1], str)
+               for row in data):
+        raise DeformError("a stop of the colours must be a finite number and a colour.")
+    return [(float(value), color) for value, color in data]
+
+
+def _window(data: Any) -> tuple[float, float]:
+    if not isinstance(data, list) or len(data) != 2 or not all(map(is_number, data)):
+        raise DeformError("a window must be two finite numbers.")
+    return float(data[0]), float(data[1])
+
+
+def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
+    """The histogram behind the curve, up to the densest matter, with its first and last value.
+
+    A few voxels of metal would press all that matters into the first tenth of the plot. Where values come in steps, as
+    whole numbers do and what was once a byte, bins hold whole steps: one and a half would look like a comb.
+    """
+    low, _, _, top = levels(volume)
+    step = _step(volume, low, top)
+    if step:
+        count = int(np.ceil((top - low) / step - 1e-3)) + 1
+        each = -(-count // _BINS)
+        bins = max(2, -(-count // each))
+        edge, width = low - step / 2, each * step
+        return histogram(volume, edge, edge + bins * width, bins, _SLICES), (low, low + (bins * each - 1) * step)
+    high = top if top > low else low + max(1.0, abs(low))
+    return histogram(volume, low, high, _BINS, _SLICES), (low, high)
+
+
+def _step(volume: Volume, low: float, top: float) -> float:
+    """The step in which values come, as far as one slice tells; 0 if there is none that bins could feel."""
+    middle = volume.finite_values[volume.shape[0] // 2, ::2, ::2]
+    values = np.unique(middle.astype(np.float64))
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-6 * (top - low)]
+    if len(gaps) < _TELLING:
+        return 1.0 if middle.dtype.kind in "bui" else 0.0
+    steps = (values - low) / gaps.min()
+    is_even = bool(np.abs(steps - np.round(steps)).max() < 0.05)
+    return float(gaps.min()) if is_even and (top - low) / gaps.min() < _FELT * _BINS else 0.0
+
+
+def _bars(counts: Histogram) -> dict[str, Any]:
+    """Heights from 0 to 1 on a logarithmic scale, on which the peak of the air does not flatten the rest."""
+    heights = np.log1p(counts.counts) / max(np.log1p(counts.counts.max()), 1e-12)
+    note = f"{counts.slices} of {counts.total} slices" if counts.is_sampled else ""
+    return {"low": counts.low, "high": counts.high, "heights": np.round(heights, 3).tolist(), "note": note}

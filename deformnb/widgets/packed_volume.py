@@ -1,0 +1,289 @@
+"""A volume made ready for a graphics card: small enough, one byte a voxel, in packed pieces.
+
+Which values a graphics card tells apart with its 256 bytes: finer where a transfer function looks closely.
+"""
+
+from __future__ import annotations
+
+import gzip
+import threading
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.transfer import TransferFunction, levels
+from deformnb.volume.volume import Grid, Volume
+
+Progress = Callable[[float], None]
+
+# A piece of the volume on its way to the page: below the 10 MB that proxies and servers refuse, large enough that the
+# round trip of some 50 ms does not count.
+_CHUNK_BYTES = 2**21
+_LEVEL = 1  # gzip: 16.8 MB in 0.1 to 0.4 s; level 6 takes five times as long for a tenth less
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class ShownVolume:
+    """What of a volume is shown.
+
+    Parameters
+    ----------
+    volume : bytes on a grid that may be coarser than the original.
+    original : grid of the volume as it was given; its box is what is seen.
+    window : values shown as 0 and 255.
+    factors : how many voxels were averaged along x, y, z.
+    id : of this content, so that late pieces of another one are dropped.
+    outside : the byte that lies outside the volume.
+    white : share of the window that is white in a maximum projection.
+    share : of all values of interest that the window holds; 1 shows them all.
+    """
+
+    volume: Volume
+    original: Grid
+    window: tuple[float, float]
+    factors: tuple[int, int, int]
+    id: str
+    outside: int
+    white: float
+    share: float = 1.0
+
+    @property
+    def note(self) -> str:
+        """What the user must know: "shown at 1/2"."""
+        fine = f"finer greys from {self.window[0]:.4g} to {self.window[1]:.4g}" if self.share < 1 else ""
+        return "; ".join(words for words in (fine, self._size_note) if words)
+
+    @property
+    def _size_note(self) -> str:
+        if max(self.factors) == 1:
+            return ""
+        if len(set(self.factors)) == 1:
+            return f"shown at 1/{self.factors[0]}"
+        parts = [f"1/{f} along {axis}" for axis, f in zip(_AXES, self.factors, strict=True) if f > 1]
+        return "shown at " + ", ".join(parts)
+
+    @property
+    def slices(self) -> int:
+        """Slices in one piece."""
+        nz, ny, nx = self.volume.shape
+        return min(nz, max(1, _CHUNK_BYTES // (ny * nx)))
+
+    @property
+    def chunks(self) -> int:
+        """Number of pieces."""
+        return -(-self.volume.shape[0] // self.slices)
+
+    def chunk(self, index: int) -> tuple[int, bytes]:
+        """Place of the first voxel of a piece, and its voxels packed by gzip."""
+        first = index * self.slices
+        voxels = np.ascontiguousarray(self.volume.values[first : first + self.slices])
+        start = first * self.volume.shape[1] * self.volume.shape[2]
+        return start, gzip.compress(voxels.tobytes(), _LEVEL, mtime=0)
+
+    def to_frame(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points in space as lengths along the index axes, from the centre of the first voxel: the card's frame."""
+        return np.asarray(self.volume.grid.point_to_index(points) * np.asarray(self.volume.grid.spacing))
+
+    @property
+    def frame(self) -> NDArray[np.float64]:
+        """3 x 3 rows, from vectors in space to the card's frame."""
+        grid = self.volume.grid
+        return np.asarray(np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None])
+
+    def box(self, grid: Grid | None = None) -> dict[str, list[float]]:
+        """The box of a grid (default: the volume's own) along the index axes."""
+        corners = self.to_frame((grid or self.original).corners())
+        return {"low": corners.min(axis=0).tolist(), "high": corners.max(axis=0).tolist()}
+
+    def info(self) -> dict[str, Any]:
+        """What the page must know before the voxels come."""
+        grid = self.volume.grid
+        home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
+        views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
+        return {
+            "id": self.id, "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing), "origin": list(grid.origin),
+            "chunks": self.chunks,
+            "to_frame": self.frame.tolist(), "axes": np.asarray(grid.direction).tolist(), "box": self.box(),
+            "outside": self.outside, "is_labels": self.volume.is_labels, "grey": [0.0, self.white], "note": self.note,
+            "share": self.share,
+            "unit": unit_of(self.original),
+            "views": {**views, "home": home},
+        }
+
+
+class Pieces:
+    """The packed pieces of one volume, each made once, whichever thread asks first.
+
+    Parameters
+    ----------
+    shown : whose pieces they are. Another volume has other pieces, so that none of this one gets among them.
+
+    Examples
+    --------
+    >>> shown = shown_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), 100, 100)
+    >>> start, packed = Pieces(shown)[0]
+    >>> start, len(gzip.decompress(packed))
+    (0, 24)
+    """
+
+    def __init__(self, shown: ShownVolume) -> None:
+        self.shown = shown
+        self._lock = threading.Lock()
+        self._made: dict[int, tuple[int, bytes]] = {}
+
+    def __getitem__(self, index: int) -> tuple[int, bytes]:
+        with self._lock:
+            if index not in self._made:
+                self._made[index] = self.shown.chunk(index)
+            return self._made[index]
+
+
+def unit_of(grid: Grid) -> str:
+    """The unit of lengths: voxels where a spacing of 1 says nothing else, mm otherwise."""
+    return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
+
+
+def _look(plane: Plane) -> dict[str, list[float]]:
+    return {"direction": list(plane.normal), "up": [-c for c in plane.v]}
+
+
+def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, float] | None = None,
+                 progress: Progress | None = None) -> ShownVolume:
+    """A volume with at most ``limit`` voxels and ``largest`` along each axis, as bytes.
+
+    Parameters
+    ----------
+    window : values that become 0 and 255; default is the whole range for bytes, and up to the densest matter (all but
+        the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
+    """
+    factors = factors_of(volume.grid, limit, largest)
+    low, high = whole_window(volume) if window is None else checked_window(window)
+    grid = coarser(volume.grid, factors)
+    values = np.empty(grid.shape, np.uint8)
+    fx, fy, fz = factors
+    step = max(1, 2**22 // (fz * volume.shape[1] * volume.shape[2]))  # slabs of about 4 million voxels
+    discrete = volume.is_labels or volume.dtype == np.bool_
+    for k in range(0, grid.shape[0], step):
+        slab = volume.finite_values[k * fz : (k + step) * fz]
+        values[k : k + step] = _bytes(slab[::fz, ::fy, ::fx] if discrete else _means(slab, factors), low, high)
+        if progress is not None:
+            progress(min(1.0, (k + step) / grid.shape[0]))
+    return ShownVolume(Volume(values, grid, volume.name, is_labels=discrete), volume.grid, (low, high), factors,
+                       uuid.uuid4().hex, int(_bytes(np.array(volume.background), low, high)), _white(volume, low, high))
+
+
+def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    exact: NDArray[Any] = values.astype(np.float64 if values.dtype.itemsize > 2 else np.float32)
+    scaled = (exact - low) * (255 / (high - low))
+    return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
+
+
+def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
+    """How many voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
+    factors, counts, spacing = np.ones(3, int), np.array(grid.shape[::-1]), np.asarray(grid.spacing)
+    while True:
+        left = -(-counts // factors)
+        too_long = left > largest
+        if not too_long.any() and int(np.prod(left)) <= limit:
+            return int(factors[0]), int(factors[1]), int(factors[2])
+        can = too_long if too_long.any() else left > 1
+        if not can.any():
+            raise DeformError(f"no volume has fewer than one voxel; the limit is {limit}, along an axis {largest}.")
+        factors[int(np.where(can, spacing * factors, np.inf).argmin())] += 1
+
+
+def coarser(grid: Grid, factors: tuple[int, int, int]) -> Grid:
+    """The grid of blocks of so many voxels along x, y, z."""
+    z, y, x = (-(-n // f) for n, f in zip(grid.shape, factors[::-1], strict=True))
+    first = grid.index_to_point((np.asarray(factors) - 1) / 2)  # the middle of the first block
+    return replace(grid, shape=(z, y, x), spacing=tuple(np.asarray(grid.spacing) * factors), origin=tuple(first))
+
+
+def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
+    """Means of blocks; those at the end may have fewer voxels."""
+    for axis, f in enumerate(factors[::-1]):
+        if f > 1:
+            n = slab.shape[axis]
+            total = np.add.reduceat(slab, np.arange(0, n, f), axis=axis, dtype=np.float32)
+            count = np.minimum(f, n - np.arange(0, n, f)).astype(np.float32)
+            slab = total / count.reshape([-1 if k == axis else 1 for k in range(3)])
+    return slab
+
+
+def whole_window(volume: Volume) -> tuple[float, float]:
+    """The values of interest: all of bytes, and of others up to the densest matter."""
+    low, high = volume.value_range
+    if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
+        low, _, _, high = levels(volume)
+    return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
+
+
+def checked_window(window: tuple[float, float]) -> tuple[float, float]:
+    """Values that are told apart, lowest and highest; refused if they do not rise."""
+    low, high = (float(v) for v in window)
+    if not (np.isfinite(low) and np.isfinite(high) and high > low):
+        raise DeformError(f"the window must be two rising numbers, got {window!r}.")
+    return low, high
+
+
+def _white(volume: Volume, low: float, high: float) -> float:
+    """Share of the window from which on a maximum projection is white: one dense spot must not darken the rest."""
+    dense = high if volume.is_labels or volume.dtype == np.bool_ else levels(volume)[3]
+    return float(np.clip((dense - low) / (high - low), 1 / 255, 1.0))
+
+
+Window = tuple[float, float]
+
+_LEVELS = 255
+_SHARE = 0.25  # of the window: a transfer function that changes within less of it is seen in bands
+_ROOM = 0.05  # of that part, on each side
+_FINEST = 1 / 64  # of the window
+
+
+def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> Window | None:
+    """The part of a window within which a transfer function changes, if bytes over all of it show that in bands.
+
+    Parameters
+    ----------
+    function : is constant outside of the part, so that no colour changes by leaving out the rest.
+    volume : whole numbers are not told apart more finely than they are.
+    coarse : the window that all values of interest lie in.
+
+    Examples
+    --------
+    >>> volume = Volume.from_array(np.array([[[0, 4000]]], dtype=np.int16))
+    >>> narrow = TransferFunction(((1000, 0, 0, 0), (1600, 1, 1, 1)), ((1000, 0), (1600, 1)))
+    >>> fine_window(narrow, volume, (0.0, 4000.0))
+    (970.0, 1630.0)
+    >>> fine_window(narrow, volume, (0.0, 2000.0)) is None  # well told apart as it is
+    True
+    """
+    whole = coarse[1] - coarse[0]
+    step = 1.0 if np.issubdtype(volume.dtype, np.integer) else 0.0
+    if volume.is_labels or volume.dtype == np.bool_ or whole <= _LEVELS * step:
+        return None
+    values = np.unique([*(c[0] for c in function.colors), *(o[0] for o in function.opacities)])
+    differ = np.flatnonzero((np.diff(function(values), axis=0) != 0).any(axis=1))
+    if len(differ) == 0:
+        return None
+    low, high = (float(np.clip(v, *coarse)) for v in (values[differ[0]], values[differ[-1] + 1]))
+    if not 0 < high - low < _SHARE * whole:
+        return None
+    width = max((1 + 2 * _ROOM) * (high - low), _FINEST * whole, _LEVELS * step)
+    middle = (low + high) / 2
+    return max(coarse[0], middle - width / 2), min(coarse[1], middle + width / 2)
+
+
+def is_fine_enough(function: TransferFunction, volume: Volume, window: Window, coarse: Window) -> bool:
+    """Whether a window that is in use will do: it leaves out nothing, and another one would not be much finer."""
+    wanted = fine_window(function, volume, coarse) or coarse
+    holds_all = window[0] <= wanted[0] and wanted[1] <= window[1]
+    return holds_all and (window == wanted or window[1] - window[0] < (wanted[1] - wanted[0]) / (2 * _SHARE))

@@ -1,0 +1,486 @@
+"""Control points as the plain JSON that the page holds, and back, with everything checked.
+
+``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0, "locked": false,
+"radius": null}, ...]``
+
+Points in space have three coordinates each. A radius of null is the one that all points have.
+
+Cuts and rigid parts of a picture as plain data: what an editor's traits hold and what its page says of them.
+
+Messages by the page:
+
+- ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
+  the shapes of that sort, as :mod:`deformnb.document.json_format` writes them, and ``points`` where the same edit has
+  changed those too.
+- ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
+  with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
+
+Checks of what a page says to a view: each returns what it was given, or raises ValueError.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import prod
+from typing import Any
+
+import numpy as np
+import traitlets
+
+from deformnb.document.json_format import cut_from_data, cut_to_data, part_from_data, part_to_data
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import LARGEST_SET
+from deformnb.rbf.cuts import MOST_CUTS, Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.rigid import RigidPart
+
+LONGEST_MESSAGE = 65536
+"""Bytes of a trait that the page sets at most."""
+
+LONGEST_EDIT = 2**20
+"""Bytes of an edit at most: all the points that a fit takes."""
+
+KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
+         "scale", "brush")
+"""What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
+
+OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
+"""What an editor can lay over its picture."""
+
+_LOG = logging.getLogger(__name__)
+
+# JavaScript counts exactly up to here; the page gives ids by adding one.
+_LARGEST_ID = 2**53 - 1
+_LONGEST_NAME = 200
+_LONGEST_SENDER = 40
+_COUNTS = {2: "two", 3: "three"}
+
+
+def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
+    """The list that the page gets."""
+    return [
+        {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
+         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
+         "locked": bool(points.locked[k]), "radius": None if np.isnan(r := points.radius[k]) else float(r)}
+        for k in range(len(points))
+    ]
+
+
+def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints:
+    """Control points of so many coordinates from the page's list; ids below ``next_id`` are not given again.
+
+    Raises
+    ------
+    DeformError
+        If it is not such a list: another type anywhere, a number that is not finite, an id twice, too many points.
+    """
+    if not isinstance(data, list) or len(data) > LARGEST_SET:
+        raise DeformError(f"control points must be a list of at most {LARGEST_SET} points.")
+    rows = [_row(item, dim) for item in data]
+    places = np.array([[r["source"], r["target"]] for r in rows], dtype=np.float64).reshape(-1, 2, dim)
+    return ControlPoints(
+        places[:, 0].copy(), places[:, 1].copy(), tuple(r["id"] for r in rows), tuple(r["name"] for r in rows),
+        np.array([r["active"] for r in rows], dtype=bool), np.array([r["weight"] for r in rows], dtype=np.float64),
+        next_id, np.array([r["locked"] for r in rows], dtype=bool),
+        np.array([np.nan if r["radius"] is None else r["radius"] for r in rows], dtype=np.float64),
+    )
+
+
+def _row(item: Any, dim: int) -> dict[str, Any]:
+    if not isinstance(item, dict):
+        raise DeformError(f"a control point must be an object, got {type(item).__name__}.")
+    row = {"name": "", "active": True, "weight": 1.0, "locked": False, "radius": None, **item}
+    number, name = row.get("id"), row["name"]
+    if not _is_id(number):
+        raise DeformError("the id of a control point must be a whole number from 0.")
+    if not isinstance(name, str) or len(name) > _LONGEST_NAME:
+        raise DeformError(f"control point {number} needs a text as name.")
+    if not isinstance(row["active"], bool) or not isinstance(row["locked"], bool):
+        raise DeformError(f"control point {number} needs true or false as switch and as lock.")
+    for what in ("source", "target"):
+        place = row.get(what)
+        if not isinstance(place, list) or len(place) != dim or not all(_is_number(v) for v in place):
+            raise DeformError(f"the {what} of control point {number} must be {_COUNTS[dim]} numbers.")
+    if not _is_number(row["weight"]):
+        raise DeformError(f"the weight of control point {number} must be a number.")
+    if row["radius"] is not None and not _is_number(row["radius"]):
+        raise DeformError(f"the radius of control point {number} must be a number, or null.")
+    return row
+
+
+def _is_number(value: Any) -> bool:
+    # A whole number beyond 64 bits would overflow on its way into an array.
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+@dataclass(frozen=True)
+class Message:
+    """Any message by a page: ``seq`` counts those of a sender, which is one window that shows the editor."""
+
+    sender: str
+    seq: int
+
+
+@dataclass(frozen=True)
+class EditMessage(Message):
+    """What the page says of an edit.
+
+    Attributes
+    ----------
+    phase : "move" while points are dragged, "end" when the edit is done.
+    kind : what was done, one of :data:`KINDS`.
+    joins : True if it goes on with the edit before it, as arrow keys in quick succession do: one step of an undo.
+    points : all points after the edit.
+    drawn : what the page has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
+        movement to its picture); else empty.
+    """
+
+    phase: str
+    kind: str
+    joins: bool
+    points: ControlPoints
+    drawn: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HistoryMessage(Message):
+    """The page asks for "undo" or "redo"; only where Python owns the history."""
+
+    way: str
+
+
+@dataclass(frozen=True)
+class RefusedMessage(Message):
+    """An edit with something wrong in it: the page must hear that it will not be taken."""
+
+    reason: str
+    what: str = "points"
+
+
+def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
+    """What a custom message says to an editor of such points.
+
+    None, and a line in the log, where it does not even say who sent it.
+    """
+    try:
+        sender, seq = header(content)
+    except DeformError as error:
+        _LOG.warning("a message to an editor was dropped: %s", error)
+        return None
+    try:
+        if content["type"] == "greet":
+            return Message(sender, seq)
+        if content["type"] == "history":
+            if content.get("way") not in ("undo", "redo"):
+                raise DeformError("a step of the history goes by undo or redo.")
+            return HistoryMessage(sender, seq, content["way"])
+        return _edit(content, sender, seq, next_id, dim)
+    except DeformError as error:
+        _LOG.warning("an edit was refused: %s", error)
+        return RefusedMessage(sender, seq, str(error))
+
+
+def header(content: Any) -> tuple[str, int]:
+    """Who sent a message, and its number; DeformError if it does not say."""
+    if not isinstance(content, dict) or content.get("type") not in ("greet", "edit", "history", "shapes", "choose"):
+        raise DeformError("it is no edit.")
+    sender, seq = content.get("sender"), content.get("seq")
+    if not isinstance(sender, str) or not 1 <= len(sender) <= _LONGEST_SENDER or seq is None or not _is_id(seq):
+        raise DeformError("an edit needs a sender and a number.")
+    return sender, seq
+
+
+def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int) -> EditMessage:
+    check_size(content, LONGEST_EDIT)
+    phase, kind, joins = content.get("phase"), content.get("kind"), content.get("joins", False)
+    if phase not in ("move", "end") or kind not in KINDS or not isinstance(joins, bool):
+        raise DeformError("an edit needs a phase and a kind.")
+    least = content.get("next_id", 0)
+    if not _is_id(least):
+        raise DeformError("the next id of an edit must be a whole number from 0.")
+    points = points_from_json(content.get("points"), max(least, next_id), dim)
+    return EditMessage(sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")))
+
+
+def _drawn(said: Any) -> dict[str, float]:
+    """What a page measured; nothing if it is odd, for no edit is refused for that."""
+    given = said if isinstance(said, dict) else {}
+    return {name: float(given[name]) for name in ("hz", "ms") if _is_number(given.get(name)) and 0 <= given[name] < 1e6}
+
+
+def checked_state(state: Any, own: Mapping[str, Callable[[Any], None]]) -> dict[str, Any]:
+    """The part of a state update by the page that is right; the rest is logged and dropped.
+
+    Parameters
+    ----------
+    state : traits and their values.
+    own : what checks the traits of this kind of editor, besides those that all have.
+    """
+    if not isinstance(state, dict):
+        _LOG.warning("a state update of an editor was dropped: it is no object.")
+        return {}
+    kept = {}
+    for name, value in state.items():
+        try:
+            check_size(value, LONGEST_MESSAGE)
+            _check_trait(name, value, own)
+            kept[name] = value
+        except DeformError as error:
+            _LOG.warning("the trait %.40r from the page was dropped: %s", name, error)
+    return kept
+
+
+def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]) -> None:
+    if name == "selected":
+        if not isinstance(value, list) or not all(_is_id(v) for v in value):
+            raise DeformError("a selection is a list of ids.")
+    elif name in ("show_net", "show_radius"):
+        if not isinstance(value, bool):
+            raise DeformError("it must be true or false.")
+    elif name == "overlay":
+        if value not in OVERLAYS:
+            raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
+    elif name in own:
+        own[name](value)
+    elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
+        raise DeformError("the page does not own it.")
+
+
+def _is_id(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST_ID
+
+
+def check_size(content: Any, most: int) -> None:
+    """Refuse what has more bytes as JSON."""
+    try:
+        size = len(json.dumps(content))
+    except (TypeError, ValueError, RecursionError):
+        raise DeformError("it is no JSON.") from None
+    if size > most:
+        raise DeformError(f"it has {size} bytes, more than {most}.")
+
+
+MOST_PARTS = 32
+"""Rigid parts of an editor at most."""
+
+MOST_PIXELS = 2**24
+"""Pixels of a mask that is given as plain data at most."""
+
+_LONGEST_NAME = 200
+_LONGEST_KIND = 80
+
+_SORTS: dict[str, tuple[Any, Callable[..., Any], Callable[[Any], dict[str, Any]], int]] = {
+    "cuts": (Cut, cut_from_data, cut_to_data, MOST_CUTS),
+    "parts": (RigidPart, part_from_data, part_to_data, MOST_PARTS),
+}
+
+
+@dataclass(frozen=True)
+class ShapesMessage(Message):
+    """What the page says of an edit of shapes.
+
+    Attributes
+    ----------
+    what : "cuts" or "parts".
+    kind : what was done, in words: "add cut", "move part", "undo".
+    shapes : all the shapes of that sort after the edit, as plain data.
+    points : all control points after the edit, where it has changed them too; else None.
+    """
+
+    what: str
+    kind: str
+    shapes: list[dict[str, Any]]
+    points: ControlPoints | None = None
+
+
+@dataclass(frozen=True)
+class ChooseMessage(Message):
+    """What the page says of the shape that is chosen there.
+
+    Attributes
+    ----------
+    what : "cuts" or "parts"; empty for none.
+    index : its place in the page's list.
+    shape : as much of it as tells it from others.
+    """
+
+    what: str
+    index: int = 0
+    shape: dict[str, Any] = field(default_factory=dict)
+
+
+def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
+    """What a message says of the chosen shape; DeformError for anything wrong in it."""
+    sender, seq = header(content)
+    check_size(content, LONGEST_EDIT)
+    what, index, shape = content.get("what"), content.get("index", 0), content.get("shape")
+    if what is None:
+        return ChooseMessage(sender, seq, "")
+    if what not in _SORTS or not isinstance(index, int) or not isinstance(shape, dict):
+        raise DeformError("a choice needs the sort of the shape, its place and the shape.")
+    return ChooseMessage(sender, seq, what, index, shape)
+
+
+def place_of(choice: ChooseMessage, shapes: Sequence[dict[str, Any]]) -> int | None:
+    """Where the shape that the page has chosen lies in the list of now; None if it is there no more."""
+    places = [k for k, shape in enumerate(shapes) if _fits(shape, choice.shape)]
+    return min(places, key=lambda k: abs(k - choice.index), default=None)
+
+
+def _fits(shape: Any, told: Any) -> bool:
+    """Whether a shape has all that was told of it."""
+    if isinstance(told, dict) and isinstance(shape, dict):
+        return bool(told) and all(name in shape and _fits(shape[name], value) for name, value in told.items())
+    return bool(shape == told)
+
+
+def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
+    """Where the shape at a place of a list is after an edit of the list; None if it is gone.
+
+    A shape is the same if it is equal, or the only one that was changed. shapes.js follows by the same rule.
+
+    Examples
+    --------
+    >>> followed("abc", "ac", 2), followed("abc", "cab", 2), followed("abc", "aXc", 1), followed("abc", "ac", 1)
+    (1, 0, 1, None)
+    """
+    if not 0 <= index < len(before):
+        return None
+    places = [k for k, shape in enumerate(after) if shape == before[index]]
+    if places:
+        return min(places, key=lambda k: abs(k - index))
+    changed = [k for k, (old, new) in enumerate(zip(before, after, strict=False)) if old != new]
+    return index if len(before) == len(after) and changed == [index] else None
+
+
+def checked_shapes(what: str, given: Any) -> list[dict[str, Any]]:
+    """Cuts or rigid parts, plain or not, as plain data of shapes that exist.
+
+    Raises
+    ------
+    DeformError
+        Naming the shape that is none, lies in space, or crosses itself.
+
+    Examples
+    --------
+    >>> checked_shapes("cuts", [{"region": {"kind": "line", "vertices": [[0, 1], [9, 1]]}}])
+    [{'name': '', 'enabled': True, 'region': {'kind': 'line', 'vertices': [[0.0, 1.0], [9.0, 1.0]]}}]
+    """
+    kind, _, write, most = _SORTS[what]
+    if not isinstance(given, list | tuple) or len(given) > most:
+        raise DeformError(f"the {what} must be a list of at most {most}.")
+    return [write(shape if isinstance(shape, kind) else _read(what, k, shape)) for k, shape in enumerate(given)]
+
+
+def shapes_of(what: str, data: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """The shapes of plain data."""
+    return tuple(_SORTS[what][1](shape, f"{what}[{k}]") for k, shape in enumerate(data))
+
+
+def _read(what: str, k: int, data: Any) -> Any:
+    _check_mask(data, f"{what}[{k}]")
+    made = _SORTS[what][1](data, f"{what}[{k}]")
+    if made.region.dim != 2:
+        raise DeformError(f"{what}[{k}] lies in space; on a picture take the silhouette(plane) of its mask.")
+    if what == "parts" and made.region.kind == "line":
+        raise DeformError(f"{what}[{k}] is a line, which has no inside to stay rigid; use a polygon or a half space.")
+    if len(made.name) > _LONGEST_NAME:
+        raise DeformError(f"the name of {what}[{k}] has more than {_LONGEST_NAME} characters.")
+    return made
+
+
+def _check_mask(data: Any, where: str) -> None:
+    """Refuse a mask that a few bytes would blow up to more pixels than a picture has."""
+    region = data.get("region") if isinstance(data, dict) else None
+    sizes = region.get("shape") if isinstance(region, dict) else None
+    if isinstance(sizes, list) and all(isinstance(n, int) for n in sizes) and prod(sizes) > MOST_PIXELS:
+        raise DeformError(f"{where} is a mask of {prod(sizes)} pixels; a picture takes {MOST_PIXELS} at most.")
+
+
+class ShapesTrait(traitlets.List[dict[str, Any]]):
+    """Cuts or rigid parts as plain data; takes :class:`~deformnb.rbf.cuts.Cut` and the like as well."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(help=f"{what} of the picture as plain data")
+        self._what = what
+        self.tag(sync=True)
+
+    def validate(self, obj: Any, value: Any) -> Any:
+        return checked_shapes(self._what, value)
+
+
+def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage:
+    """What a message says of shapes, and of points if it has some; DeformError for anything wrong in it."""
+    sender, seq = header(content)
+    check_size(content, LONGEST_EDIT)
+    what, kind = content.get("what"), content.get("kind")
+    if what not in _SORTS or not isinstance(kind, str) or not 1 <= len(kind) <= _LONGEST_KIND:
+        raise DeformError("an edit of shapes needs its sort and its kind.")
+    points = points_from_json(content["points"], next_id) if "points" in content else None
+    return ShapesMessage(sender, seq, what, kind, checked_shapes(what, content.get("shapes")), points)
+
+
+_LOG = logging.getLogger(__name__)
+
+# A message of the page says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
+LONGEST_TEXT = 200
+_LARGEST_PICTURE = 2**26
+
+MEASURED = ("drag_ms", "full_ms", "passes", "frames", "scale", "width", "height", "received", "edits", "edit_ms")
+"""What a page measures."""
+
+
+def text(value: Any) -> str:
+    """The name of a page's view."""
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        raise ValueError("a view without a name")
+    return value
+
+
+def whole(value: Any, low: int, high: int) -> int:
+    """A whole number within limits."""
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"a number that is not whole and between {low} and {high}")
+    return value
+
+
+def picture(buffers: list[Any]) -> bytes:
+    """The one PNG of a message."""
+    png = bytes(buffers[0]) if len(buffers) == 1 and memoryview(buffers[0]).nbytes <= _LARGEST_PICTURE else b""
+    if not png.startswith(b"\x89PNG\r\n\x1a\n"):
+        raise ValueError("a picture that is no PNG or too large")
+    return png
+
+
+def measured(content: dict[str, Any]) -> dict[str, float]:
+    """The finite numbers among :data:`MEASURED`."""
+    numbers = {name: float(content[name]) for name in MEASURED if isinstance(content.get(name), int | float)}
+    return {name: value for name, value in numbers.items() if math.isfinite(value)}
+
+
+@contextmanager
+def dropping(what: str) -> Iterator[None]:
+    """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    try:
+        yield
+    except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:
+        _LOG.warning("%s of the page was dropped: %s", what, error)
+
+
+def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, Any]], Any]) -> None:
+    """Put what a page says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
+
+    Parameters
+    ----------
+    said : values by name; of_page : the names a page may decide on.
+    """
+    for name, value in dict(said).items():
+        with dropping("a trait"):
+            if name not in of_page:
+                raise ValueError(f"the page does not decide on {str(name)[:LONGEST_TEXT]!r}")
+            put({name: value})

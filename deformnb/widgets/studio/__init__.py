@@ -1,0 +1,1 @@
+"""The studio: pictures, a view and panels around one session."""

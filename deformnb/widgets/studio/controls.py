@@ -1,0 +1,298 @@
+"""The controls of the studio: sliders and menus made from the registries, each bound to one thing of the session.
+
+A control writes what its user chose and shows what the session holds; when the two are equal nothing happens, so an
+edit never comes back as another one.
+"""
+
+from __future__ import annotations
+
+import html
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import traitlets
+
+from deformnb.document.deformation import lone_support
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.trends import TRENDS
+from deformnb.session.session import Session
+from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.widgets.inputs.clip_controls import ClipControls
+
+Guard = Callable[[Callable[[], None]], bool]
+"""Runs an edit and shows what went wrong with it; says whether it was done."""
+
+_OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
+_STYLE = {"description_width": "84px"}
+_ROUNDING = 0.501  # of a slider's step
+# Support radii that a slider offers, in parts of the picture's diagonal.
+_SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
+
+
+def wide(**more: str) -> ipw.Layout:
+    """A layout that shares a row evenly; each widget needs one of its own, or hiding one would hide all."""
+    return ipw.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
+
+
+@dataclass
+class Control:
+    """A widget bound to one thing of the session.
+
+    Parameters
+    ----------
+    widget : has a trait ``value``.
+    read : the value that the session holds, as the widget shows it.
+    write : hands the widget's value to the session.
+    """
+
+    widget: Any
+    read: Callable[[], Any]
+    write: Callable[[Any], None]
+
+    def bind(self, guard: Guard, is_refreshing: Callable[[], bool]) -> None:
+        """Let the widget edit the session; a refused value goes back to what the session holds."""
+        def changed(change: Any) -> None:
+            if is_refreshing() or self._shows(change["new"], self.read()):
+                return
+            guard(lambda: self.write(change["new"]))
+            self.refresh()
+        self.widget.observe(changed, "value")
+
+    def refresh(self) -> None:
+        """Show what the session holds."""
+        value = self.read()
+        if not self._shows(self.widget.value, value):
+            self.widget.value = value
+
+    def _shows(self, shown: Any, value: Any) -> bool:
+        """Whether the widget shows this value: a slider's page rounds it to its step, and tells so as if by hand."""
+        if not _is_slider(self.widget):
+            return bool(shown == value)
+        if isinstance(self.widget, ipw.FloatLogSlider):
+            shown, value = np.log10(shown), np.log10(value)
+        return bool(abs(shown - value) <= _ROUNDING * self.widget.step)
+
+
+def _is_slider(widget: Any) -> bool:
+    return isinstance(widget, ipw.FloatSlider | ipw.FloatLogSlider)
+
+
+def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "") -> ipw.Dropdown:
+    """A menu of (words, value)."""
+    return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description, layout=wide(),
+                        style=_STYLE)
+
+
+def button(text: str, tooltip: str, action: Callable[[], Any]) -> ipw.Button:
+    """A button that does something."""
+    made = ipw.Button(description=text, tooltip=tooltip, layout=ipw.Layout(width="auto"))
+    made.on_click(lambda _: action())
+    return made
+
+
+def fill(widget: ipw.Dropdown, options: list[tuple[str, str]]) -> None:
+    """Give a menu other options, if they are others."""
+    if list(widget.options) != options:
+        widget.options = options
+
+
+def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
+           layout: Any = None) -> Any:
+    """A slider that follows the hand."""
+    return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
+                           readout_format=text, tooltip=tooltip or description, continuous_update=True)
+
+
+def prose(text: str) -> str:
+    """A text for an HTML widget, in as many lines as it needs: a label would cut it, and lines be far apart."""
+    return f'<div style="line-height: 1.35">{html.escape(text)}</div>'
+
+
+def row(*widgets: Any) -> ipw.HBox:
+    """Widgets side by side, one below the other where the page is narrow."""
+    return ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 16px"))
+
+
+class _Depth(threading.local):
+    """How often a thread is inside something; each has a number of its own, for several refresh a panel at once."""
+
+    depth = 0
+
+
+class Panel:
+    """Some controls in a box.
+
+    Attributes
+    ----------
+    title : of the tab; box : the widget; controls : what is bound.
+    warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
+    """
+
+    title = ""
+    warning: Any = None
+    box: Any
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        self.session = session
+        self.guard = guard
+        self.controls: list[Control] = []
+        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is nobody's edit
+
+    def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
+        """Bind one more widget; returns it."""
+        control = Control(widget, read, write)
+        control.refresh()
+        control.bind(self.guard, lambda: self._refreshing.depth > 0)
+        self.controls.append(control)
+        return widget
+
+    def of_step(self, widget: Any, name: str) -> Any:
+        """Bind a widget to a field of the step being edited."""
+        return self.add(widget, lambda: getattr(self.session.step, name),
+                        lambda value: self.session.change(kind=name, slides=_is_slider(widget), **{name: value}))
+
+    def refresh(self) -> None:
+        """Show what the session holds."""
+        self._refreshing.depth += 1
+        try:
+            self.arrange()
+            for control in self.controls:
+                control.refresh()
+        finally:
+            self._refreshing.depth -= 1
+
+    def arrange(self) -> None:
+        """Show or hide what depends on the session, and fill the menus."""
+
+    def opened(self, is_open: bool) -> None:
+        """Told when the tab of the panel is chosen, and when it is left."""
+
+    def close(self) -> None:
+        """Stop what the panel does on its own."""
+
+
+class PicturePanel(Panel):
+    """What the picture shows: from which side, by which projection, which slice."""
+
+    title = "Picture"
+
+    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
+        super().__init__(session, guard)
+        most = editor.traits()["density"].max
+        density = ipw.IntSlider(min=0, max=most, description="Grid", style=_STYLE, layout=wide(),
+                                tooltip="Cells along the longer side of the picture")
+        traitlets.link((editor, "density"), (density, "value"))
+        side = self.add(menu("Side", [*((text, name) for name, text in SIDES.items()), _OBLIQUE],
+                             "Turning a picture on which something was dragged begins a new step"),
+                        lambda: session.view or "", lambda view: session.set_view(view) if view else None)
+        self._side = side
+        method = self.add(menu("Projection", [(p.title, p.name) for p in PROJECTIONS.values()]),
+                          lambda: session.method, lambda value: session.set_trait("method", value))
+        self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
+                                      ".1f"),
+                               self._held_depth, lambda value: session.set_trait("depth", value))
+        self._on_picture = [method, density]  # three pictures of a step in space have controls of their own
+        self.box = ipw.VBox([row(side, method), row(density, self._depth)])
+        self.refresh()
+
+    def _held_depth(self) -> float:
+        return float(np.clip(self.session.depth, *self.session.depth_range))
+
+    def arrange(self) -> None:
+        low, high = self.session.depth_range
+        if (self._depth.min, self._depth.max) != (low, high):
+            self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
+            self._depth.min, self._depth.max, self._depth.step = low, high, max((high - low) / 200, 1e-6)
+        in_space = self.session.step.plane is None
+        for widget in self._on_picture:
+            widget.layout.display = "none" if in_space else ""
+        self._depth.layout.display = "none" if in_space else ""
+        self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
+        elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
+        fill(self._side, [(text, name) for name, text in SIDES.items()] + elsewhere)
+
+
+class MapPanel(Panel):
+    """How the drags are interpolated: kernel, support radius, trend, smoothing."""
+
+    title = "Interpolation"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        kernel = self.of_step(menu("Kernel", [(k.title, k.name) for k in KERNELS.values()],
+                                   "How the pull of a point fades with distance; Wendland kernels end at the support"),
+                              "kernel")
+        self._trend = self.of_step(menu("Trend", [(t.title, t.name) for t in TRENDS.values()],
+                                        "What all points do together (shift, turn, stretch), before the rest bends"),
+                                   "trend")
+        low, high = (np.log10(share * session.volume.grid.diagonal) for share in (_SMALLEST_SUPPORT, _LARGEST_SUPPORT))
+        self._support = ipw.FloatLogSlider(
+            min=low, max=high, step=0.01, description="Support", style=_STYLE, readout_format=".3g",
+            layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
+            tooltip="How far a point reaches, as a length in the volume")
+        self.add(self._support, self._shown_support,
+                 lambda value: session.change(kind="support", slides=True, support=float(value)))
+        self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
+        self.add(self._auto, lambda: not isinstance(session.step.support, float),
+                 lambda on: session.change(support=None if on else float(self._support.value)))
+        smoothing = self.of_step(slider("Smoothing", 0.0, 2.0, 0.01, "0 meets every point; more is smoother"),
+                                 "smoothing")
+        reach = ipw.HBox([self._support, self._auto], layout=wide(flex="1 1 320px"))
+        self.box = ipw.VBox([row(kernel, self._trend), row(reach, smoothing)])
+        self.refresh()
+
+    def _shown_support(self) -> float:
+        step, low, high = self.session.step, 10**self._support.min, 10**self._support.max
+        support = step.support_for(self.session.points) or lone_support(self.session.volume.grid)
+        return float(np.clip(support, low, high))
+
+    def arrange(self) -> None:
+        least = KERNELS[self.session.step.kernel].order
+        fill(self._trend, [(t.title, t.name) for t in TRENDS.values() if t.order >= least])
+
+
+class LookPanel(Panel):
+    """How the volume is shown: projection, colours and opacities."""
+
+    title = "Look"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
+        super().__init__(session, guard)
+        menus = []
+        if view.has_trait("projection"):
+            names = {"shaded": "Shaded", "composite": "Composite", "mip": "Maximum (MIP)"}
+            menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
+                                  lambda: view.projection, lambda value: view.set_trait("projection", value)))
+        self.clip = ClipControls(view if view.has_trait("clip") else None)
+        colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
+        inside = ipw.VBox([ipw.HTML("<b>See inside</b>"), self.clip],
+                          layout=ipw.Layout(flex="1 1 270px", min_width="0"))
+        beside = ipw.HBox([colours, inside], layout=ipw.Layout(
+            flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
+        self.box = ipw.VBox([row(*menus), beside])
+
+    def close(self) -> None:
+        self.clip.close()
+
+
+def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
+    """What is always at hand: strength, what the view shows, reset."""
+    panel = Panel(session, guard)
+    strength = slider("Strength", -1.0, 3.0, 0.01,
+                      "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
+                      layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
+    panel.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
+              lambda value: session.change(kind="strength", slides=True, strength=float(value)))
+    shows = ipw.Dropdown(options=[(name.replace("_", " "), name) for name in SHOWS], description="Show",
+                         style={"description_width": "44px"}, layout=ipw.Layout(width="190px"),
+                         tooltip="; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()))
+    panel.add(shows, lambda: view.shows, lambda value: setattr(view, "shows", value))
+    reset = button("Reset", "The volume as it was, without points and steps; can be undone",
+                   lambda: guard(session.reset))
+    panel.box = ipw.HBox([strength, shows, reset], layout=ipw.Layout(flex_flow="row wrap", align_items="center"))
+    return panel, panel.box

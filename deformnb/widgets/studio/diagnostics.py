@@ -1,0 +1,385 @@
+"""What is to be said of the step that a session edits: folds, round trip, how its points agree. No widgets here.
+
+Makes the step that a session edits safe, for the studio's panel and for the application. No widgets here.
+
+What it does is said in the session's notice. It may be called from any thread.
+"""
+
+from __future__ import annotations
+
+import html
+import threading
+import weakref
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.analysis.folds import Folds
+from deformnb.analysis.quality import FitQuality, bending_energy
+from deformnb.document.deformation import Deformation, Step
+from deformnb.document.step_checks import (
+    LEAST,
+    picture_raster,
+    safe_points,
+    safe_strength,
+    stages_needed,
+    step_folds,
+    step_quality,
+    step_uncertainty,
+)
+from deformnb.errors import DeformError
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.plane import Raster
+from deformnb.volume.volume import Grid
+from deformnb.warping.inverse import RoundTrip, round_trip
+from deformnb.widgets.packed_volume import unit_of
+
+OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
+                 ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
+"""What can be laid over a picture, in the words of a menu."""
+
+_AGREE = "All points agree with one another."
+_UNKNOWN = "Too few points to tell which of them disagree."
+
+# Places along the longest side that go forth and back.
+_TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
+
+# Cells of a haze along the longer side: it is smooth, and the page spreads it.
+_HAZE_CELLS = 96
+_CONTOURS = (0.3, 0.6, 0.9)
+_DIGITS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Figures of one step.
+
+    Parameters
+    ----------
+    step, key : what is judged.
+    folds, trip, quality, bending : None where they could not be found; ``reason`` then says why.
+    unit : of lengths, in words.
+    """
+
+    step: Step
+    key: int
+    folds: Folds | None
+    trip: RoundTrip | None
+    quality: FitQuality | None
+    bending: float | None
+    reason: str
+    unit: str
+
+    @property
+    def folds_text(self) -> str:
+        """Such as "no folds"."""
+        if self.folds is None:
+            return "folds unknown"
+        if self.folds.least > 0:
+            return "no folds"
+        share = 100 * self.folds.share
+        return f"folds {share:.0f} %" if share >= 1 else "folds < 1 %"
+
+    @property
+    def trip_text(self) -> str:
+        """Such as "round trip 0.001 mm"."""
+        return "" if self.trip is None else f"round trip {length_text(self.trip.worst)} {self.unit}"
+
+
+def judge(step: Step, key: int, grid: Grid) -> Judgement:
+    """Judge a step; takes some hundredths of a second, more for points in space."""
+    unit, reasons = unit_of(grid), []
+    folds = trip = quality = bending = None
+    try:
+        field = step.field(grid)
+        folds, trip = step_folds(step, grid, field), round_trip(field, _places(step, grid))
+    except DeformError as error:
+        reasons.append(str(error))
+    points = step.maps[min(key, len(step.maps) - 1)]
+    try:
+        bending = bending_energy(points if step.strength == 1 else points.blended(step.strength))
+        quality = step_quality(step, grid, min(key, len(step.maps) - 1))
+    except DeformError as error:
+        reasons.append(str(error))
+    return Judgement(step, key, folds, trip, quality, bending, " ".join(dict.fromkeys(reasons)), unit)
+
+
+def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
+    """Where matter is asked to go forth and back: all over the middle slice, or the volume."""
+    if step.plane is not None:
+        raster = picture_raster(step.plane, grid, _TRIPS_ON_PLANE)
+        depth = sum(step.plane.depth_range(grid)) / 2
+        a, b = np.meshgrid(raster.columns, raster.rows)
+        return step.plane.from_plane(np.stack([a, b, np.full_like(a, depth)], axis=-1)).reshape(-1, 3)
+    axes = [np.linspace(0, n - 1, min(n, _TRIPS_IN_SPACE)) for n in grid.shape[::-1]]
+    return grid.index_to_point(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
+
+
+_JUDGED: weakref.WeakKeyDictionary[Session, tuple[Deformation, int, int, Judgement]] = weakref.WeakKeyDictionary()
+_JUDGING = threading.Lock()
+
+
+def judgement_of(session: Session) -> Judgement:
+    """The judgement of the step that a session edits; the last one is kept."""
+    with _JUDGING:
+        state = session.deformation, session.index, session.key
+        kept = _JUDGED.get(session)
+        if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
+            kept = (*state, judge(session.step, session.key, session.volume.grid))
+            _JUDGED[session] = kept
+        return kept[3]
+
+
+def length_text(value: float) -> str:
+    """A length with two digits that count; rounding of less than a billionth is called 0.
+
+    >>> [length_text(v) for v in (0.0, 3e-12, 3.2e-7, 0.00123, 0.5, 7.25, 1234.0)]
+    ['0', '0', '< 0.0001', '0.0012', '0.5', '7.2', '1234']
+    """
+    if value < 1e-4:
+        return "0" if value < 1e-9 else "< 0.0001"
+    return f"{value:.2g}" if value < 100 else f"{value:.0f}"
+
+
+def point_name(points: ControlPoints, point: int) -> str:
+    """What a point is called in a panel."""
+    name = points.names[points.index(point)]
+    return f"point {point} ({name[:40]})" if name else f"point {point}"
+
+
+def suspects_of(found: Judgement, points: ControlPoints) -> tuple[str, list[int]]:
+    """The points that disagree with their neighbours, as far as there still are such points, and words for it."""
+    known = [i for i in (() if found.quality is None else found.quality.suspects) if i in points.ids]
+    return "Disagree with the rest:" if known else _AGREE if found.quality is not None else _UNKNOWN, known
+
+
+def facts_html(found: Judgement) -> str:
+    """The figures as a table."""
+    cells = "".join(f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
+                    f'<td style="padding: 0">{html.escape(text)}</td></tr>' for name, text in _texts(found).items())
+    reason = f'<div style="opacity: 0.8; max-width: 60ch">{html.escape(found.reason)}</div>' if found.reason else ""
+    return f'<table class="dnb-trust" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
+
+
+_NAME_STYLE = ("text-align: left; vertical-align: top; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; "
+               "white-space: nowrap")
+
+_WHY = {
+    "Folds": "det J is how much matter is shown in a place: 1 keeps areas, below 1 they grow, 0 and less is a fold. "
+             f"{LEAST:g} counts as safe.",
+    "Round trip": "How far matter misses its own place after the way forth, by the inverse, and back. What is lost "
+                  "has no place in the result: it is hidden in a fold or behind a cut.",
+    "Residual": "How far points miss their sources: more than 0 only with smoothing.",
+    "Leave-one-out": "How far the other points miss a point that is left out, and which one most.",
+    "Affine share": "What one turn, stretch and shear of all points explains; the rest bends.",
+    "Bending energy": "Of the thin-plate spline through the same points (Bookstein); 0 for affine maps.",
+}
+
+
+def _texts(found: Judgement) -> dict[str, str]:
+    """The figures that there are, by the names of :data:`_WHY`."""
+    unit, texts = found.unit, dict[str, str]()
+    if found.folds is not None:
+        least, share = found.folds.least, found.folds.share
+        how = "none" if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
+        texts["Folds"] = f"{how}; smallest det J {least:.3g}"
+    if found.trip is not None:
+        trip = found.trip
+        lost = f"; {100 * (1 - trip.reached):.2g} % lost" if trip.reached < 1 else ""
+        mean = f", mean {length_text(trip.mean)}" if trip.worst >= 1e-4 else ""
+        texts["Round trip"] = f"{length_text(trip.worst)} {unit} at most{mean}{lost}"
+    q = found.quality
+    if q is not None:
+        points = found.step.maps[min(found.key, len(found.step.maps) - 1)]
+        name = point_name(points, q.ids[int(np.argmax((q.leave_one_out**2).sum(axis=1)))])
+        most = [float(np.sqrt((a**2).sum(axis=1).max())) for a in (q.residual, q.leave_one_out)]
+        texts["Residual"] = f"{length_text(most[0])} {unit} at most"
+        texts["Leave-one-out"] = f"{length_text(q.root_mean_square)} {unit} RMS; {length_text(most[1])} at {name}"
+        texts["Affine share"] = f"{100 * q.affine_share:.0f} % of the drags"
+    if found.bending is not None:
+        length = "" if found.step.plane is not None else f" {unit}"
+        texts["Bending energy"] = ("infinite: one source has two targets" if np.isinf(found.bending) else
+                                   f"{found.bending if found.bending > 1e-12 else 0.0:.3g}{length}")
+    return texts
+
+
+# ---- the haze --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Haze:
+    """How little is known of a map, as an editor shows it.
+
+    Parameters
+    ----------
+    data : one byte for each cell, rows first; 255 where the map is known least.
+    facts : width, height and legend of the trait ``haze_facts``.
+    """
+
+    data: bytes
+    facts: dict[str, object]
+
+
+NO_HAZE = Haze(b"", {})
+
+
+def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
+    """The uncertainty of a step on its picture, with contours at round numbers.
+
+    Raises
+    ------
+    DeformError
+        If there are too few points to tell.
+    """
+    a0, a1, b0, b1 = raster.box
+    cell = max(a1 - a0, b1 - b0) / _HAZE_CELLS
+    width, height = (max(2, round(side / cell)) for side in (a1 - a0, b1 - b0))
+    a = a0 + (np.arange(width) + 0.5) * (a1 - a0) / width
+    b = b0 + (np.arange(height) + 0.5) * (b1 - b0) / height
+    known = step_uncertainty(step, grid, key)
+    values = known.on_outer_sum(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
+    most = float(values.max())
+    if not most > 1e-9 * (a1 - a0):
+        raise DeformError("nothing bends, so the points say nothing of how far the map may be off between them; "
+                          "drag one.")
+    levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
+    legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
+    return Haze(np.round(255 * values / most).astype(np.uint8).tobytes(),
+                {"width": width, "height": height, "legend": legend})
+
+
+class HazeKeeper:
+    """The haze of the picture of a session, made anew only where something else is asked for."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[tuple[Any, ...], Haze, str] | None = None
+
+    def make(self, session: Session) -> tuple[Haze, str]:
+        """The haze, or none and the reason why."""
+        asked = (session.step, session.key, session.volume.grid, session.picture().raster)
+        kept = self._kept
+        if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:
+            try:
+                kept = asked, haze_of(*asked), ""
+            except DeformError as error:
+                kept = asked, NO_HAZE, f"Uncertainty: {error}"
+            self._kept = kept
+        return kept[1:]
+
+
+def _round_number(value: float) -> float:
+    """The next number below that is easily read.
+
+    >>> [_round_number(v) for v in (0.0187, 0.9, 13.2, 240.0)]
+    [0.015, 0.8, 12.0, 200.0]
+    """
+    power = 10.0 ** np.floor(np.log10(value))
+    digits = max(d for d in _DIGITS if d <= value / power + 1e-9)
+    return float(f"{digits * power:.2g}")
+
+
+class Safety:
+    """Knows the points of a session when they last did not fold, and the ways back.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)), view="+y")
+    >>> safety = Safety(session)
+    >>> safety.look().folds_text
+    'no folds'
+    >>> safety.unfold()
+    >>> session.notice
+    'Nothing folds here.'
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
+
+    def look(self, keep_free: bool = False) -> Judgement | None:
+        """Judge the session; None if it has changed meanwhile, so that it must be judged anew.
+
+        Parameters
+        ----------
+        keep_free : where it folds, choose stages that leave no fold, as part of the edit that folded.
+        """
+        session = self._session
+        deformation = session.deformation
+        found = judgement_of(session)
+        if session.deformation is not deformation:
+            return None
+        if found.folds is not None and found.folds.least >= LEAST:
+            self._safe = (session.index, session.key, session.points)
+        elif keep_free and found.folds is not None and self._kept_free(deformation):
+            return None
+        return found
+
+    def take_back(self) -> None:
+        """The last drag, or else the strength, as far as is safe.
+
+        Raises
+        ------
+        DeformError
+            If that is not at all.
+        """
+        session, step, grid = self._session, self._session.step, self._session.volume.grid
+        start, points = self._start_of_drag(), session.points
+        if start is not None:
+            made = safe_points(step, start, points, grid, session.key)
+            if made is not points:
+                session.edit_points(made, "largest safe drag")
+                self._tell("The last drag goes as far as is safe now.")
+                return
+        safe = safe_strength(step, grid)
+        if safe == step.strength:
+            self._tell("Nothing folds here: the whole drag is safe.")
+        elif safe == 0:
+            raise DeformError("the map folds however weak it is; the control points, or a shape, ask for too much.")
+        else:
+            session.change("largest safe strength", strength=safe)
+            self._tell(f"The strength is {safe:.2f} now, as much as is safe.")
+
+    def unfold(self) -> None:
+        """As few stages as leave no fold.
+
+        Raises
+        ------
+        DeformError
+            If no number of stages does.
+        """
+        session, step = self._session, self._session.step
+        count = stages_needed(step, session.volume.grid)
+        if count == step.stages:
+            self._tell("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
+            return
+        session.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
+        self._tell(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
+
+    def _tell(self, text: str) -> None:
+        self._session.notice = ""  # the same words again are said again
+        self._session.notice = text
+
+    def _start_of_drag(self) -> ControlPoints | None:
+        """The points of this step when it last did not fold, if they are others than now."""
+        if self._safe is None or self._safe[:2] != (self._session.index, self._session.key):
+            return None
+        points = self._safe[2]
+        return points if points.dim == self._session.points.dim and points != self._session.points else None
+
+    def _kept_free(self, deformation: Deformation) -> bool:
+        """Choose stages that leave no fold, as part of the edit that folded; whether that was done."""
+        session = self._session
+        index, step = session.index, session.step
+        try:
+            count = stages_needed(step, session.volume.grid)
+        except DeformError as error:
+            self._tell(str(error))
+            return False
+        if count == step.stages:
+            return False
+        made = deformation.with_step(index, replace(step, stages=count))
+        return session.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")

@@ -1,0 +1,347 @@
+"""The studio's two editors, one for points on a picture and one for points in space, and the place they share.
+
+Whatever the session says is shown in the one that the step being edited needs.
+
+What becomes of the edits that come from the page of a studio's editor: edits of the session, or a way back.
+
+Which picture a studio's editor stands on, and the making of the next one in the studio's thread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb.document.deformation import lone_support
+from deformnb.rbf.fields import AbstractField
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.protocol import checked_shapes, shapes_of
+from deformnb.widgets.studio.controls import button, row
+from deformnb.widgets.studio.labels import JOINING, edit_label
+from deformnb.widgets.studio.status import StudioWords, as_html, reason_of
+from deformnb.widgets.studio.view_sync import StudioLink
+from deformnb.widgets.worker import Worker, parts_of_another, weakly
+
+_OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength", "stages")
+
+_HALF, _WHOLE = "1 1 320px", "1 1 100%"
+_SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other
+
+
+def make_editor(session: Session, height: int) -> Editor:
+    """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
+    step = session.step
+    made = Editor(session.picture(), None, height=height, history=session.history,
+                  label=f"Picture of {session.volume.name or 'the volume'}")
+    made.chooses_support = False
+    made.lone_support = lone_support(session.volume.grid)
+    if step.plane is not None:
+        show_step(made, session)
+    return made
+
+
+def show_step(editor: Any, session: Session) -> None:
+    """Show the points, settings and shapes of the step that a session edits, all at once."""
+    step = session.step
+    with editor.hold_sync():
+        for name in _OF_THE_STEP:
+            if getattr(editor, name) != getattr(step, name):
+                setattr(editor, name, getattr(step, name))
+        editor.chosen_support = step.chosen_support and step.chosen_support.radius
+        if isinstance(editor, Editor):
+            for name in ("cuts", "parts"):
+                shapes = checked_shapes(name, getattr(step, name))
+                if getattr(editor, name) != shapes:
+                    setattr(editor, name, shapes)
+            editor.cut_rule = step.cut_rule
+            editor.beyond = _box_on_picture(session)
+        elif editor.options != _options(session):
+            editor.options = _options(session)
+        if editor.points != session.points:
+            editor.points = session.points
+
+
+def _box_on_picture(session: Session) -> list[float]:
+    """Where the result's box reaches on the picture, (a0, a1, b0, b1); empty for the volume's own."""
+    if session.output is None:
+        return []
+    corners = session.plane.to_plane(session.output.corners())[:, :2]
+    return np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1).ravel().tolist()
+
+
+def _options(session: Session) -> dict[str, Any]:
+    step = session.step
+    return {"cuts": step.cuts, "parts": step.parts, "cut_rule": step.cut_rule}
+
+
+class StudioEditors:
+    """What stands on the left of a studio.
+
+    Parameters
+    ----------
+    session : which step is shown.
+    height : of the picture in CSS pixels.
+    listen : called with each editor when it is made.
+
+    Attributes
+    ----------
+    plane : the editor on a picture; space : the one in space, None until a step needs it.
+    box : the place; beside : that of the view. Three pictures need the whole width, and the view goes below them.
+    """
+
+    def __init__(self, session: Session, height: int, listen: Callable[[Any], None]) -> None:
+        self._session, self._listen = session, listen
+        self._low_height = max(_LOWEST, int(_SPACE_SHARE * height))
+        self.plane = make_editor(session, height)
+        self.space: SpaceEditor | None = None
+        listen(self.plane)
+        self.box = ipw.Box([self.plane], layout=ipw.Layout(flex=_HALF, min_width="0"))
+        self.beside = ipw.Box([], layout=ipw.Layout(flex=_HALF, min_width="0"))
+        self.plane.layout.width = "100%"
+        if session.step.plane is None:
+            self.show_picture(self.make_picture())
+
+    @property
+    def current(self) -> Any:
+        """The editor of the step that is edited."""
+        if self._session.step.plane is not None:
+            return self.plane
+        if self.space is None:
+            self.space = self._make_space()
+        return self.space
+
+    def _make_space(self) -> SpaceEditor:
+        session = self._session
+        with parts_of_another():
+            made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
+                               transfer=session.transfer_function, before=session.before())
+        made.chooses_support = False
+        made.layout.width = "100%"
+        self._listen(made)
+        return made
+
+    def make_picture(self) -> Picture | AbstractField | None:
+        """What the editor of this step shows behind its points: takes time, and changes nothing yet."""
+        session = self._session
+        return session.picture() if session.step.plane is not None else session.before()
+
+    def show_picture(self, made: Any) -> None:
+        """Show it together with its points: a picture must never meet another one's points."""
+        editor = self.current
+        with editor.hold_sync():
+            if isinstance(editor, Editor):
+                editor.picture = made
+                editor.lone_support = lone_support(self._session.volume.grid)
+            elif editor.before is not made:
+                editor.before = made
+            self.show_step()
+        if self.box.children != (editor,):
+            in_space = editor is self.space
+            self.box.layout.flex = _WHOLE if in_space else _HALF
+            self.beside.layout.min_height = f"{self._low_height}px" if in_space else None
+            self.box.children = (editor,)
+
+    def show_step(self) -> None:
+        """Show the points, settings and shapes of the step."""
+        show_step(self.current, self._session)
+
+    def tell(self, **traits: Any) -> None:
+        """Set traits of both editors, such as their history."""
+        for editor in (self.plane, self.space):
+            if editor is not None:
+                for name, value in traits.items():
+                    setattr(editor, name, value)
+
+    def close(self) -> None:
+        """Close the editor that has no place now."""
+        for editor in (self.plane, self.space):
+            if editor is not None and editor not in self.box.children:
+                editor.close()
+
+
+_MAKING = "The picture is being made"
+_FAILED = "The picture could not be made; below it says why"
+_STANDS = 1e-6  # of a direction's length: less is a rounding error of the page
+
+
+def picture_key(session: Session) -> Any:
+    """What a picture depends on: the steps before the one being edited, its plane, and how it is projected."""
+    s = session
+    return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
+            s.depth if s.method == "slice" else 0.0, s.deformation.mode,
+            s.transfer if s.method in ("composite", "shaded") else None)
+
+
+class StudioPicture:
+    """The picture behind the points of the step that is edited.
+
+    Parameters
+    ----------
+    session : says which picture is wanted; editors : show it.
+    link : shows the volume from the side of the picture; view : where.
+    worker : the thread that makes it.
+    undo : takes back the last edit.
+
+    Attributes
+    ----------
+    milliseconds : how long the last one took; None until one was made.
+    ways_on : why the picture that is wanted cannot be made, and two buttons; unseen while it can.
+    """
+
+    def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
+                 undo: Callable[[], None]) -> None:
+        self._session, self._editors, self._link, self._view, self._worker = session, editors, link, view, worker
+        self._shown = self._wanted()
+        self._turned_to: Mapping[str, Any] | None = None
+        self.milliseconds: float | None = None
+        again = weakly(self, StudioPicture.ask, StudioPicture._is_open)
+        self._reason = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self.ways_on = row(self._reason, button("Try again", "Make the picture once more", again),
+                           button("Undo", "Take back the last edit", undo))
+        self.ways_on.layout.display = "none"
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the editor shows the picture that the session asks for."""
+        return bool(self._shown == self._wanted())
+
+    def renew(self) -> bool:
+        """Ask for the picture that the session wants, if it is another than the one that is shown; says whether."""
+        if not self.is_shown:
+            self.ask()
+            return True
+        if self._reason.value:  # back from a picture that could not be made to the one that still stands there
+            self._settle("")
+        return False
+
+    def ask(self) -> None:
+        """Make the picture that is wanted and show it; until then the editor takes no gesture."""
+        self._editors.tell(waiting=_MAKING)
+        self._worker.latest("picture", weakly(self, StudioPicture._show, StudioPicture._is_open))
+
+    def turn(self) -> None:
+        """Look at the volume from the side of the picture, unless somebody has turned it to look from elsewhere."""
+        if self._turned_to is None or looks_alike(self._turned_to, self._view.camera):
+            self._link.turn()
+            self._turned_to = dict(self._view.camera)
+
+    def _is_open(self) -> bool:
+        return not self._worker.is_closed
+
+    def _wanted(self) -> Any:
+        return picture_key(self._session)
+
+    def _show(self) -> None:
+        wanted = self._wanted()
+        reason = ""
+        try:
+            self._set(wanted)
+        except Exception as error:
+            reason = reason_of(error)
+        if wanted == self._wanted():  # else another one is asked for by now
+            self._settle(reason)
+
+    def _settle(self, reason: str) -> None:
+        """Let the editor be used, or say why not: points of one picture on another are worse than none."""
+        self._reason.value = as_html(reason, is_error=True)
+        self._editors.tell(waiting=_FAILED if reason else "")
+        self.ways_on.layout.display = "" if reason else "none"
+
+    def _set(self, wanted: Any) -> None:
+        start = time.perf_counter()
+        made = self._editors.make_picture()
+        if self._shown[2] != wanted[2]:
+            self.turn()
+        self._link.show(self._editors.current)
+        self._editors.show_picture(made)
+        self._shown = wanted
+        self.milliseconds = (time.perf_counter() - start) * 1e3
+
+
+def looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two cameras look the same way; how near they stand does not count."""
+    return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))
+
+
+class StudioEdits:
+    """Between the editors of a studio and its session.
+
+    Parameters
+    ----------
+    session : is edited.
+    words : says what went wrong.
+    timed : called when there is a new time of an edit.
+
+    Attributes
+    ----------
+    counts : of the edits that came, of those that were refused, and of those on a picture that was being replaced.
+    milliseconds : how long Python took for the last edit of the document; None before the first.
+    """
+
+    def __init__(self, session: Session, words: StudioWords, timed: Callable[[], None]) -> None:
+        self._session, self._words, self._timed = session, words, timed
+        self.counts = {"edits": 0, "refused": 0, "late": 0}
+        self.milliseconds: float | None = None
+
+    def stand_on(self, editors: StudioEditors, picture: StudioPicture) -> None:
+        """Take edits from these editors, as long as they show the picture that belongs to them."""
+        self._editors, self._picture = editors, picture
+
+    def edited(self, action: Callable[[], None]) -> bool:
+        """Do what a user asked for, be it with an editor or with a control; what was said of the edit before goes."""
+        self._words.say("")
+        before, start = self._session.deformation, time.perf_counter()
+        is_done = self._words.guarded(action)
+        if self._session.deformation is not before:  # much that is asked for edits nothing
+            self.milliseconds = (time.perf_counter() - start) * 1e3
+            self._timed()
+        return is_done
+
+    def points_changed(self, editor: Any, points: Any) -> None:
+        """An editor has other points."""
+        session = self._session
+        if points == session.points:
+            return
+        made = editor.edit_under_way
+        done = made.kind if made is not None else ""
+        kind = done if done in JOINING else None
+        label = edit_label(session.points, points, done) if points.dim == session.points.dim else ""
+        self._take(editor, lambda: session.edit_points(points, label, kind))
+
+    def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
+        """An editor has other cuts, or other rigid parts."""
+        session = self._session
+        if checked_shapes(what, getattr(session.step, what)) == changed:
+            return
+        made, shapes = editor.edit_under_way, shapes_of(what, changed)
+        label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
+        if what == "cuts":
+            self._take(editor, lambda: session.edit_cuts(shapes, label))
+        else:
+            points = made.points if made is not None else None
+            self._take(editor, lambda: session.edit_parts(shapes, label, points=points))
+
+    def travel(self, way: str) -> None:
+        """Go "undo" or "redo", and say what that was."""
+        self._words.say("")
+        what = self._session.undo() if way == "undo" else self._session.redo()
+        if what:
+            self._words.say(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
+
+    def _take(self, editor: Any, edit: Callable[[], None]) -> None:
+        """Do what was done in an editor; if it cannot be, the editor shows again what the session holds."""
+        if not self._picture.is_shown or editor is not self._editors.current:
+            self.counts["late"] += 1  # a drag on a picture that is being replaced
+            self._picture.ask()
+            return
+        if not self.edited(edit):
+            self.counts["refused"] += 1
+            self._editors.show_step()
+        self.counts["edits"] += 1

@@ -1,0 +1,278 @@
+"""Key frames in the studio: a list of moments, a player, and movies of them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb.document import edits as key_frames
+from deformnb.document.animation import Animation
+from deformnb.document.deformation import EASINGS, Deformation, Keyframe
+from deformnb.errors import Cancelled
+from deformnb.io.movies import write_movie
+from deformnb.session.exports import Frozen, movie_frames
+from deformnb.session.session import Session
+from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.inputs.player import LONGEST, Playback, Player
+from deformnb.widgets.studio.controls import Guard, Panel, button, row
+from deformnb.widgets.studio.panels.files import plain_name
+from deformnb.widgets.worker import Worker
+
+_EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
+_KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
+_EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
+_STYLE = {"description_width": "initial"}
+# The page tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
+_LATE = 1.0
+
+
+class AnimationPanel(Panel):
+    """The key frames of the document.
+
+    Parameters
+    ----------
+    view : shows what is played, and its camera is the movies'.
+    folder : where movies lie.
+
+    Attributes
+    ----------
+    player : the :class:`~deformnb.widgets.Player`; playback : its link with the view.
+    """
+
+    title = "Animation"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str]) -> None:
+        super().__init__(session, guard)
+        self._chosen = -1
+        self._known = session.deformation
+        self._quiet_until = 0.0
+        self.items = ItemList(label="Key frames", columns=["Time", "Points", ""], commands=["double", "remove"],
+                              switches=False, empty=_EMPTY)
+        self.items.on_act(self._act)
+        self.player = Player(label="Animation of the key frames")
+        self._easing = ipw.Dropdown(options=[(_EASINGS.get(name, name), name) for name in EASINGS],
+                                    description="Time passes", style=_STYLE, layout=ipw.Layout(width="280px"),
+                                    tooltip="How time passes from one key frame to the next")
+        self.playback = Playback(view, self.player, self.animation, session.volume.grid, self._shown,
+                                 lambda: session.output)
+        self.add(self._easing, lambda: session.deformation.easing, lambda value: self._play_as(easing=value))
+        self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
+        self.movie = MovieControls(session, guard, view, Path(folder))
+        self._time = ipw.BoundedFloatText(min=0, max=LONGEST, step=0.1, description="Time (s)", style=_STYLE,
+                                          layout=ipw.Layout(width="170px"), tooltip="When the chosen key frame comes",
+                                          continuous_update=False)
+        self.add(self._time, self._chosen_time, lambda value: self._edit("move a key frame", partial(
+            key_frames.move_key, index=self._chosen, time=value)))
+        self._update = self._button("Update", "The chosen key frame becomes what the document is now",
+                                    "update a key frame", lambda d: key_frames.update_key(d, self._chosen))
+        add = self._button("Add key frame", "The document as it is now; where the player rests between two key frames, "
+                           "or one second after the last", "add a key frame", self._added)
+        self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
+                                  "go to a moment", self._at_moment)
+        self.box = ipw.VBox([self.items, row(add, self._update, self._time, self._here), self.player,
+                             row(self._easing, self.movie.box)], layout=ipw.Layout(grid_gap="6px"))
+        self.refresh()
+
+    def _button(self, text: str, tooltip: str, label: str, change: Callable[[Deformation], Deformation]) -> ipw.Button:
+        return button(text, tooltip, lambda: self.guard(lambda: self._edit(label, change)))
+
+    def animation(self) -> Animation | None:
+        """What the player plays; None without key frames, and right after an edit, whose result is to be seen."""
+        document = self.session.deformation
+        if not document.keyframes or (time.monotonic() < self._quiet_until and not self.player.is_playing):
+            return None
+        # Of the document only what an animation depends on: its steps of now are no part of it.
+        return Animation(replace(document, steps=document.keyframes[0].steps, name="", volume=None, extra={}))
+
+    def _shown(self, action: Callable[[], None]) -> bool:
+        return self.guard(action)
+
+    # -- edits ---------------------------------------------------------------------------------------------------------
+
+    def _edit(self, label: str, change: Callable[[Deformation], Deformation]) -> None:
+        before = self.session.deformation
+        after = change(before)
+        chosen = _follow(before, after, self._chosen)
+        self.session.edit_document(after, label, index=min(self.session.index, len(after.steps) - 1))
+        self._chosen = chosen
+        self.refresh()
+
+    def _added(self, deformation: Deformation) -> Deformation:
+        moment = self.player.time if self._is_between() else None
+        return key_frames.add_key(deformation, moment)
+
+    def _is_between(self) -> bool:
+        """Whether the player rests between two key frames."""
+        keys, t = self.session.deformation.keyframes, self.player.time
+        return len(keys) > 1 and keys[0].time < t < keys[-1].time and key_frames.key_at(
+            self.session.deformation, t) is None
+
+    def _at_moment(self, deformation: Deformation) -> Deformation:
+        self.player.pause()
+        return key_frames.with_steps(deformation, Animation(deformation).at(self.player.time).steps)
+
+    def _play_as(self, **looks: Any) -> None:
+        """Another easing or loop, kept with the key frames; without any there is nothing to keep."""
+        document = self.session.deformation
+        if document.keyframes and any(getattr(document, name) != value for name, value in looks.items()):
+            self.guard(lambda: self._edit(f"change the {next(iter(looks))}", lambda d: replace(d, **looks)))
+            self.playback.show()
+
+    def _act(self, what: str, index: int, _value: Any) -> None:
+        edits: dict[str, tuple[str, Callable[[Deformation], Deformation]]] = {
+            "choose": (f"go to key frame {index + 1}", lambda d: key_frames.at_key(d, index)),
+            "double": ("repeat a key frame", lambda d: key_frames.repeat_key(d, index)),
+            "remove": ("remove a key frame", lambda d: key_frames.remove_key(d, index)),
+        }
+        label, change = edits[what]
+
+        def act() -> None:
+            self._edit(label, change)
+            if what == "choose":
+                self._go(index)
+
+        self.guard(act)
+        self.refresh()
+
+    def _go(self, index: int) -> None:
+        self._chosen = index
+        self._rest()
+        self.player.time = self.session.deformation.keyframes[index].time
+
+    def _rest(self) -> None:
+        """The view shows the document, not a moment."""
+        self._quiet_until = time.monotonic() + _LATE
+        self.player.pause()
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def _chosen_time(self) -> float:
+        keys = self.session.deformation.keyframes
+        return keys[self._chosen].time if 0 <= self._chosen < len(keys) else 0.0
+
+    def arrange(self) -> None:
+        document = self.session.deformation
+        keys = document.keyframes
+        known, self._known = self._known, document
+        if (document.steps, document.keyframes) != (known.steps, known.keyframes) and self.player.is_playing:
+            self._rest()
+        self._chosen = min(self._chosen, len(keys) - 1)
+        rows = [_row(key, key_frames.is_now(document, k)) for k, key in enumerate(keys)]
+        self.items.show(rows, self._chosen)
+        self._update.disabled = self._time.disabled = self._chosen < 0
+        self._here.disabled = not keys
+        if keys:
+            self.player.take(Animation(document))
+            self.player.loop = document.loop
+        else:
+            self.player.duration, self.player.marks = 0.0, []
+        self.movie.arrange(bool(keys))
+
+    def close(self) -> None:
+        """Stop playing, and what is being written."""
+        self.playback.close()
+        self.movie.close()
+
+
+def _row(key: Keyframe, is_now: bool) -> dict[str, Any]:
+    sets = [m for step in key.steps if step.enabled for m in step.maps]
+    moved = sum(int(np.count_nonzero(m.displacement.any(axis=1))) for m in sets)
+    facts = [f"{sum(map(len, sets))}, {moved} dragged", "as it is now" if is_now else ""]
+    return {"title": f"{round(key.time, 3):g} s", "facts": facts, "tip": "Click to go to this key frame and edit it"}
+
+
+def _follow(before: Deformation, after: Deformation, chosen: int) -> int:
+    """The number of the key frame that is chosen after an edit: a new one, or the same one at its new place."""
+    old, new = before.keyframes, after.keyframes
+    if len(new) == len(old) + 1:
+        return next((k for k, key in enumerate(new) if k == len(old) or key != old[k]), chosen)
+    if len(new) < len(old) or not 0 <= chosen < len(old):
+        return min(chosen, len(new) - 1)
+    changed = [k for k, key in enumerate(new) if key not in old]
+    return changed[0] if len(changed) == 1 else chosen
+
+
+class MovieControls:
+    """Writes a movie of the key frames into the folder, with progress and a way to stop."""
+
+    def __init__(self, session: Session, guard: Guard, view: Any, folder: Path) -> None:
+        self._session, self._guard, self._view, self._folder = session, guard, view, folder
+        self._stop = threading.Event()
+        self._thread = Worker("deformnb-movie")
+        self._is_writing = self._has_keys = False
+        layouts = {"kind": {"width": "130px"}, "fps": {"width": "130px"},
+                   "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"}}
+        self.kind = ipw.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
+        self.name = ipw.Text(value="animation.mp4", layout=layouts["name"], placeholder="file name",
+                             tooltip="In the folder of the notebook; pictures get one of their own")
+        self.fps = ipw.BoundedFloatText(value=24, min=1, max=50, step=1, description="Frames/s", layout=layouts["fps"],
+                                        style={"description_width": "60px"})
+        self.kind.observe(lambda change: self._renamed(change["new"]), "value")
+        self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
+        self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
+        self.said = ipw.Label("")
+        self.box = row(self.kind, self.name, self.fps, self.write, self.cancel, self.bar, self.said)
+        self.arrange(False)
+
+    def _renamed(self, suffix: str) -> None:
+        stem = Path(self.name.value.strip() or "animation").stem
+        self.name.value = f"{stem}{suffix}"
+
+    def arrange(self, has_keys: bool) -> None:
+        """Let movies be written where there is something to write."""
+        self._has_keys = has_keys
+        self.write.disabled = self._is_writing or not has_keys
+        self.cancel.disabled = not self._is_writing
+
+    def _start(self) -> None:
+        path = self._folder / plain_name(self.name.value)
+        frozen = Frozen.of(self._session, self._view.seen())
+        fps = float(self.fps.value)
+        self._stop.clear()
+        self._is_writing = True
+        self.bar.value, self.bar.layout.visibility = 0.0, "visible"
+        self.said.value = f"Writing {path.name} ..."
+        self.arrange(self._has_keys)
+        self._thread.call(lambda: self._do(path, frozen, fps))
+
+    def _do(self, path: Path, frozen: Frozen, fps: float) -> None:
+        said = ""
+        try:
+            with frozen.files.writing(path):
+                write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+            said = f"Wrote {path.name}."
+        except Cancelled:
+            said = f"Stopped; {path.name} was not written."
+        except Exception as error:
+            reason = error
+            self._guard(lambda: _raise(reason))
+        finally:
+            self.said.value, self._is_writing = said, False
+            self.bar.layout.visibility = "hidden"
+            self.arrange(self._has_keys)
+
+    def _progress(self, done: int, total: int) -> None:
+        self.bar.value = done / max(total, 1)
+
+    def wait(self, timeout: float = 120.0) -> None:
+        """Until nothing is being written. For scripts and tests."""
+        self._thread.call(lambda: None).result(timeout)
+
+    def close(self) -> None:
+        """Stop what is being written."""
+        self._stop.set()
+        self._thread.close()
+
+
+def _raise(error: Exception) -> None:
+    raise error

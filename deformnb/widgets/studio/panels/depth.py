@@ -1,0 +1,104 @@
+"""From the picture into depth: the rule of extrusion, its curve, its key pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.document.deformation import Step
+from deformnb.rbf.extrusion import EXTRUSIONS
+from deformnb.session.session import Session
+from deformnb.widgets.inputs.curve_editor import CurveEditor
+from deformnb.widgets.inputs.depth_keys import DepthKeys
+from deformnb.widgets.studio.controls import Guard, Panel, menu, row
+
+_RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
+HINTS = {
+    "replicate": "Every slice behind the picture is deformed like the picture.",
+    "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
+    "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
+}
+"""What a picture's step does by each rule, in words."""
+
+_OF_ANOTHER = "A rule of extrusion of its own, with nothing to set here."
+_IN_SPACE = "Points in space have their own depth: there is nothing to extrude."
+
+Preview = Callable[[Step | None], None]
+"""What shows a step while it is being changed."""
+
+
+class DepthPanel(Panel):
+    """The rule of extrusion of the step that is edited.
+
+    Parameters
+    ----------
+    preview : shows a step that is on its way while a hand moves the curve or a key; None gives it up.
+
+    Attributes
+    ----------
+    curve, keys : the widgets in which f(z) is drawn and key pictures are placed.
+    """
+
+    title = "Depth"
+
+    def __init__(self, session: Session, guard: Guard, preview: Preview | None = None) -> None:
+        super().__init__(session, guard)
+        self._preview = preview
+        self._rule = self.of_step(menu("Extrusion", [(f"{name}: {_RULES.get(name, name)}", name)
+                                                     for name in EXTRUSIONS]), "extrusion")
+        self.curve = CurveEditor(session.step.curve)
+        self.keys = DepthKeys(session.step.knots or (0.0, 1.0))
+        self.curve.observe(self._curve_changed, "curve")
+        if preview is not None:
+            self.curve.on_edit(self._curve_dragged)
+        self.keys.on_edit(self._keys_changed)
+        self._hint = ipw.Label()
+        self.box = ipw.VBox([row(self._rule), self._hint, self.curve, self.keys], layout=ipw.Layout(max_width="720px"))
+        self.refresh()
+
+    def arrange(self) -> None:
+        step = self.session.step
+        self._rule.layout.display = "none" if step.plane is None else ""
+        self._hint.value = _IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER)
+        self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
+        self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
+        if step.extrusion == "modulate" and self.curve.curve != step.curve:
+            self.curve.curve = step.curve
+        if step.extrusion == "interpolate":
+            key = min(self.session.key, len(step.knots) - 1)
+            if (self.keys.knots, self.keys.selected) != (step.knots, key):
+                with self.keys.hold_trait_notifications():
+                    self.keys.knots, self.keys.selected = step.knots, key
+
+    def _curve_changed(self, change: Any) -> None:
+        if self.session.step.extrusion == "modulate" and change["new"] != self.session.step.curve:
+            self.guard(lambda: self.session.change(curve=change["new"], kind="curve"))
+
+    def _curve_dragged(self, curve: Any, phase: str) -> None:
+        if self.session.step.extrusion == "modulate":
+            self._show(phase, curve=curve)
+
+    def _show(self, phase: str, **changed: Any) -> None:
+        """Show what is on its way; where no edit came of it, what was there is shown again."""
+        if self._preview is not None:
+            self._preview(replace(self.session.step, **changed) if phase == "move" else None)
+
+    def _keys_changed(self, edit: Any, phase: str) -> None:
+        if self.session.step.extrusion != "interpolate":
+            return
+        if phase == "end":
+            self._edit_keys(edit)
+        if edit.kind == "move":
+            self._show(phase, knots=edit.knots)
+
+    def _edit_keys(self, edit: Any) -> None:
+        session = self.session
+        if edit.kind == "select":
+            self.guard(lambda: session.edit_step(session.index, edit.selected))
+            return
+        way = {"add": "added", "remove": "removed"}.get(edit.kind)
+        options = {way: edit.index} if way else {}
+        self.guard(lambda: session.edit_keys(edit.knots, selected=edit.selected, **options))

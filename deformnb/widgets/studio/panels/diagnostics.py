@@ -1,0 +1,171 @@
+"""Whether the deformation can be believed, in the studio: figures, points that disagree, and what to do about folds.
+
+What takes time is done in the studio's thread after an edit, the newest first, and never while something is dragged:
+Python hears of a drag at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import ipywidgets as ipw
+import traitlets
+
+from deformnb.document.step_checks import LEAST
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row
+from deformnb.widgets.studio.diagnostics import (
+    OVERLAY_WORDS,
+    HazeKeeper,
+    Judgement,
+    Safety,
+    facts_html,
+    point_name,
+    suspects_of,
+)
+from deformnb.widgets.worker import Worker, close_all, weakly
+
+_WAITING = "<i>Looking at the map ...</i>"
+
+
+class TrustPanel(Panel):
+    """Figures of the step being edited, and buttons that make it safe.
+
+    Parameters
+    ----------
+    view : of the volume; its trait ``show_folds``, if it has one, can be switched.
+    editors : ``plane`` is the editor on pictures, ``current`` that of the step being edited.
+    worker : the thread for what takes time.
+
+    Attributes
+    ----------
+    facts : the figures; suspects : a row of buttons with the points that disagree.
+    """
+
+    title = "Trust"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, editors: Any, worker: Worker) -> None:
+        super().__init__(session, guard)
+        self._view, self._editors, self._worker = view, editors, worker
+        self._safer, self._hazes = Safety(session), HazeKeeper()
+        self._shown: Judgement | None = None
+        self._named: list[str] = []
+        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
+        self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
+        self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
+        doing = ipw.VBox([row(*self._safety()), self.suspects, row(*self._overlays()), self.said],
+                         layout=ipw.Layout(flex="1 1 425px", min_width="0"))
+        self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
+        editors.plane.observe(weakly(self, TrustPanel._overlay_changed, _is_open), "overlay")
+        self.refresh()
+
+    # -- the parts -----------------------------------------------------------------------------------------------------
+
+    def _safety(self) -> list[Any]:
+        least = f"the smallest det J is {LEAST:g}"
+        self.back = button("Largest safe drag", "Take the last drag, or else the strength, back to where " + least,
+                           lambda: self._soon(lambda panel: panel._safer.take_back()))
+        self.unfold = button("Unfold by stages", "The same drag in as many stages as leave no fold; every point still "
+                             "comes to its target", lambda: self._soon(lambda panel: panel._safer.unfold()))
+        self.stages = self.of_step(
+            ipw.BoundedIntText(min=1, max=64, description="Stages", style={"description_width": "48px"},
+                               tooltip="Small maps done one after the other; more fold later and take longer",
+                               layout=ipw.Layout(width="120px")), "stages")
+        self.keep = ipw.Checkbox(False, description="keep fold-free", indent=False, layout=ipw.Layout(width="auto"),
+                                 tooltip="After every edit, choose the stages that leave no fold")
+        self.keep.observe(weakly(self, TrustPanel._keep_changed, _is_open), "value")
+        return [self.back, self.unfold, self.stages, self.keep]
+
+    def _overlays(self) -> list[Any]:
+        overlay = menu("On the picture", OVERLAY_WORDS, "What is laid over the picture; V goes through them there")
+        overlay.style.description_width = "96px"
+        self._links = [traitlets.link((self._editors.plane, "overlay"), (overlay, "value"))]
+        self.overlay = overlay
+        if not self._view.has_trait("show_folds"):
+            return [overlay]
+        in_volume = ipw.Checkbox(description="folds in the volume", indent=False, layout=ipw.Layout(width="auto"),
+                                 tooltip="Red stripes on matter that is shown twice")
+        self._links.append(traitlets.link((self._view, "show_folds"), (in_volume, "value")))
+        return [overlay, in_volume]
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def arrange(self) -> None:
+        self.overlay.disabled = self.session.step.plane is None
+        if not self._worker.is_closed:
+            self._worker.latest("trust", weakly(self, TrustPanel._judge, _is_open))
+
+    def _judge(self) -> None:
+        found = self._safer.look(self.keep.value)
+        if found is None:
+            return  # another one waits
+        if self._shown is not found:
+            self._shown = found
+            self.facts.value = facts_html(found)
+            self._show_suspects(found)
+        self._show_haze()
+
+    def _show_suspects(self, found: Judgement) -> None:
+        editor, points = self._editors.current, self.session.points
+        text, known = suspects_of(found, points)
+        if editor.has_trait("marked"):
+            editor.marked = known
+        told = [text, *(point_name(points, i) for i in known)]
+        if told == self._named:
+            return
+        self._named, old = told, self.suspects.children
+        self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
+        for widget in old:
+            close_all(widget)
+
+    def _suspect(self, points: ControlPoints, point: int) -> ipw.Button:
+        return button(point_name(points, point), "Show it: a wrong place, two points swapped, or a drag that its "
+                      "neighbours do not follow", lambda: self.guard(lambda: self._look_at(point)))
+
+    def _look_at(self, point: int) -> None:
+        editor = self._editors.current
+        if point in editor.points.ids:
+            editor.selected = [point]
+            editor.look_at(point)
+
+    # -- the haze ------------------------------------------------------------------------------------------------------
+
+    def _overlay_changed(self, _change: Any) -> None:
+        self.refresh()
+
+    def _show_haze(self) -> None:
+        editor = self._editors.plane
+        if editor.overlay != "uncertainty" or self.session.step.plane is None:
+            self.said.value = ""
+            return
+        made, said = self._hazes.make(self.session)
+        self.said.value = said.replace("&", "&amp;").replace("<", "&lt;")
+        with editor.hold_sync():
+            editor.haze, editor.haze_facts = made.data, made.facts
+
+    # -- what is done --------------------------------------------------------------------------------------------------
+
+    def _soon(self, method: Callable[[Any], None]) -> None:
+        """In the thread, its errors in the page."""
+        self.guard(lambda: self._worker.latest("make safe", weakly(self, _guarded(method), _is_open)))
+
+    def _keep_changed(self, change: Any) -> None:
+        folds = None if self._shown is None else self._shown.folds
+        if change["new"] and folds is not None and folds.least < LEAST:
+            self._soon(lambda panel: panel._safer.unfold())
+
+    def close(self) -> None:
+        for link in self._links:
+            link.unlink()
+
+
+def _is_open(panel: TrustPanel) -> bool:
+    return not panel._worker.is_closed
+
+
+def _guarded(method: Callable[[Any], None]) -> Callable[[Any], None]:
+    def run(panel: TrustPanel) -> None:
+        panel.guard(lambda: method(panel))
+    return run

@@ -1,0 +1,482 @@
+"""Saving, opening and exporting in the studio: files by plain names in one folder, with progress and a way to stop.
+
+The box of the result in the studio: as the volume, with a margin, or as large as deformed matter needs.
+
+What is dragged out of the box is cut off everywhere: in the view, in the result, in whatever is written. So after each
+edit the studio's thread looks whether that happens, makes the box anew where it shall be as large as needed, and warns
+where it shall not: below the picture, for that is where it is seen, with a button that makes the box larger.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import os
+import re
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.analysis.extent import grown
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import LONGEST, from_json
+from deformnb.document.script import VOLUME_LINE
+from deformnb.errors import Cancelled, DeformError, FileChangedError, OtherVolumeError
+from deformnb.io.atomic import writing_held_by
+from deformnb.io.headers import human_bytes
+from deformnb.session.exports import EXPORTS, Frozen, export, export_for
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid
+from deformnb.widgets.inputs.file_transfer import HandOver
+from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
+from deformnb.widgets.studio.status import as_html
+from deformnb.widgets.worker import Worker
+
+_PAGE = (".html",)
+
+WritePage = Callable[..., None]
+
+
+class FilesPanel(Panel):
+    """Session files, exports, and the code of the document.
+
+    Parameters
+    ----------
+    view : whose camera renderings and movies take.
+    folder : where files lie; the page names files in it and cannot leave it.
+    write_page : writes the studio as one HTML file.
+    """
+
+    title = "Files"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str],
+                 write_page: WritePage) -> None:
+        super().__init__(session, guard)
+        self._view = view
+        self._folder = Path(folder)
+        self._write_page = write_page
+        self._job: Job | None = None  # what is awaited
+        self._ending = threading.Lock()
+        self._thread = Worker("deformnb-files")
+        stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
+        kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
+        kinds[0] = (kinds[0][0], f"{stem}_deformed{EXPORTS['volume'].suffixes[0]}")  # not the name of the scan itself
+        kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
+        self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
+        self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
+                             placeholder="file name", tooltip="The end of the name chooses the kind of file")
+        self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
+        self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
+        self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
+        self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
+        self.upload = ipw.FileUpload(accept=".json", description="Open session", layout=ipw.Layout(width="auto"),
+                                     tooltip="Go on with a saved session; can be undone")
+        self.upload.observe(lambda change: self._open(change["new"]), "value")
+        self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
+        self.said = ipw.Label("")
+        self.hand_over = HandOver()
+        self.question = Question(guard)
+        self._idle()
+        writing = [self.kind, self.name, self.write, self.download, self.cancel]
+        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.said), self.question.box,
+                             self.hand_over])
+
+    def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
+        return button(text, tooltip, lambda: self.guard(action))
+
+    # -- writing -------------------------------------------------------------------------------------------------------
+
+    def _start(self, downloads: bool) -> None:
+        path = self._folder / plain_name(self.name.value)
+        if not path.name.lower().endswith(_PAGE):
+            try:
+                export_for(path)  # refuses a suffix that says nothing, before anything begins
+            except DeformError as error:
+                self.said.value = ""
+                raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
+        frozen = Frozen.of(self.session, self._view.seen())
+        if os.path.lexists(path) and not frozen.files.has(path):
+            self.said.value = ""
+            doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
+            self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
+                              lambda: self._begin(Job(path, frozen, downloads, overwrite=True)))
+            return
+        self._begin(Job(path, frozen, downloads))
+
+    def _begin(self, job: Job) -> None:
+        self.question.forget()
+        self.write.disabled = self.download.disabled = True
+        self.cancel.disabled = False
+        self.bar.value, self.bar.layout.display = 0.0, ""
+        self.said.value = f"Writing {job.path.name} ..."
+        self._job = job
+        self._thread.call(lambda: self._do(job))
+
+    def _do(self, job: Job) -> None:
+        try:
+            with writing_held_by(job.landing):
+                if job.path.name.lower().endswith(_PAGE):
+                    self._write_page(job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
+                else:
+                    export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
+            content = job.path.read_bytes() if job.downloads else None
+            if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
+                self.guard(lambda: self.hand_over.download(job.path.name, content))
+        except Cancelled:
+            self._ended(job, f"Stopped; {job.path.name} was not written.")
+        except FileChangedError:
+            over = Job(job.path, job.frozen, job.downloads, overwrite=True)
+            if self._ended(job, ""):
+                self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
+                                  " Write it under another name, or over theirs?", "Write over it",
+                                  lambda: self._begin(over))
+        except Exception as error:
+            reason = error
+            if self._ended(job, ""):
+                self.guard(lambda: _raise(reason))
+
+    def _progress(self, job: Job, share: float) -> None:
+        if job.is_cancelled:
+            raise Cancelled("stopped in the studio.")
+        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
+            with self._ending:
+                if self._job is job:
+                    self.bar.value = share
+                    self.said.value = f"Writing {job.path.name} ... {share:.0%}"
+
+    def _cancel(self) -> None:
+        """Free the panel at once, whatever the thread is at: it may not look up for long, and ends by itself."""
+        job = self._job
+        if job is not None and job.cancel():
+            self._thread.close(0)
+            self._thread = Worker("deformnb-files")
+            self._ended(job, f"Stopped; {job.path.name} was not written.")
+
+    def _ended(self, job: Job, said: str) -> bool:
+        """Whether this was still awaited, and nothing is any more."""
+        with self._ending:
+            if self._job is not job:
+                return False
+            self._job = None
+            self.said.value = said
+            self._idle()
+            return True
+
+    def _idle(self) -> None:
+        self.write.disabled = self.download.disabled = False
+        self.cancel.disabled = True
+        self.bar.layout.display = "none"
+
+    # -- reading -------------------------------------------------------------------------------------------------------
+
+    def _open(self, files: Any) -> None:
+        if files:
+            self.guard(lambda: self._take(files[0]))
+            self.upload.value = ()
+
+    def _take(self, file: Any) -> None:
+        content = bytes(file["content"])
+        if len(content) > LONGEST:
+            raise DeformError(f"this file has {len(content) / 1e6:.0f} MB; a session is a short JSON file.")
+        document = from_json(content)
+        self.question.forget()
+        try:
+            self._opened(document)
+        except OtherVolumeError:
+            self.said.value = ""
+            self.question.ask(self.session.difference(document), "Open it all the same",
+                              lambda: self._opened(document, allow_other_volume=True))
+
+    def _opened(self, document: Deformation, allow_other_volume: bool = False) -> None:
+        self.session.take(document, allow_other_volume=allow_other_volume)
+        self.said.value = "Opened."
+
+    def _copy(self) -> None:
+        self.said.value = ""
+        note = "" if self.session.source else (
+            f"This volume has no file: line {VOLUME_LINE} says where yours goes before the script is run.")
+        self.hand_over.copy(self.session.code(), note)
+
+    def close(self) -> None:
+        """Stop what is being written."""
+        if self._job is not None:
+            self._job.cancel()
+        self._thread.close()
+
+
+class Job:
+    """A file that is being written: it can be cancelled until it takes its place.
+
+    Parameters
+    ----------
+    path : where it is written.
+    frozen : what of.
+    downloads : whether it is handed to the browser too.
+    overwrite : whether somebody has agreed that any file is replaced.
+
+    Attributes
+    ----------
+    is_cancelled : whether nobody wants it any more.
+
+    Examples
+    --------
+    >>> job = Job(Path("fish.png"), None, False)
+    >>> with job.landing():
+    ...     job.cancel()
+    False
+    """
+
+    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, overwrite: bool = False) -> None:
+        self.path, self.frozen, self.downloads, self.overwrite = path, frozen, downloads, overwrite
+        self.is_cancelled = self._is_landing = False
+        self._lock = threading.Lock()
+
+    def cancel(self) -> bool:
+        """Whether the file will not be there; False once it takes its place, which takes no time."""
+        with self._lock:
+            self.is_cancelled = not self._is_landing
+            return self.is_cancelled
+
+    @contextmanager
+    def landing(self) -> Iterator[None]:
+        """The moment in which the file takes its place; Cancelled if nobody wants it."""
+        with self._lock:
+            if self.is_cancelled:
+                raise Cancelled("stopped in the studio.")
+            self._is_landing = True
+        yield
+
+
+class Question:
+    """A line that asks before something is done, with two buttons; unseen while nothing is asked.
+
+    Parameters
+    ----------
+    guard : runs what is agreed to and shows what went wrong with it.
+
+    Attributes
+    ----------
+    box : the line; text : what is asked; agree, refuse : the buttons.
+    """
+
+    def __init__(self, guard: Guard) -> None:
+        self._action: Callable[[], None] | None = None
+        self.text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
+        self.agree = button("", "", lambda: guard(self._agreed))
+        self.refuse = button("Cancel", "Leave everything as it is", self.forget)
+        self.box = row(self.text, self.agree, self.refuse)
+        self.forget()
+
+    def ask(self, text: str, agreement: str, action: Callable[[], None]) -> None:
+        """Ask, and do this if the answer is yes; what was asked before is forgotten."""
+        self._action = action
+        self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
+        self.agree.description = self.agree.tooltip = agreement
+        self.box.layout.display = ""
+
+    def forget(self) -> None:
+        """Ask nothing."""
+        self._action = None
+        self.box.layout.display = "none"
+
+    def _agreed(self) -> None:
+        action = self._action
+        self.forget()
+        if action is not None:
+            action()
+
+
+def plain_name(text: str) -> str:
+    """A file name without folders, as a page may give it.
+
+    Raises
+    ------
+    DeformError
+        If it is empty, hidden, or leads anywhere else.
+
+    Examples
+    --------
+    >>> plain_name(" fish.json ")
+    'fish.json'
+    """
+    name = text.strip()
+    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name) or len(name) > 200:
+        raise DeformError(f"{name[:60]!r} is no plain file name; write one such as fish.json, without a folder.")
+    return name
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def _size(path: Path) -> str:
+    size = path.stat().st_size
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
+
+
+CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
+"""What the result's box may be, in words and by name."""
+
+_OWN = ("a box of its own", "own")  # that somebody gave by code
+
+LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
+"""The way out that stands beside the warning: its name and what it does."""
+
+# Of the longest edge of the volume: the margin that is proposed.
+_MARGIN = 0.1
+
+
+class ResultBox(Panel):
+    """A row of controls for :attr:`Session.output`; it stands in another panel.
+
+    Parameters
+    ----------
+    worker : the studio's thread.
+
+    Attributes
+    ----------
+    warning : a line that is seen while something is cut off, with the way out; it stands below the pictures.
+    follows : whether the box is as large as needed after every edit; it then belongs to the edit, and goes with it.
+    """
+
+    def __init__(self, session: Session, guard: Guard, worker: Worker) -> None:
+        super().__init__(session, guard)
+        self._worker = worker
+        self.follows = self._is_asked = False
+        self._known: Deformation | None = None
+        self._left: tuple[str, ...] = ()
+        self._length = float(f"{_MARGIN * max(session.volume.grid.lengths):.1g}")
+        self.margin = ipw.BoundedFloatText(
+            value=self._length, min=0.0, max=4 * session.volume.grid.diagonal, step=1.0, continuous_update=False,
+            description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
+            tooltip="Added on every side of the volume, in whole voxels")
+        self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
+        self._told = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self._larger = button(*LARGER, self._make_larger)
+        self.warning = row(self._told, self._larger)
+        self.choice = self.add(menu("Result box", self._options(),
+                                    "What can be seen, and what the result holds: matter dragged out of this box is "
+                                    "cut off"), self._chosen, self._choose)
+        self.choice.layout.max_width = "280px"
+        self.add(self.margin, lambda: self._length, self._grow)
+        self.box = row(self.choice, self.margin, self.words)
+        self.refresh()
+
+    # -- what is chosen ------------------------------------------------------------------------------------------------
+
+    def _chosen(self) -> str:
+        output = self.session.output
+        if self._is_asked or (self.follows and output is not None):
+            return "needed"
+        if output is None:
+            return "volume"
+        return "own" if self._margin_of(output) is None else "margin"
+
+    def _options(self) -> list[tuple[str, str]]:
+        return [*CHOICES.items(), *([_OWN] if self._chosen() == "own" else [])]
+
+    def _margin_of(self, output: Grid) -> float | None:
+        """The margin that makes this box; None if there is none."""
+        grid = self.session.volume.grid
+        index = -grid.point_to_index(output.origin)
+        for length in (self._length, *(abs(index) * grid.spacing).tolist()):
+            if grown(grid, length) == output:
+                return float(length)
+        return None
+
+    def _choose(self, what: str) -> None:
+        self.follows = self._is_asked = what == "needed"
+        if what == "needed":
+            self._ask()
+        elif what == "margin":
+            self._grow(self._length)
+        elif what == "volume":
+            self.session.output = None
+
+    def _make_larger(self) -> None:
+        self.guard(lambda: self._choose("needed"))
+        self.refresh()
+
+    def _grow(self, length: float) -> None:
+        self._length = float(length)
+        self.follows = False
+        self.session.grow(self._length)
+
+    def arrange(self) -> None:
+        output = self.session.output
+        if output is None and not self._is_asked:
+            self.follows = False  # it was taken back
+        chosen = self._chosen()
+        if chosen == "margin" and output is not None:
+            self._length = self._margin_of(output) or self._length
+        fill(self.choice, self._options())
+        self.margin.layout.display = "" if chosen == "margin" else "none"
+        if self._known is not self.session.deformation:
+            self._known = self.session.deformation
+            self._ask()
+        self._tell_size()
+
+    def _tell_size(self) -> None:
+        grid, volume = self.session.box, self.session.volume
+        size = " x ".join(map(str, grid.shape[::-1]))
+        facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
+        if self._left:
+            facts.append(f"cut off at the {_listed(self._left)}")
+        self.words.value = "; ".join(facts)
+        self._told.value = as_html(cut_off_text(self._left))
+        self._larger.layout.display = "none" if self.follows else ""  # then it is as large as it may be
+        self.warning.layout.display = "" if self._left else "none"
+
+    # -- in the studio's thread ----------------------------------------------------------------------------------------
+
+    def _ask(self) -> None:
+        if not self._worker.is_closed:
+            self._worker.latest("result box", _weakly(self))
+
+    def _fit(self) -> None:
+        self.session.fit_output()
+
+    def look(self) -> None:
+        """Make the box as large as is needed, or look what it cuts off; takes a moment."""
+        session = self.session
+        if self._is_asked:
+            self.guard(self._fit)
+            self._is_asked = False
+        elif self.follows and session.output is not None:
+            session.fit_output(joins=True)
+        self._left = session.sides_left()
+        self.refresh()
+
+
+def cut_off_text(sides: tuple[str, ...]) -> str:
+    """A warning of what is cut off at these sides of the box; empty for none.
+
+    Examples
+    --------
+    >>> cut_off_text(("left side (L)", "top (S)"))
+    'Matter leaves the box at the left side (L) and top (S), and is cut off there.'
+    """
+    return f"Matter leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
+
+
+def _listed(sides: tuple[str, ...]) -> str:
+    return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]
+
+
+def _weakly(box: ResultBox) -> Callable[[], None]:
+    held: Any = weakref.ref(box)
+
+    def look() -> None:
+        alive = held()
+        if alive is not None:
+            with contextlib.suppress(DeformError):  # of an edit that has already said it
+                alive.look()
+    return look

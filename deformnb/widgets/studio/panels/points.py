@@ -1,0 +1,257 @@
+"""The table of the points being edited: names, switches, locks, coordinates, and who disagrees with the others.
+
+Everything that is done in it is an edit of the session. Python sends rows only while somebody sees the table, and asks
+for leave-one-out errors in the studio's thread, so that an edit waits for neither.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.io.landmarks import parsed_number, points_from_csv
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.widgets.inputs.points_table import PointsTable, TableAct
+from deformnb.widgets.studio.controls import Guard, Panel
+from deformnb.widgets.studio.diagnostics import judgement_of
+from deformnb.widgets.studio.labels import edit_label
+from deformnb.widgets.worker import Worker, weakly
+
+_AXES = {2: ("a", "b"), 3: ("x", "y", "z")}
+
+
+class PointsPanel(Panel):
+    """The points being edited as a table.
+
+    Parameters
+    ----------
+    editors : ``current`` is the editor of the step being edited, whose selection the table shares; it ``look_at``s.
+    worker : the thread in which errors are computed.
+    """
+
+    title = "Points"
+
+    def __init__(self, session: Session, guard: Guard, editors: Any, worker: Worker) -> None:
+        super().__init__(session, guard)
+        self._editors, self._worker = editors, worker
+        self._followed: Any = None
+        self._shown: ControlPoints | None = None
+        self._asked: tuple[Any, ...] | None = None
+        self._errors: dict[int, float] = {}
+        self._suspects: tuple[int, ...] = ()
+        self._said = ""
+        self._showing = threading.RLock()  # edits come from any thread, errors from the worker
+        self._unfollow: Callable[[], None] = lambda: None
+        self.table = PointsTable()
+        self.table.on_act(self._act)
+        self.table.on_sight(self.refresh)
+        self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
+        self._heard = weakly(self, PointsPanel._points_selected, lambda panel: True)
+        self.box = ipw.VBox([self.table])
+        self.refresh()
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def arrange(self) -> None:
+        self._follow(self._editors.current)
+        self.table.smoothing_on = self.session.step.smoothing > 0
+        if self.table.is_seen:
+            self._show()
+
+    def _show(self) -> None:
+        with self._showing:
+            session = self.session
+            state = (session.deformation, session.index, session.key)
+            if self._asked is None or self._asked[0] is not state[0] or self._asked[1:] != state[1:]:
+                if self._asked is None or self._asked[1:] != state[1:]:
+                    self._errors, self._suspects = {}, ()  # of other points
+                self._asked = state
+                self._worker.latest("judge points", weakly(self, PointsPanel._judge, lambda panel: True))
+            if self._shown is not session.points:
+                self._shown = session.points
+                self._send()
+
+    def _send(self) -> None:
+        """The points with what is known of their errors: those of the edit before until they are judged again."""
+        points = self.session.points
+        errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
+        self.table.show(points, errors, self._suspects)
+
+    def _judge(self) -> None:
+        """In the studio's thread, where whoever asks first waits and the others find it done."""
+        if not self.table.is_seen:
+            self._asked = None
+            return
+        found = judgement_of(self.session).quality
+        with self._showing:
+            self._errors, self._suspects = {}, ()
+            if found is not None:
+                lengths = np.linalg.norm(found.leave_one_out, axis=1)
+                self._errors = dict(zip(found.ids, lengths.tolist(), strict=True))
+                self._suspects = tuple(found.suspects)
+            self._send()
+
+    # -- the selection -------------------------------------------------------------------------------------------------
+
+    def _follow(self, editor: Any) -> None:
+        if editor is self._followed:
+            return
+        self._unfollow()
+        self._followed = editor
+        editor.observe(self._heard, "selected")
+        self._unfollow = lambda: editor.unobserve(self._heard, "selected")
+        self.table.uid = editor.uid
+        self.table.selected = list(editor.selected)
+
+    def _points_selected(self, change: Any) -> None:
+        self.table.selected = list(change["new"])
+
+    def _rows_selected(self, change: Any) -> None:
+        if self._followed is not None and set(self._followed.selected) != set(change["new"]):
+            self._followed.selected = list(change["new"])
+
+    # -- what is done --------------------------------------------------------------------------------------------------
+
+    def _act(self, act: TableAct) -> str | None:
+        self._said = ""
+        if act.what in ("undo", "redo"):
+            what = getattr(self.session, act.what)()
+            return f"{'Undone' if act.what == 'undo' else 'Done again'}: {what}" if what else ""
+        return self._said if self.guard(lambda: self._do(act)) else None
+
+    def _do(self, act: TableAct) -> None:
+        points = self.session.points
+        known = [i for i in act.ids if i in set(points.ids)]
+        if act.what == "look":
+            self._look(known)
+        elif act.what == "cell" and not known:
+            raise DeformError(f"there is no control point {act.ids[0]} any more.")
+        elif act.what == "cell":
+            self._edit(_with_cell(points, known[0], act))
+        elif act.what == "add":
+            self._add(act.value)
+        elif act.what == "paste":
+            self._paste(act.value)
+        elif known:
+            commands = {"remove": _removed, "reset": _reset, "lock": _locked, "switch": _switched}
+            self._edit(commands[act.what](points, known))
+
+    def _edit(self, points: ControlPoints) -> None:
+        before = self.session.points
+        if points != before:
+            self.session.edit_points(points, edit_label(before, points))
+
+    def _look(self, ids: list[int]) -> None:
+        if ids:
+            self._editors.current.selected = ids[:1]
+            self._editors.current.look_at(ids[0])
+
+    def _add(self, text: str) -> None:
+        points, axes = self.session.points, _AXES[self.session.points.dim]
+        words = text.replace(";", " ").replace(",", " ").split()
+        if len(words) != len(axes):
+            raise DeformError(f"a new point needs {len(axes)} numbers, {', '.join(axes)}; got {len(words)}.")
+        place = np.array([parsed_number(w, f"{axis} of the new point") for w, axis in zip(words, axes, strict=True)])
+        new = points.next_id
+        self._edit(points.add(self._source_of(place), place))
+        self._editors.current.selected = [new]
+        self._said = f"Point {new} added."
+
+    def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where what is seen at a place comes from: a new point there moves nothing."""
+        try:
+            way = np.asarray(self._editors.current.fit().displacement(place)) / (self.session.step.strength or 1.0)
+        except DeformError:  # nothing is fitted yet
+            return place
+        if not np.isfinite(way).all():
+            raise DeformError("this is a gap: there is nothing to take hold of. Choose another place.")
+        return place + way
+
+    def _paste(self, text: str) -> None:
+        before = self.session.points
+        read = points_from_csv(text, before)
+        held = [i for i in read.changed if before.locked[before.index(i)] and _is_moved(before, read.points, i)]
+        if held:
+            raise DeformError(f"{before.label(before.index(held[0]))} is locked; unlock it to move it.")
+        if read.points != before:
+            label = "add points" if read.added and not read.changed else "take points from a text"
+            self.session.edit_points(read.points, label)
+        self._said = f"{len(read.added)} points added, {len(read.changed)} changed."
+
+    def close(self) -> None:
+        self._unfollow()
+        self._unfollow = lambda: None
+
+
+def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:
+    k, j = before.index(point), after.index(point)
+    return bool((before.source[k] != after.source[j]).any() or (before.target[k] != after.target[j]).any())
+
+
+def _with_cell(points: ControlPoints, point: int, act: TableAct) -> ControlPoints:
+    """The points with what was written into one cell."""
+    k, field = points.index(point), act.field
+    if field in ("active", "locked"):
+        return points.edit(point, **{field: act.value})
+    if field == "name":
+        return points.edit(point, name=act.value.strip())
+    text = act.value.strip()
+    if field == "radius" and not text:
+        return points.edit(point, radius=float("nan"))
+    if field in ("weight", "radius"):
+        number: dict[str, Any] = {field: _written(text, f"the {field} of {points.label(k)}")}
+        return points.edit(point, **number)
+    if points.locked[k]:
+        raise DeformError(f"{points.label(k)} is locked; unlock it to move it.")
+    if act.axis >= points.dim:
+        raise DeformError(f"{points.label(k)} has {points.dim} coordinates.")
+    place = np.array(getattr(points, field)[k])
+    place[act.axis] = _written(text, f"{field} {_AXES[points.dim][act.axis]} of {points.label(k)}")
+    placed: dict[str, Any] = {field: place}
+    return points.edit(point, **placed)
+
+
+def _written(text: str, what: str) -> float:
+    """A number as people write it, with a point or a comma."""
+    return parsed_number(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text, what)
+
+
+def _free(points: ControlPoints, ids: list[int], what: str) -> list[int]:
+    free = [i for i in ids if not points.locked[points.index(i)]]
+    if not free:
+        raise DeformError(f"what is selected is locked; unlock it to {what} it.")
+    return free
+
+
+def _removed(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return points.remove(*_free(points, ids, "delete"))
+
+
+def _reset(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    chosen, target = np.isin(points.ids, _free(points, ids, "move")), np.array(points.target)
+    target[chosen] = points.source[chosen]
+    return replace(points, target=target)
+
+
+def _locked(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggled(points, ids, "locked")
+
+
+def _switched(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggled(points, ids, "active")
+
+
+def _toggled(points: ControlPoints, ids: list[int], what: str) -> ControlPoints:
+    """Set for all, or if it is for all, for none: one press always does something visible."""
+    chosen, flags = np.isin(points.ids, ids), np.array(getattr(points, what))
+    flags[chosen] = not flags[chosen].all() if what == "locked" else not flags[chosen].any()
+    toggled: dict[str, Any] = {what: flags}
+    return replace(points, **toggled)

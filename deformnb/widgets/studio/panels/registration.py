@@ -1,0 +1,483 @@
+"""Fitting in the studio: a target is chosen, and points go by themselves to where the two pictures look alike.
+
+What takes time runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
+something was edited meanwhile, that edit stays and the result is dropped.
+
+What a session shall become alike: another volume, or what another session made of this one; and how it is shown.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.document.deformation import Deformation, lone_support
+from deformnb.errors import Cancelled, DeformError
+from deformnb.imaging.picture import project
+from deformnb.io.documents import read_deformation
+from deformnb.io.formats import FORMATS, read_volume
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.registration.optimise import Fitted, GreyImage, Pictured, fit_targets, snap_to_match
+from deformnb.registration.outlines import fit_outline, outline, slide
+from deformnb.registration.similarity import MEASURES
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture, Raster
+from deformnb.volume.volume import Volume
+from deformnb.warping.planning import Progress
+from deformnb.warping.warper import warp, warp_picture
+from deformnb.widgets.studio.controls import Guard, Panel, button, row, slider
+from deformnb.widgets.view.stills import as_png
+from deformnb.widgets.worker import Worker
+
+NO_TARGET = "no target"
+GIVEN = "given"
+"""Keys of :meth:`FitTarget.choices` that are no file: nothing, and the volume that the studio was given."""
+
+_DOCUMENT = ".json"
+_MOST_FILES = 200
+# Pixels of each preview along the longer side.
+PREVIEW = 260
+# A target that shares less than this part of the volume's box lies elsewhere.
+_LEAST_SHARED = 0.2
+
+
+class FitTarget:
+    """The target of a session.
+
+    Parameters
+    ----------
+    session : what is deformed.
+    folder : where volumes and sessions lie that can be chosen.
+    given : a volume that can be chosen first.
+
+    Attributes
+    ----------
+    key : what is chosen; volume : the target, None for none; note : what is to be said of where it lies.
+    """
+
+    def __init__(self, session: Session, folder: str | PathLike[str], given: Volume | None = None) -> None:
+        self._session, self._folder, self._given = session, Path(folder), given
+        self._seen: tuple[float, list[tuple[str, str]]] | None = None
+        self._pictured: tuple[Any, Pictured] | None = None
+        self.key, self.note = NO_TARGET, ""
+        self.volume: Volume | None = None
+
+    def choices(self) -> list[tuple[str, str]]:
+        """(words, key) of all that can be chosen; the folder is read again when it has changed."""
+        try:
+            changed = self._folder.stat().st_mtime
+            if self._seen is None or self._seen[0] != changed:
+                self._seen = (changed, [(name, name) for name in sorted(_readable(self._folder))[:_MOST_FILES]])
+            files = self._seen[1]
+        except OSError:
+            files = []
+        given = [] if self._given is None else [(f"{self._given.name or 'volume'} (given)", GIVEN)]
+        found = [("choose a volume or a session", NO_TARGET), *given, *files]
+        if self.key not in [key for _, key in found]:
+            found.append((f"{self.key} (no longer in the folder)", self.key))  # it is still the target
+        return found
+
+    def choose(self, key: str, progress: Progress | None = None) -> None:
+        """Take another target: it may be read and warped, which takes time.
+
+        Raises
+        ------
+        DeformError
+            If it is none of the choices, or cannot be read.
+        """
+        if key not in [known for _, known in self.choices()]:
+            raise DeformError(f"{key!r:.80} is no longer in the folder; choose another target.")
+        if key == NO_TARGET:
+            self.key, self.volume, self.note = key, None, ""
+            return
+        found = self._given if key == GIVEN else self._read(self._folder / key, progress)
+        assert found is not None
+        self.volume, self.note = _laid(found, self._session.volume)
+        self.key = key
+
+    def _read(self, path: Path, progress: Progress | None) -> Volume:
+        if path.suffix.lower() != _DOCUMENT:
+            return read_volume(path)
+        made, volume = read_deformation(path), self._session.volume
+        return replace(warp(volume, made.field(volume.grid), progress=progress), name=path.stem)
+
+    def pair(self) -> tuple[Pictured, Pictured]:
+        """What is deformed and what it shall look like: pictures of the same side, or volumes for points in space."""
+        target, session = self.volume, self._session
+        if target is None:
+            raise DeformError("choose a target first: a volume, or the session file of another result.")
+        if session.step.plane is None:
+            return session.base(), target
+        moving = session.picture()
+        slice_at = session.depth if session.method == "slice" else None
+        key = (id(target), moving.plane, session.method, slice_at, session.transfer_function)
+        if self._pictured is None or self._pictured[0] != key:
+            colours = session.transfer_function if session.method in ("composite", "shaded") else None
+            made = project(target, moving.plane, session.method, transfer=colours, depth=slice_at)
+            self._pictured = (key, made)
+        return moving, self._pictured[1]
+
+
+def _readable(folder: Path) -> list[str]:
+    suffixes = (*(s for entry in FORMATS.values() for s in entry.suffixes), _DOCUMENT)
+    with os.scandir(folder) as found:
+        return [f.name for f in found if f.name.lower().endswith(suffixes) and not f.name.startswith(".")
+                and f.is_file()]
+
+
+def _laid(target: Volume, volume: Volume) -> tuple[Volume, str]:
+    """A target that lies elsewhere in space, moved to where the volume is; and a note of that."""
+    low, high = (np.stack([_box(v)[k] for v in (target, volume)]) for k in (0, 1))
+    shared = np.clip(high.min(axis=0) - low.max(axis=0), 0, None).prod()
+    if shared >= _LEAST_SHARED * (high[1] - low[1]).prod():
+        return target, ""
+    shift = np.asarray(volume.grid.center) - np.asarray(target.grid.center)
+    x, y, z = (np.asarray(target.grid.origin) + shift).tolist()
+    return (replace(target, grid=replace(target.grid, origin=(x, y, z))),
+            "The target lies elsewhere in space; it was laid middle on middle.")
+
+
+def _box(volume: Volume) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    corners = volume.grid.corners()
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def compared(moving: Picture, fixed: Picture,
+             map_now: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The deformed moving picture and the fixed one as grey values of one size, with square pixels."""
+    a0, a1, b0, b1 = moving.raster.box
+    d = max(a1 - a0, b1 - b0) / PREVIEW
+    shape = (max(1, round((b1 - b0) / d)), max(1, round((a1 - a0) / d)))
+    shown = Raster(shape, (d, d), (a0 + d / 2, b0 + d / 2))
+    now = warp_picture(moving.grey(), moving.raster, map_now, output=shown, fill=0.0)
+    return now.astype(np.float64), GreyImage.of(fixed).at(shown.points())
+
+
+def ghost(moving: Picture, fixed: Picture) -> NDArray[np.uint8]:
+    """The fixed picture on the pixels of the moving one, (nv, nu, 3): laid over an editor it fills the same box."""
+    grey = (GreyImage.of(fixed).at(moving.raster.points()) * 255 + 0.5).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def blended(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) -> NDArray[np.uint8]:
+    """Both as one picture, (v, 2 u + gap, 3): faded from one to the other, and green (now) over magenta (target).
+
+    Where the two agree the second is grey; green and magenta differ for the colour-blind too.
+    """
+    left = np.repeat(((1 - share) * now + share * fixed)[..., None], 3, axis=2)
+    right = np.stack([fixed, now, fixed], axis=2)
+    gap = np.full((len(now), 6, 3), 0.5)
+    return (np.clip(np.concatenate([left, gap, right], axis=1), 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+_MEASURES = {"ncc": "Correlation (brightness does not count)", "ssd": "Squared difference (one grey scale)",
+             "mi": "Mutual information (any grey scale)"}
+_STYLE = {"description_width": "initial"}
+_HINT = "Choose what the volume shall look like. Lock points where the picture shows nothing to go by."
+_SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
+_ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
+_SLIDE_TIP = ("The selected points, or all that were put on the outline, slide along the target's outline to where the "
+              "map bends least")
+# Points that "Points along the outline" made are known by their names.
+_OUTLINE = "outline "
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What a fit began with, of this moment."""
+
+    deformation: Deformation
+    index: int
+    key: int
+    points: ControlPoints
+    selected: tuple[int, ...]
+    map_now: AbstractField
+    options: dict[str, Any]
+    settings: dict[str, Any]
+
+    def is_overtaken(self, session: Session) -> bool:
+        """Whether something was edited, or another step chosen, since."""
+        return (session.deformation, session.index, session.key) != (self.deformation, self.index, self.key)
+
+
+Work = Callable[[Begun], tuple[ControlPoints, str]]
+
+
+class FitPanel(Panel):
+    """Targets found by the pictures.
+
+    Parameters
+    ----------
+    editors : ``editors.current`` is the editor of the step being edited; its selection is what "Snap" moves.
+    folder : where targets lie.
+    target : a volume that can be chosen first.
+
+    Attributes
+    ----------
+    target : what is chosen; buttons : by their words; said : the line of words.
+    """
+
+    title = "Fit"
+
+    def __init__(self, session: Session, guard: Guard, editors: Any, folder: str | PathLike[str],
+                 target: Volume | None = None) -> None:
+        super().__init__(session, guard)
+        self._editors = editors
+        self.target = FitTarget(session, folder, target)
+        self._thread = Worker("deformnb-fit")
+        self._stop = threading.Event()
+        self._is_busy = False
+        self.choice = ipw.Dropdown(options=self.target.choices(), description="Target", style=_STYLE,
+                                   layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+                                   tooltip="What the volume shall look like: another volume, or a saved session")
+        if target is not None:
+            self.target.choose(GIVEN)
+            self.choice.value = GIVEN
+        self.choice.observe(self._chosen, "value")
+        self.measure = ipw.Dropdown(options=[(_MEASURES.get(name, name), name) for name in MEASURES], style=_STYLE,
+                                    description="Measure", layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+                                    tooltip="What counts as alike")
+        self.stiffness = ipw.FloatLogSlider(
+            min=-4, max=1, step=0.1, value=0.005, description="Stiffness", style=_STYLE, readout_format=".1g",
+            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+            tooltip="How much bending counts against likeness, when all points are fitted")
+        self.count = ipw.BoundedIntText(min=3, max=200, value=16, style=_STYLE, description="Points",
+                                        layout=ipw.Layout(width="120px"), tooltip="How many are put on the outline")
+        self.buttons = {text: button(text, tip, partial(guard, partial(self._start, text, work)))
+                        for text, (tip, work) in self._works().items()}
+        self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
+        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="140px", visibility="hidden"))
+        self.said = ipw.HTML(_words(_HINT if target is None else self.target.note))
+        self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
+                            layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.blend.observe(self._ask_for_preview, "value")
+        self.over = slider("Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all",
+                           layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.over.observe(self._ask_for_preview, "value")
+        self._laid_over: tuple[Any, ...] = ()
+        self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
+        legend = ipw.HTML(_words("Left: now, blended with the target. Right: now in green, target in magenta; grey "
+                                 "where they agree."))
+        self.shown = ipw.VBox([row(self.over, self.blend), self.preview, legend], layout=ipw.Layout(display="none"))
+        snap, fit, along, along_it = self.buttons.values()
+        self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
+                             row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.said, self.shown],
+                            layout=ipw.Layout(grid_gap="4px"))
+        self.refresh()
+
+    def _works(self) -> dict[str, tuple[str, Work]]:
+        return {
+            "Snap selected points": (_SNAP_TIP, self._snap),
+            "Fit all points": ("All points that are not locked are moved so that the pictures look alike", self._fit),
+            "Points along the outline": (_ALONG_TIP, self._along),
+            "Slide along the outline": (_SLIDE_TIP, self._slide),
+        }
+
+    def arrange(self) -> None:
+        choices = self.target.choices()
+        if list(self.choice.options) != choices:
+            kept = self.choice.value
+            self.choice.options = choices
+            self.choice.value = kept if kept in [key for _, key in choices] else NO_TARGET
+        self._allow()
+        self._ask_for_preview()
+
+    def _allow(self) -> None:
+        self.shown.layout.display = "none" if self.target.volume is None or self.session.step.plane is None else None
+        idle = not self._is_busy and self.target.volume is not None
+        for text, made in self.buttons.items():
+            made.disabled = not idle or ("outline" in text and self.session.step.plane is None)
+        self.choice.disabled = self._is_busy
+        self.stop.disabled = not self._is_busy
+        self.bar.layout.visibility = "visible" if self._is_busy else "hidden"
+
+    # -- the target ----------------------------------------------------------------------------------------------------
+
+    def _chosen(self, change: Any) -> None:
+        key = change["new"]
+        if key != self.target.key and self._refreshing.depth == 0:
+            self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
+            self._thread.call(lambda: self._finish(lambda: self._choose(key)))
+
+    def _choose(self, key: str) -> str:
+        try:
+            self.target.choose(key, self._progress)
+        finally:
+            self.choice.value = self.target.key  # what could not be read is not chosen
+            if self.target.volume is None and self.session.step.plane is not None:
+                self._editors.current.ghost_opacity = 0.0
+        return self.target.note if key != NO_TARGET else _HINT
+
+    # -- work ----------------------------------------------------------------------------------------------------------
+
+    def _busy(self, words: str) -> None:
+        self._stop.clear()
+        self._is_busy = True
+        self.bar.value = 0.0
+        self.said.value = _words(words)
+        self._allow()
+
+    def _start(self, what: str, work: Work) -> None:
+        if self._is_busy:
+            raise DeformError("a fit is under way; stop it first.")
+        begun = self._begin()
+        self._busy(f"{what} ...")
+        self._thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
+
+    def _begin(self) -> Begun:
+        session, step = self.session, self.session.step
+        if self.target.volume is None:
+            raise DeformError("choose a target first: a volume, or the session file of another result.")
+        if step.strength != 1:
+            raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
+        editor = self._editors.current
+        support = step.support_for(session.points) or lone_support(session.volume.grid)
+        options = {"kernel": step.kernel, "support": support, "trend": step.trend, "smoothing": step.smoothing}
+        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
+        return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
+                     editor.fit(), options, settings)
+
+    def _worked(self, begun: Begun, what: str, work: Work) -> str:
+        points, words = work(begun)
+        if begun.is_overtaken(self.session):
+            return f"{what} was overtaken: something was edited meanwhile, and that stays. Press the button again."
+        if points != begun.points and not self.guard(lambda: self.session.edit_points(points, what.lower())):
+            return "The result could not be taken; nothing was changed."
+        return words
+
+    def _finish(self, action: Callable[[], str]) -> None:
+        """Do it in the thread and say how it ended."""
+        said = ""
+        try:
+            said = action()
+        except Cancelled:
+            said = "Stopped; nothing was changed."
+        except Exception as error:
+            reason = error
+            self.guard(lambda: _raise(reason))
+        finally:
+            self._is_busy = False
+            self.said.value = _words(said)
+            self._allow()
+            self._ask_for_preview()
+
+    def _progress(self, share: float) -> None:
+        if self._stop.is_set():
+            raise Cancelled("stopped in the studio.")
+        if abs(share - self.bar.value) > 0.01 or share == 1:
+            self.bar.value = share
+
+    # -- the four buttons ----------------------------------------------------------------------------------------------
+
+    def _snap(self, begun: Begun) -> tuple[ControlPoints, str]:
+        if not begun.selected:
+            raise DeformError("no point is selected; click on those that shall snap, with Shift for several.")
+        moving, fixed = self.target.pair()
+        found = snap_to_match(begun.points, begun.selected, moving, fixed, map_now=begun.map_now,
+                              progress=self._progress)
+        words = [f"{len(found.ids) - len(found.left)} of {len(found.ids)} points snapped."]
+        for why in dict.fromkeys(found.left.values()):
+            names = [_named(begun.points, point) for point, reason in found.left.items() if reason == why]
+            words.append(f"Left because {why}: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}.")
+        return found.points, " ".join(words)
+
+    def _fit(self, begun: Begun) -> tuple[ControlPoints, str]:
+        step = begun.deformation.steps[begun.index]
+        if any(part.enabled for part in step.parts) or any(cut.enabled for cut in step.cuts):
+            raise DeformError("cuts and rigid parts are not known to the fit of all points; switch them off, or snap "
+                              "single points, which works beside them.")
+        moving, fixed = self.target.pair()
+        start = time.perf_counter()
+        found = fit_targets(begun.points, moving, fixed, progress=self._progress, **begun.options, **begun.settings)
+        return found.points, _report(found, begun.points, time.perf_counter() - start)
+
+    def _along(self, begun: Begun) -> tuple[ControlPoints, str]:
+        source, goal = (self._outline(picture) for picture in self.target.pair())
+        found = fit_outline(begun.points, source, goal, count=self.count.value, progress=self._progress)
+        return found.points, f"{len(found.ids)} points put on the outline. {_bent(found.energy)}"
+
+    def _slide(self, begun: Begun) -> tuple[ControlPoints, str]:
+        points = begun.points
+        ids = begun.selected or tuple(i for i, name in zip(points.ids, points.names, strict=True)
+                                      if name.startswith(_OUTLINE))
+        if not ids:
+            raise DeformError("no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
+                              "points that lie on it.")
+        found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._progress)
+        return found.points, f"{len(found.ids)} points slid. {_bent(found.energy)}"
+
+    def _outline(self, picture: Any) -> Any:
+        found = outline(picture) if isinstance(picture, Picture) else []
+        if not found:
+            raise DeformError("there is no outline here; it needs a picture with something bright on dark ground.")
+        return found[0]
+
+    # -- the preview ---------------------------------------------------------------------------------------------------
+
+    def _ask_for_preview(self, _change: Any = None) -> None:
+        if self.target.volume is not None and not self._is_busy and not self._thread.is_closed:
+            self._thread.latest("preview", self._show_preview)
+
+    def _show_preview(self) -> None:
+        """Both pictures; what keeps them from being made is said where it matters, at the buttons."""
+        if self.session.step.plane is None:
+            return
+        try:
+            moving, fixed = self.target.pair()
+            self._lay_over(moving, fixed)
+            now, goal = compared(moving, fixed, self._editors.current.fit())  # type: ignore[arg-type]
+            self.preview.value = as_png(blended(now, goal, self.blend.value))
+        except DeformError as error:
+            self.said.value = _words(str(error))
+
+    def _lay_over(self, moving: Any, fixed: Any) -> None:
+        """The target over the picture in the editor; sent only where it is seen, and once."""
+        editor = self._editors.current
+        if self.over.value > 0 and self._laid_over != (editor, moving, fixed):
+            editor.ghost = as_png(ghost(moving, fixed))
+            self._laid_over = (editor, moving, fixed)
+        editor.ghost_opacity = self.over.value
+
+    def close(self) -> None:
+        """Stop what is being fitted."""
+        self._stop.set()
+        self._thread.close()
+
+
+def _named(points: ControlPoints, point: int) -> str:
+    name = points.names[points.index(point)]
+    return f"{point} ({name})" if name else str(point)
+
+
+def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
+    way = np.linalg.norm(found.points.target - before.target, axis=1)
+    if not way.any():
+        return f"Nothing better was found; likeness {found.score_before:.3f}. {seconds:.1f} s."
+    return (f"Likeness {found.score_before:.3f} before, {found.score_after:.3f} after. "
+            f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
+            f"{seconds:.1f} s.")
+
+
+def _bent(energy: tuple[float, ...]) -> str:
+    return f"Bending energy {energy[0]:.3g} by arc length, {energy[-1]:.3g} after {len(energy) - 1} steps."
+
+
+def _words(text: str) -> str:
+    return f'<div role="status" style="line-height: 1.35">{html.escape(text)}</div>' if text else ""
+
+
+def _raise(error: Exception) -> None:
+    raise error

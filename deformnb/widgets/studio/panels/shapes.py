@@ -1,0 +1,409 @@
+"""Cuts and rigid parts of the step that is edited: a list of them, what each does, and ways to make more.
+
+How one rigid part moves, and how far it is felt: menus and sliders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.regions import AbstractRegion, HalfSpace, Mask
+from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.protocol import followed
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider
+
+_STATES = {"fixed": "stays where it is", "moved": "is moved"}
+_WEIGHTS = {"saturated": "smooth step", "distance": "distance (the paper's)"}
+_AXES = np.eye(3)
+
+
+@lru_cache(maxsize=32)
+def middle_of(region: AbstractRegion) -> tuple[float, ...]:
+    """The place about which a part is turned: the middle of its matter, or the place on the boundary of a half space.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> middle_of(Polygon([(0, 0), (4, 0), (4, 2), (0, 2)]))
+    (2.0, 1.0)
+    """
+    if isinstance(region, HalfSpace):
+        return region.point
+    if isinstance(region, Mask):
+        places = np.argwhere(region.values)[:, ::-1].mean(axis=0)  # x first
+        lattice: Any = region.lattice
+        if isinstance(lattice, Grid):
+            return tuple(lattice.index_to_point(places).tolist())
+        return tuple((np.asarray(lattice.origin) + places * np.asarray(lattice.spacing)).tolist())
+    v = np.asarray(region.vertices)  # type: ignore[attr-defined]
+    after = np.roll(v, -1, axis=0)
+    cross = v[:, 0] * after[:, 1] - after[:, 0] * v[:, 1]
+    return tuple((((v + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())).tolist())
+
+
+def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple[float, int, NDArray[np.float64]]:
+    """A motion as a turn about a place and a shift: degrees, the axis that is nearest (0 x, 1 y, 2 z), the shift.
+
+    Examples
+    --------
+    >>> degrees, axis, shift = turn_and_shift(RigidMotion.turn(30, (1, 2), (3, 4)), (1, 2))
+    >>> round(degrees), axis, shift.round(9).tolist()
+    (30, 2, [3.0, 4.0])
+    """
+    if motion is None:
+        return 0.0, 2, np.zeros(len(middle))
+    matrix = np.eye(3)
+    matrix[: motion.dim, : motion.dim] = motion.matrix
+    vector = Rotation.from_matrix(matrix).as_rotvec(degrees=True)
+    axis = int(np.abs(vector).argmax()) if vector.any() else 2
+    degrees = float(np.copysign(np.linalg.norm(vector), vector[axis]))
+    return degrees, axis, motion([middle])[0] - np.asarray(middle)
+
+
+class PartControls(Panel):
+    """What the rigid part that is chosen does.
+
+    Parameters
+    ----------
+    index : tells which part of the step is chosen, None for none.
+    """
+
+    def __init__(self, session: Session, guard: Guard, index: Any) -> None:
+        super().__init__(session, guard)
+        self._index = index
+        reach = 0.5 * session.volume.grid.diagonal
+        self._axis = 2
+        state = self.add(menu("Part", [(text, name) for name, text in _STATES.items()],
+                              "A part that is moved turns and shifts as a whole; what is around it bends"),
+                         lambda: "fixed" if self.part is None or self.part.motion is None else "moved", self._set_state)
+        weight = self.add(menu("Felt by", [(text, name) for name, text in _WEIGHTS.items()],
+                               "How the deformation fades towards the part"),
+                          lambda: "saturated" if self.part is None else self.part.weight,
+                          lambda value: self._write("change the weight of", weight=value))
+        self._pivots: dict[AbstractRegion, tuple[float, ...]] = {}  # chosen by hand; else the middle
+        self._angle = self._slider("Turn", 180.0, "Degrees about the pivot", "turn", ".1f")
+        self._axes = self.add(menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")],
+                                   "Axis of the turn"), lambda: str(self._of_motion()[1]), self._set_axis)
+        names = (("Right", "Down"), ("x", "y", "z"))
+        self._shifts = [[self._slider(f"Shift {name.lower()}", reach, f"Length along {name.lower()}", k, ".1f")
+                         for k, name in enumerate(group)] for group in names]
+        self._places = [[self._number(f"Pivot {name.lower()}", k) for k, name in enumerate(group)] for group in names]
+        self._reach = self.add(slider("Reach", 0.0, reach, reach / 200, "Distance at which the part is no longer felt; "
+                                      "0 leaves that to the nearest control point", ".1f"),
+                               lambda: min((self.part and self.part.reach) or 0.0, reach),
+                               lambda value: self._write("change the reach of", "reach", reach=value or None))
+        of_plane, of_space = ([*self._shifts[k], *self._places[k]] for k in (0, 1))
+        self._moving = [self._angle, self._axes, *of_plane, *of_space]
+        self.box = ipw.VBox([row(state, weight, self._reach), row(*self._moving)])
+        self.refresh()
+
+    def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:
+        step = float(10.0 ** np.floor(np.log10(most / 500)))  # a round one, so that what is typed stays as it is
+        most = step * float(np.ceil(most / step))
+        made = slider(text, -most, most, step, tip, form)
+        if isinstance(what, str):
+            return self.add(made, lambda: float(np.clip(self._of_motion()[0], -most, most)),
+                            lambda value: self._move("turn", degrees=value))
+        return self.add(made, lambda: self._shift(what, most), lambda value: self._move("shift", shift=(what, value)))
+
+    def _number(self, text: str, k: int) -> Any:
+        made = ipw.FloatText(description=text, step=1.0, layout=ipw.Layout(width="180px"), continuous_update=False,
+                             style={"description_width": "80px"}, tooltip="The place that a turn leaves where it is")
+        return self.add(made, lambda: self._pivot(k), lambda value: self._set_pivot(k, value))
+
+    def _pivot(self, k: int) -> float:
+        about = self._about()
+        return round(about[k], 3) if k < len(about) else 0.0
+
+    def _about(self) -> tuple[float, ...]:
+        """The pivot of the part that is chosen."""
+        region = None if self.part is None else self.part.region
+        return () if region is None else self._pivots.get(region) or middle_of(region)
+
+    def _set_pivot(self, k: int, value: float) -> None:
+        part, about = self.part, list(self._about())
+        if part is None or k >= len(about) or not np.isfinite(value):
+            return
+        degrees, _, shift = self._of_motion()
+        about[k] = float(value)
+        self._pivots[part.region] = tuple(about)
+        self._move("turn", degrees=degrees, to=shift)
+
+    @property
+    def part(self) -> RigidPart | None:
+        """The part that is chosen."""
+        index, parts = self._index(), self.session.step.parts
+        return parts[index] if index is not None and index < len(parts) else None
+
+    def _of_motion(self) -> tuple[float, int, NDArray[np.float64]]:
+        part = self.part
+        if part is None:
+            return 0.0, self._axis, np.zeros(3)
+        degrees, axis, shift = turn_and_shift(part.motion, self._about())
+        return degrees, axis if degrees else self._axis, shift
+
+    def _shift(self, k: int, most: float) -> float:
+        shift = self._of_motion()[2]
+        return float(np.clip(shift[k], -most, most)) if k < len(shift) else 0.0
+
+    def _set_state(self, state: str) -> None:
+        if self.part is not None:
+            middle = self._about()
+            still = RigidMotion.turn(0.0, middle, axis=_AXES[self._axis] if len(middle) == 3 else None)
+            self._write("move" if state == "moved" else "fix", motion=still if state == "moved" else None)
+
+    def _set_axis(self, value: str) -> None:
+        self._axis = int(value)
+        self._move("turn", axis=self._axis)
+
+    def _move(self, verb: str, degrees: float | None = None, axis: int | None = None,
+              shift: tuple[int, float] | None = None, to: NDArray[np.float64] | None = None) -> None:
+        if self.part is None:
+            return
+        middle = self._about()
+        old_degrees, old_axis, new_shift = self._of_motion()
+        if to is not None:  # the shift of before, which the new pivot would read otherwise
+            new_shift = to
+        if shift is not None:
+            new_shift[shift[0]] = shift[1]
+        about = _AXES[old_axis if axis is None else axis] if len(middle) == 3 else None
+        motion = RigidMotion.turn(old_degrees if degrees is None else degrees, middle, new_shift, about)
+        slider = f"shift {shift[0]}" if shift else "turn" if degrees is not None and to is None else None
+        self._write(verb, slider, motion=motion)
+
+    def _write(self, verb: str, kind: str | None = None, **fields: Any) -> None:
+        index, parts = self._index(), list(self.session.step.parts)
+        if index is None or index >= len(parts):
+            return
+        parts[index] = replace(parts[index], **fields)
+        name = parts[index].name or f"part {index + 1}"
+        self.session.edit_parts(parts, f"{verb} {name}", f"{kind} {index}" if kind else None,
+                                slides=kind is not None)
+
+    def arrange(self) -> None:
+        part = self.part
+        is_moved = part is not None and part.motion is not None
+        in_space = part is not None and part.region.dim == 3
+        for widget in self._moving:
+            of_space = widget is self._axes or widget in (*self._shifts[1], *self._places[1])
+            of_plane = widget in (*self._shifts[0], *self._places[0])
+            shown = is_moved and (in_space or not of_space) and not (in_space and of_plane)
+            widget.layout.display = "" if shown else "none"
+
+
+# As the editor draws them: a white line, and hatching.
+_CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
+_PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
+
+_KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
+_RULES = {"source": "wherever its piece has moved to", "paper": "on its own side only (the paper's)"}
+_EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
+          "point on each side. A rigid part keeps its form: draw around it.")
+_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label (Studio(volume, labels=...)), or made in "
+                "Python: studio.session.edit_cuts([...]).")
+_MOST_LABELS = 200
+_GROUND_AT = 0.1  # share of the picture's height, from below
+
+
+class ShapesPanel(Panel):
+    """Cuts and rigid parts.
+
+    Parameters
+    ----------
+    editor : on whose picture shapes are drawn.
+    labels : a volume of numbered parts to take regions from, names : what the numbers are called.
+    """
+
+    title = "Cuts & parts"
+
+    def __init__(self, session: Session, guard: Guard, editor: Any, labels: Volume | None = None,
+                 names: Mapping[int, str] | None = None) -> None:
+        super().__init__(session, guard)
+        self._editor = editor
+        self._labels = labels
+        self._chosen: tuple[str, int] | None = None
+        self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # what the chosen row is a row of
+        self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
+        self.items.on_act(self._act)
+        self._rule = self.of_step(menu("Show matter", [(text, name) for name, text in _RULES.items()],
+                                       "What is seen where the two sides of a cut have been moved over each other"),
+                                  "cut_rule")
+        self.part = PartControls(session, guard, self._part_index)
+        self._drawing = self._draw_buttons()
+        ground = button("Ground", "A fixed part: everything below a level stays",
+                        lambda: guard(lambda: self._add("part", self._ground(), "ground")))
+        more = row(*self._drawing, ground, *self._label_widgets(names or {}))
+        self.box = ipw.VBox([self.items, more, row(self._rule), self.part.box])
+        editor.observe(self._chosen_in_the_picture, "chosen_shape")
+        self.refresh()
+
+    def _draw_buttons(self) -> list[Any]:
+        return [button("Draw cut", "Draw a line across the picture; its sides can be dragged apart",
+                       lambda: self.guard(lambda: self._editor.draw("cut"))),
+                button("Draw rigid part", "Draw around what must keep its form",
+                       lambda: self.guard(lambda: self._editor.draw("part")))]
+
+    def _label_widgets(self, names: Mapping[int, str]) -> list[Any]:
+        if self._labels is None:
+            return []
+        present = [int(value) for value in np.unique(self._labels.values) if value != 0][:_MOST_LABELS]
+        options = [(names.get(n) or f"label {n}", n) for n in present]
+        self._label = ipw.Dropdown(options=options, layout=ipw.Layout(width="150px"), tooltip="Part of the labels")
+        add = [button(text, tip, self._taker(what)) for text, tip, what in (
+            ("Label as part", "Keep this region rigid", "part"), ("Label as cut", "Cut along its outline", "cut"))]
+        return [self._label, *add]
+
+    def _taker(self, what: str) -> Callable[[], Any]:
+        return lambda: self.guard(lambda: self._add(what, self._region_of_label(), self._label.label))
+
+    def close(self) -> None:
+        """Let go of the label volume and of the picture."""
+        self._labels = None
+        self._editor.unobserve(self._chosen_in_the_picture, "chosen_shape")
+
+    # -- what is there -------------------------------------------------------------------------------------------------
+
+    def _rows(self) -> list[tuple[str, int]]:
+        step = self.session.step
+        return [("cut", k) for k in range(len(step.cuts))] + [("part", k) for k in range(len(step.parts))]
+
+    def _part_index(self) -> int | None:
+        return self._chosen[1] if self._chosen is not None and self._chosen[0] == "part" else None
+
+    def arrange(self) -> None:
+        self._follow()
+        rows, step = self._rows(), self.session.step
+        self.items.show([_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
+                        rows.index(self._chosen) if self._chosen in rows else -1)
+        self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
+        self._rule.layout.display = "" if step.cuts else "none"
+        self.part.box.layout.display = "" if self._part_index() is not None else "none"
+        self.part.refresh()
+        for widget in self._drawing:
+            widget.layout.display = "none" if step.plane is None else ""
+
+    def _follow(self) -> None:
+        """Let the chosen row stay with its shape. The first one is chosen, and none in the place of one that goes."""
+        before, self._listed = self._listed, {what: self._shapes(what) for what in ("cut", "part")}
+        if self._chosen is not None:
+            what, k = self._chosen
+            place = followed(before[what], self._listed[what], k)
+            self._chosen = None if place is None else (what, place)
+        elif len(rows := self._rows()) == 1 and not any(before.values()):
+            self._chosen = rows[0]
+
+    def _chosen_in_the_picture(self, change: Any) -> None:
+        chosen = change["new"]
+        if chosen and self.session.step.plane is not None:  # where it has none, the row stays
+            self._choose(chosen["what"].removesuffix("s"), chosen["index"])
+            self.refresh()
+
+    def _choose(self, what: str, index: int) -> None:
+        """Choose a row of the list as it is now."""
+        self._follow()
+        self._chosen = (what, index) if index < len(self._listed[what]) else None
+
+    def _act(self, what: str, index: int, value: Any) -> None:
+        self._choose(*self._rows()[index])
+        self._show_in_the_picture()
+        if what == "remove":
+            self.guard(self._remove)
+        elif what in ("switch", "rename"):
+            fields = {"enabled": value} if what == "switch" else {"name": value}
+            verb = "rename" if what == "rename" else "switch on" if value else "switch off"
+            self.guard(lambda: self._replace(verb, **fields))
+        self.refresh()
+
+    def _replace(self, verb: str, **fields: Any) -> None:
+        what, k = self._the_chosen()
+        shapes = list(self._shapes(what))
+        label = f"{verb} {_name(what, k, shapes[k])}"
+        shapes[k] = replace(shapes[k], **fields)
+        self._edit(what, shapes, label)
+
+    def _remove(self) -> None:
+        what, k = self._the_chosen()
+        shapes = list(self._shapes(what))
+        label = f"remove {_name(what, k, shapes.pop(k))}"
+        self._edit(what, shapes, label)
+
+    def _the_chosen(self) -> tuple[str, int]:
+        if self._chosen is None:
+            raise DeformError("no cut or part is chosen; click on one in the list.")
+        return self._chosen
+
+    def _shapes(self, what: str) -> tuple[Any, ...]:
+        step = self.session.step
+        return step.cuts if what == "cut" else step.parts
+
+    def _edit(self, what: str, shapes: list[Any], label: str) -> None:
+        (self.session.edit_cuts if what == "cut" else self.session.edit_parts)(shapes, label)
+
+    # -- more of them --------------------------------------------------------------------------------------------------
+
+    def _add(self, what: str, region: AbstractRegion, name: str) -> None:
+        shapes = self._shapes(what)
+        made = Cut(region, name) if what == "cut" else RigidPart(region, name=name)
+        self._edit(what, [*shapes, made], f"add the {'cut' if what == 'cut' else 'rigid part'} {name}")
+        self._choose(what, len(shapes))
+        self._show_in_the_picture()
+        self.refresh()
+
+    def _show_in_the_picture(self) -> None:
+        if self._chosen is not None and self.session.step.plane is not None:
+            what, index = self._chosen
+            if index < len(getattr(self._editor, f"{what}s")):  # else another picture is still being made
+                self._editor.choose(f"{what}s", index)
+
+    def _ground(self) -> HalfSpace:
+        """All below a level near the lower edge of the picture, or of the volume."""
+        corners = self.session.volume.grid.corners()
+        plane = self.session.step.plane
+        if plane is None:
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            middle = (low + high) / 2
+            return HalfSpace((middle[0], middle[1], low[2] + _GROUND_AT * (high[2] - low[2])), (0.0, 0.0, 1.0))
+        flat = plane.to_plane(corners)[:, :2]
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        return HalfSpace(((low[0] + high[0]) / 2, high[1] - _GROUND_AT * (high[1] - low[1])), (0.0, -1.0))
+
+    def _region_of_label(self) -> Mask:
+        if self._labels is None or self._label.value is None:
+            raise DeformError("the label volume has no label to choose; every voxel of it is 0.")
+        mask = Mask.from_labels(self._labels, int(self._label.value))
+        plane = self.session.step.plane
+        return mask if plane is None else mask.silhouette(plane)
+
+
+def _name(what: str, k: int, shape: Any) -> str:
+    return shape.name or f"{what} {k + 1}"
+
+
+def _row(what: str, k: int, shape: Any) -> dict[str, Any]:
+    facts = [what if what == "cut" else "rigid part", _KINDS.get(shape.region.kind, shape.region.kind)]
+    return {"name": shape.name, "title": f"{what} {k + 1}", "on": shape.enabled, "id": what,
+            "facts": [*facts, _motion_words(shape) if what == "part" else ""],
+            "swatch": _CUT_LOOK if what == "cut" else _PART_LOOK}
+
+
+def _motion_words(part: RigidPart) -> str:
+    if part.motion is None:
+        return "stays"
+    degrees, _, shift = turn_and_shift(part.motion, middle_of(part.region))
+    words = [f"turned {degrees:.0f}\u00b0"] if abs(degrees) >= 0.5 else []
+    if np.abs(shift).max() >= 0.05:
+        words.append(f"shifted {', '.join(f'{round(s, 1) + 0.0:.1f}' for s in shift)}")
+    return ", ".join(words) or "is moved"

@@ -1,0 +1,163 @@
+"""The list of steps: choose, name, switch, order, double and delete them; add one; how they make one deformation.
+
+The history as a list: every state that can be gone to, branches moved in, the one that is shown marked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb.document.deformation import Step
+from deformnb.session.autosave import Recovery
+from deformnb.session.history import HistoryNode
+from deformnb.session.session import Session
+from deformnb.session.store import SavedSession
+from deformnb.widgets.camera import SIDES
+from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.studio.controls import Guard, Panel, button, prose, row
+from deformnb.widgets.studio.labels import go_to, history_rows
+from deformnb.widgets.worker import weakly
+
+MODES = {"compose": "one after the other", "blend": "added up"}
+"""How steps make one deformation, in words."""
+
+_HINTS = {
+    "compose": "Each step deforms what those above it have made.",
+    "blend": "All steps pull at the volume at once; their order does not matter.",
+}
+_ALONE = "To go on from another side, choose it under Picture: a second step begins by itself."
+
+
+class StepsPanel(Panel):
+    """All steps of the deformation."""
+
+    title = "Steps"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        self.items = ItemList(label="Steps", columns=["Step", "Side", "Points", "On it"])
+        self.items.on_act(self._act)
+        here = button("Add step", "Deform once more from this side, after all other steps",
+                      lambda: guard(session.add_step))
+        space = button("Add step in space", "Deform with points in the volume itself instead of on a picture of it",
+                       lambda: guard(lambda: session.add_step(in_space=True)))
+        modes = [(text, name) for name, text in MODES.items()]
+        mode = self.add(ipw.Dropdown(options=modes, description="Done", style={"description_width": "40px"},
+                                     layout=ipw.Layout(width="210px"),
+                                     tooltip="One after the other is what hands would do; added up blends them"),
+                        lambda: session.deformation.mode, session.set_mode)
+        self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
+        self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
+        self.refresh()
+
+    def _act(self, what: str, index: int, value: Any) -> None:
+        session = self.session
+        actions: dict[str, Callable[[], None]] = {
+            "choose": lambda: session.edit_step(index),
+            "switch": lambda: session.set_step_enabled(index, value),
+            "rename": lambda: session.rename_step(index, value),
+            "up": lambda: session.move_step(index, index - 1),
+            "down": lambda: session.move_step(index, index + 1),
+            "double": lambda: session.duplicate_step(index),
+            "remove": lambda: session.remove_step(index),
+        }
+        self.guard(actions[what])
+        self.refresh()  # what was refused stands as it did
+
+    def arrange(self) -> None:
+        session = self.session
+        steps = session.deformation.steps
+        self.items.show([_row(step, session.view_of(step.plane)) for step in steps], session.index)
+        self._hint.value = prose(_HINTS[session.deformation.mode] if len(steps) > 1 else _ALONE)
+
+
+def _row(step: Step, view: str | None) -> dict[str, Any]:
+    where = side_words(step, view)
+    moved = sum(int(np.count_nonzero(m.displacement.any(axis=1))) for m in step.maps)
+    points = sum(len(m) for m in step.maps)
+    keys = f" in {len(step.maps)} keys" if len(step.maps) > 1 else ""
+    return {"name": step.name, "title": where, "on": step.enabled,
+            "facts": [where, f"{points}{keys}, {moved} dragged", shapes_words(step)],
+            "tip": "Click to edit this step; F2 or double-click to name it"}
+
+
+def side_words(step: Step, view: str | None) -> str:
+    """Where a step lies, in words."""
+    return "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
+
+
+def shapes_words(step: Step) -> str:
+    """What lies on a step besides points, in words; empty for nothing."""
+    found = (("cut", step.cuts), ("rigid part", step.parts))
+    counts = [(name, sum(shape.enabled for shape in shapes)) for name, shapes in found]
+    return ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts if count)
+
+
+_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
+
+
+class HistoryPanel(Panel):
+    """All states of the document that can be gone to, and what earlier sessions on the volume have left unsaved.
+
+    Attributes
+    ----------
+    recovery : what knows of earlier sessions; None for none.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
+    >>> panel = HistoryPanel(session, lambda action: action() or True)
+    >>> session.change(trend="none")
+    >>> panel.refresh()
+    >>> [row["title"] for row in panel.items.rows]
+    ['the beginning', 'change trend']
+    >>> panel.close()
+    """
+
+    title = "History"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        self.recovery: Recovery | None = None
+        self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
+        self._order: list[int] = []
+        self._is_seen = True  # until somebody says that another tab is
+        self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
+        self.items.on_act(self._act)
+        self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
+        # Going between equal documents changes nothing else, and refreshes no panel.
+        self._heard = weakly(self, HistoryPanel._history_changed, lambda panel: True)
+        session.observe(self._heard, "history")
+        self.refresh()
+
+    def _history_changed(self, _change: Any) -> None:
+        self.refresh()
+
+    def _act(self, what: str, index: int, _value: Any) -> None:
+        if what == "choose":
+            state = self._order[index]
+            self.guard(lambda: go_to(self.session, state, recovery=self.recovery))
+            self.refresh()
+
+    def opened(self, is_open: bool) -> None:
+        self._is_seen = is_open
+        self.refresh()
+
+    def arrange(self) -> None:
+        if not self._is_seen:  # hundreds of rows would go to the page after every edit
+            return
+        nodes = self.session.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
+        if nodes == self._shown:
+            return
+        self._shown = nodes
+        rows, shown = history_rows(*nodes)
+        self._order = [row["id"] for row in rows]
+        self.items.show(rows, shown)
+
+    def close(self) -> None:
+        self.session.unobserve(self._heard, "history")

@@ -1,0 +1,286 @@
+"""Thompson's grids in the studio: the picture on a regular net, beside the deformed one on a net that can be dragged.
+
+Both are views of one editor, so that whatever is dragged in one is seen in all: the element around a view tells it what
+to show (see net_nodes.js).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import traitlets
+
+from deformnb.datasets.darcy import HEADS, thompson_map, thompson_pairs
+from deformnb.errors import DeformError
+from deformnb.imaging.demo import subject_box
+from deformnb.imaging.thompson import OVERLAYS, draw_grids
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.file_transfer import HandOver
+from deformnb.widgets.protocol import checked_shapes, shapes_of
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider
+from deformnb.widgets.studio.editors import make_editor, show_step
+from deformnb.widgets.studio.labels import edit_label
+from deformnb.widgets.studio.panels.files import plain_name
+from deformnb.widgets.worker import Worker
+
+_OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
+             ("principal strains", "strain"), ("uncertainty", "uncertainty")]
+_IN_SPACE = "Points in space deform no picture, so there is no net to show: choose a step on a picture."
+_HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
+_CELLS = 12  # of a printed net, where the picture shows none
+_LOOK = ('<div style="line-height: 1.35">The left net lies on the original. <b>Drag the diamonds of the right one</b>: '
+         "each becomes a control point, and Delete gives it back to the net.</div>")
+
+
+class ThompsonPanel(Panel):
+    """Two grids side by side; the nodes of the deformed one can be dragged.
+
+    Parameters
+    ----------
+    session : what is deformed.
+    guard : does what was asked for and says what went wrong; default says it in the panel.
+    editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
+        shown by itself: the last expression of a cell, or its ``box``.
+    folder : where figures are written.
+
+    Attributes
+    ----------
+    before, after : the places of the two views.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)))
+    >>> panel = ThompsonPanel(session)
+    >>> panel.magnify.value = 2.0
+    >>> session.step.strength
+    2.0
+    >>> panel.close()
+    """
+
+    title = "Grids"
+
+    def __init__(self, session: Session, guard: Guard | None = None, editor: Editor | None = None,
+                 folder: str | PathLike[str] = ".") -> None:
+        super().__init__(session, guard or self._guarded)
+        self.said = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
+        self.is_alone = editor is None
+        self.editor = make_editor(session, _HEIGHT) if editor is None else editor
+        self._folder = Path(folder)
+        self._thread = Worker("deformnb-grids")
+        self._is_open = self.is_alone
+        self.before, self.after = _place("before"), _place("after")
+        self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
+                                  layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
+        self._nowhere = ipw.Label(_IN_SPACE)
+        self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._nets()), row(*self._export()),
+                             self.hand_over])
+        if self.is_alone:
+            self._listen()
+        self.refresh()
+
+    # -- the parts -----------------------------------------------------------------------------------------------------
+
+    def _settings(self) -> ipw.Box:
+        most = self.editor.traits()["density"].max
+        lines = ipw.IntSlider(min=2, max=most, description="Lines", style={"description_width": "60px"},
+                              tooltip="Cells of the net along the longer side of the picture",
+                              layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"))
+        traitlets.link((self.editor, "density"), (lines, "value"))
+        overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
+        traitlets.link((self.editor, "overlay"), (overlay, "value"))
+        self.magnify = self.add(
+            slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
+            lambda: float(np.clip(self.session.step.strength, -1.0, 3.0)),
+            lambda value: self.session.change(kind="strength", slides=True, strength=float(value)))
+        self._words = ipw.Label("")
+        self.everywhere = ipw.Checkbox(description="drag the net in the main picture too", indent=False,
+                                       layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""))
+        traitlets.link((self.editor, "drag_net"), (self.everywhere, "value"))
+        return ipw.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
+
+    def _nets(self) -> list[Any]:
+        pairs = [(f"{source} to {target}", (source, target)) for source, target in thompson_pairs()]
+        carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
+        self.net = ipw.Dropdown(options=pairs, value=carp, description="Thompson's nets",
+                                style={"description_width": "initial"}, layout=ipw.Layout(width="380px"),
+                                tooltip="Fish that D'Arcy Thompson turned into one another, in 1917")
+        self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
+                                 layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")
+        told = "Points at the nodes of his net, in place of those that are there; can be undone"
+        return [self.net, self.head, button("Lay on", told, lambda: self.guard(self.lay_on))]
+
+    def _export(self) -> list[Any]:
+        stem = re.sub(r"[^\w-]+", "_", self.session.volume.name).strip("_")[:40] or "deformed"
+        self.name = ipw.Text(value=f"{stem}_grids", description="Figure", style={"description_width": "60px"},
+                             layout=ipw.Layout(width="260px"), tooltip="File name, without its end")
+        self.downloads = ipw.Checkbox(description="hand it to the browser too", indent=False,
+                                      layout=ipw.Layout(width="auto"))
+        self.hand_over = HandOver()
+        self.writers = [button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}",
+                               self._writer(f".{kind}")) for kind in ("svg", "pdf", "png")]
+        return [self.name, *self.writers, self.downloads, self.said]
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def opened(self, is_open: bool) -> None:
+        """The views are in the page only while the panel is seen: each of them paints whenever something moves."""
+        self._is_open = is_open
+        self.arrange()
+
+    def arrange(self) -> None:
+        on_picture = self.session.step.plane is not None
+        self._pictures.layout.display = "" if on_picture else "none"
+        self._nowhere.layout.display = "none" if on_picture else ""
+        shown = (self.editor,) if self._is_open and on_picture else ()
+        for place in (self.before, self.after):
+            if place.children != shown:
+                place.children = shown
+        self._words.value = in_words(self.session.step.strength)
+
+    # -- what is done --------------------------------------------------------------------------------------------------
+
+    def lay_on(self) -> None:
+        """Put control points at the nodes of one of Thompson's nets, laid around what the picture shows."""
+        if self.session.step.plane is None:
+            raise DeformError(_IN_SPACE)
+        source, target = self.net.value
+        picture = self.session.picture()
+        nets = thompson_map(source, target, box=subject_box(picture), frame=picture.raster.box, head=self.head.value)
+        rows = nets.source_nodes.reshape(-1, 2), nets.target_nodes.reshape(-1, 2)
+        points = ControlPoints.from_arrays(*rows)  # 56 names would hide the picture
+        self.session.edit_points(points, f"lay on the net of {target}")
+
+    def _writer(self, suffix: str) -> Callable[[], Any]:
+        return lambda: self.guard(lambda: self.write(suffix))
+
+    def write(self, suffix: str) -> None:
+        """Write the figure into the folder, in a thread of its own."""
+        session, editor, step = self.session, self.editor, self.session.step
+        if step.plane is None:
+            raise DeformError(_IN_SPACE)
+        path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
+        overlay = editor.overlay if editor.overlay in OVERLAYS else "none"
+        given: dict[str, Any] = {"lines": editor.density or _CELLS, "overlay": overlay, "grid": session.volume.grid,
+                                 "key": session.key, "path": path}
+        named, downloads = replace(step, name=step.name or session.volume.name), self.downloads.value
+        for writer in self.writers:
+            writer.disabled = True
+        self.said.value = f"Writing {path.name} ..."
+        missing = " The haze is shown here only." if editor.overlay == "uncertainty" else ""
+
+        def draw() -> None:
+            with session.files.writing(path):
+                draw_grids(named, session.picture(), **given)
+
+        self._thread.call(lambda: self._do(draw, path, downloads, missing))
+
+    def _do(self, draw: Callable[[], Any], path: Path, downloads: bool, missing: str) -> None:
+        said = ""
+        try:
+            draw()
+            said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
+            if downloads:
+                self.hand_over.download(path.name, path.read_bytes())
+        except Exception as error:
+            reason = error
+            self.guard(lambda: _raise(reason))
+        finally:
+            if said or self.said.value.startswith("Writing"):
+                self.said.value = said
+            for writer in self.writers:
+                writer.disabled = False
+
+    def close(self) -> None:
+        """End the thread, and the editor of a panel that stands alone."""
+        self._thread.close()
+        if self.is_alone:
+            self.session.unobserve(self._session_changed, ["deformation", "index", "key", "history"])
+            self.editor.close()
+
+    # -- alone ---------------------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        self.editor.observe(self._points_changed, "points")
+        self.editor.observe(self._shapes_changed, ["cuts", "parts"])
+        self.editor.on_history(lambda way: getattr(self.session, way)())
+        self.session.observe(self._session_changed, ["deformation", "index", "key", "history"])
+
+    def _points_changed(self, change: Any) -> None:
+        if change["new"] != self.session.points:
+            label = edit_label(self.session.points, change["new"])
+            self._taken(lambda: self.session.edit_points(change["new"], label))
+
+    def _shapes_changed(self, change: Any) -> None:
+        what = change["name"]
+        if checked_shapes(what, getattr(self.session.step, what)) != change["new"]:
+            edit = self.session.edit_cuts if what == "cuts" else self.session.edit_parts
+            self._taken(lambda: edit(shapes_of(what, change["new"])))
+
+    def _taken(self, edit: Callable[[], None]) -> None:
+        """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""
+        if not self.guard(edit):
+            show_step(self.editor, self.session)
+
+    def _session_changed(self, change: Any) -> None:
+        if change["name"] == "history":
+            self.editor.history = dict(change["new"])
+            return
+        if self.session.step.plane is not None:
+            picture = self.session.picture()
+            if self.editor.picture is not picture:
+                self.editor.picture = picture
+            show_step(self.editor, self.session)
+        self.refresh()
+
+    def _guarded(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except DeformError as error:
+            self.said.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
+            return False
+        return True
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        return self.box._repr_mimebundle_(**options)
+
+
+def in_words(strength: float) -> str:
+    """What a strength does to a drawing.
+
+    Examples
+    --------
+    >>> in_words(1.0), in_words(-1.0)
+    ('as drawn', 'the opposite way')
+    """
+    if abs(strength) < 0.005:
+        return "the original"
+    if abs(strength - 1) < 0.005:
+        return "as drawn"
+    if abs(strength + 1) < 0.005:
+        return "the opposite way"
+    if strength < 0:
+        return f"the opposite way, {-strength:.2f} times as far"
+    return "exaggerated" if strength > 1 else "on the way"
+
+
+def _place(side: str) -> ipw.Box:
+    return ipw.Box([], layout=ipw.Layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
+
+
+def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
+    words = [ipw.HTML(text)] if text else []
+    return ipw.VBox([ipw.HTML(f"<b>{title}</b>"), place, *words], layout=ipw.Layout(flex="1 1 320px", min_width="0"))
+
+
+def _raise(error: Exception) -> None:
+    raise error

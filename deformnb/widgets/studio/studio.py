@@ -1,0 +1,548 @@
+"""The studio: picture with its control points, the volume that follows them, and the controls, in one line of a cell.
+
+The studio wires and decides nothing: the :class:`Session` holds the document, the editor's page
+fits and warps while the mouse moves, and the view's page follows it. Python hears of the end of an edit, makes the next
+document, and does whatever takes time in one thread of its own, the newest first.
+
+What a studio is put together from: its view, the arrangement of its widgets, its status line, its still.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import traitlets
+from numpy.typing import NDArray
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.session.exports import export
+from deformnb.session.inputs import as_deformation, as_volume, best_view, source_of
+from deformnb.session.session import Session
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.transfer_editor import TransferEditor
+from deformnb.widgets.studio.controls import Panel
+from deformnb.widgets.studio.diagnostics import Judgement, judgement_of
+from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
+from deformnb.widgets.studio.panels.steps import HistoryPanel
+from deformnb.widgets.studio.save_restore import RestoreBar, SaveButton
+from deformnb.widgets.studio.status import StudioWords
+from deformnb.widgets.studio.tabs import PanelParts, make_panels
+from deformnb.widgets.studio.view_sync import StudioLink, followed_step
+from deformnb.widgets.view.base import AbstractView
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png, with_png
+from deformnb.widgets.worker import (
+    Worker,
+    close_all,
+    close_earlier_of_this_cell,
+    closed_on_failure,
+    leave_to_another,
+    parts_of_another,
+    weakly,
+)
+
+WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
+           "something: draw a cut across it, then drag a point on either side of the cut apart.")
+"""What a studio says before anything was dragged."""
+
+VIEW_KINDS = ("live", "vtk")
+"""Views by name: rendered in the browser, or by VTK in Python."""
+
+
+def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: int) -> Any:
+    """A view of the volume by its name in :data:`VIEW_KINDS`, or one that was made by hand."""
+    if isinstance(kind, AbstractView):
+        if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
+            raise DeformError(f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
+                              "a trait named camera, deformnb.widgets.view.base.CameraTrait().")
+        leave_to_another(kind)
+        kind.show(volume)
+        kind.set_transfer(transfer)
+        return kind
+    with parts_of_another():
+        if kind == "live":
+            return LiveView(volume, transfer=transfer, width=720, height=height)
+        if kind == "vtk":
+            from deformnb.widgets.view.volume_view import VolumeView
+
+            return VolumeView(volume, transfer=transfer, width=720, height=height)
+    raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
+
+
+def as_labels(given: Any, volume: Volume) -> Volume | None:
+    """A label volume from a volume, a file, or an array that lies as the volume does; None for none."""
+    if given is None:
+        return None
+    if isinstance(given, np.ndarray):
+        if given.shape != volume.shape:
+            raise DeformError(f"labels of shape {given.shape} do not lie on a volume of {volume.shape}; give a Volume "
+                              "with a grid of its own.")
+        return Volume(given, volume.grid, "labels")
+    return as_volume(given)
+
+
+def as_target(given: Any, volume: Volume) -> Volume | None:
+    """A volume to become alike, from a volume, a file, or an array that lies as the volume does; None for none."""
+    if isinstance(given, np.ndarray) and given.shape == volume.shape:
+        return Volume(given, volume.grid, "target")
+    return None if given is None else as_volume(given)
+
+
+def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
+    """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows.
+
+    What such a page cannot drag (points in space, steps that are added up) is done to its volume beforehand, and the
+    page goes on with a picture of that.
+    """
+    last = followed_step(session.deformation)
+    deformed = None if last is not None else session.result()
+    whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
+    whole.method = session.method
+    whole.edit_step(last or 0)
+    shown = make_editor(whole, editor.height)
+    shown.density, shown.theme = editor.density, editor.theme
+    with parts_of_another():
+        live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
+    live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
+    for name in ("projection", "background", "show_folds"):
+        if view.has_trait(name):
+            setattr(live, name, getattr(view, name))
+    live.follow(shown, whole.field(), whole.key, output=whole.output)
+    return shown, live
+
+
+def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: ipw.Box) -> list[Any]:
+    """Picture and volume side by side, warnings and the first panel below, the others in tabs, and the words."""
+    view.layout.width = "100%"
+    editors.beside.children = (view,)
+    if view.has_trait("fill"):
+        view.fill = True  # as high as the picture is
+    pictures = ipw.HBox([editors.box, editors.beside],
+                        layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
+    head, *others = panels
+    others = [panel for panel in others if panel.title]
+    tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
+                   layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
+    tell = _tell_opened(others)
+    tell({"new": tabs.selected_index})
+    tabs.observe(tell, "selected_index")
+    warnings = [panel.warning for panel in panels if panel.warning is not None]
+    return [pictures, *warnings, head.box, tabs, words]
+
+
+def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
+    """Tells panels which of them is seen; keeps none of them alive."""
+    known = [weakref.ref(panel) for panel in panels]
+
+    def chosen(change: Any) -> None:
+        for k, reference in enumerate(known):
+            panel = reference()
+            if panel is not None:
+                panel.opened(k == change["new"])
+    return chosen
+
+
+def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
+    """How long Python took for the last edit, and a picture of the view while something moves; empty for neither.
+
+    Examples
+    --------
+    >>> latency_text(3.2, {"drag_ms": 41.0})
+    'edit 3 ms, volume 41 ms'
+    >>> latency_text(None, {"frames": 0})
+    ''
+    """
+    volume_ms = stats.get("drag_ms") or stats.get("frame_ms")
+    times = (("edit", edit_ms), ("volume", volume_ms))
+    return ", ".join(f"{what} {ms:.0f} ms" if ms >= 1 else f"{what} < 1 ms" for what, ms in times if ms is not None)
+
+
+def status_text(session: Session, latency: str = "", found: Judgement | None = None) -> str:
+    """How many points there are, what is edited, whether it folds and comes back, and how long that took."""
+    step = session.step
+    moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
+    facts = [f"{len(session.points)} points, {moved} dragged"]
+    if len(session.deformation.steps) > 1:
+        facts.append(f"step {session.index + 1} of {len(session.deformation.steps)}")
+    if step.extrusion == "interpolate":
+        facts.append(f"key {session.key + 1} of {len(step.maps)}")
+    if step.stages > 1:
+        facts.append(f"{step.stages} stages")
+    if found is not None:
+        facts += [text for text in (found.folds_text, found.trip_text) if text]
+    if latency:
+        facts.append(latency)
+    return " \u00b7 ".join(facts)
+
+
+def side_by_side(editor: Any, view: AbstractView, width: int) -> NDArray[np.uint8]:
+    """Picture and volume as an image, (height, width, 3)."""
+    from PIL import Image
+
+    left = Image.open(io.BytesIO(editor.preview_png())).convert("RGB")
+    height = round(width / 2 * left.height / left.width)
+    left = left.resize((width // 2, height), Image.Resampling.LANCZOS)
+    return np.concatenate([np.asarray(left), view.still((width - width // 2, height))], axis=1)
+
+
+def preview_png(editor: Any, view: Any) -> bytes:
+    """Picture and volume side by side as a PNG, from few voxels: it is made before the studio is shown."""
+    from PIL import Image
+
+    left = Image.open(io.BytesIO(editor.preview_png())).convert("RGB")
+    small = view.preview_png() if hasattr(view, "preview_png") else as_png(view.still(PREVIEW_SIZE))
+    right = Image.open(io.BytesIO(small)).convert("RGB")
+    left = left.resize((right.width, round(right.width / left.width * left.height)), Image.Resampling.LANCZOS)
+    whole = Image.new("RGB", (left.width + right.width, max(left.height, right.height)), left.getpixel((0, 0)))
+    for image, x in ((left, 0), (right, left.width)):
+        whole.paste(image, (x, (whole.height - image.height) // 2))
+    return as_png(np.asarray(whole))
+
+
+_LATER = 2.0  # seconds of rest after which the times of the view are looked at again
+
+
+class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
+    """Deform a volume by dragging points on a picture of it.
+
+    Parameters
+    ----------
+    volume : what is deformed: a :class:`~deformnb.volume.volume.Volume`, an array [z, y, x], or the path of a file.
+    deformation : to go on with; a :class:`~deformnb.document.deformation.Deformation` or the path of a saved one.
+    side : where the first picture is taken from, one of :data:`VIEWS`; default is the side that shows
+        most of the subject.
+    method : projection of the picture, a name of :data:`~deformnb.imaging.picture.PROJECTIONS`.
+    transfer : colours and opacities of the volume: a transfer function, or the name of a preset. Both are by default as
+        the deformation was saved, or else "mip" and "specimen".
+    view : "live" renders in the browser, "vtk" in Python; or a view of your own.
+    height : of picture and volume in CSS pixels.
+    folder : where files are saved and opened by the controls.
+    labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
+        regions can be made rigid or cut out; label_names : what the numbers are called.
+    target : what the volume shall look like: a volume, an array as large, or a file, chosen in the panel "Fit".
+    output : grid of the result, which is what can be seen; default is the document's, or the volume's own. See
+        :meth:`Session.grow <deformnb.session.session.Session.grow>` and :meth:`Session.fit_output
+        <deformnb.session.session.Session.fit_output>`.
+
+    Attributes
+    ----------
+    session : the document and its history.
+    editor, view : the widgets on the left and on the right; the editor is another one for a step in space.
+    deformation : the document; an observable trait, and setting it is an edit.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> studio = Studio(PHANTOMS["bar"].make((24, 24, 48)))
+    >>> studio.editor.points = studio.editor.points.add([20.0, 10.0], [20.0, 13.0])
+    >>> studio.deformation.steps[0].points.names
+    ('corner', 'corner', 'corner', 'corner', '')
+    >>> studio.undo()
+    >>> len(studio.editor.points)
+    4
+    >>> studio.close()
+    """
+
+    deformation = traitlets.Instance(Deformation)
+
+    def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
+                 deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
+                 method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 430,
+                 folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
+                 label_names: Mapping[int, str] | None = None,
+                 target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
+                 output: Grid | None = None) -> None:
+        given = as_volume(volume)
+        shown = as_labels(labels, given), label_names, as_target(target, given)
+        look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
+        self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
+                               source=source_of(volume), **look)
+        if isinstance(deformation, (str, PathLike)):
+            self.session.files.remember(deformation)
+        self.deformation = self.session.deformation
+        self._shown = (self.session.deformation, self.session.index, self.session.key)
+        self._panels: list[Panel] = []
+        self._words = StudioWords()
+        self._worker = Worker("deformnb-studio", failed=self._words.failed)
+        is_whole = threading.Event()
+        self._worker.call(is_whole.wait)  # nothing is done for half a studio
+        try:
+            with closed_on_failure(self._end):
+                self._make(view, height, folder, *shown)
+        except BaseException:
+            close_all(self._words.box)
+            raise
+        finally:
+            is_whole.set()
+        self._worker.latest("warm up", self.session.warm_up)
+        self._ask_for_status()
+
+    def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
+              label_names: Mapping[int, str] | None, target: Volume | None) -> None:
+        """Make the parts; once all are there, take the place of what the cell has shown before."""
+        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
+        self.view = make_view(view, self.volume, self.session.transfer_function, height)
+        self._editors = StudioEditors(self.session, height, self._listen_to)
+        self._link = StudioLink(self.session, self.view, self._worker)
+        self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
+                                      self._weakly(Studio.undo))
+        self._edits.stand_on(self._editors, self._picture)
+        self._panels = self._make_panels(folder, labels, label_names, target)
+        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
+        self._panels[0].box.children += (save,)
+        close_earlier_of_this_cell(self)
+        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
+        next(panel for panel in self._panels if isinstance(panel, HistoryPanel)).recovery = self._bar.recovery
+        rows = arranged(self._editors, self.view, self._panels, self._words.box)
+        self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
+        super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
+        self.add_class("dnb-studio")
+        self._listen()
+        self._picture.turn()
+        self._link.show(self._editors.current)
+        self._words.status.value = status_text(self.session)
+        is_new = not any(m.displacement.any() for step in self.deformation.steps for m in step.maps)
+        self._words.say(" ".join(filter(None, (self.session.notice, WELCOME if is_new else ""))))
+
+    # -- the parts -----------------------------------------------------------------------------------------------------
+
+    def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
+                     names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
+        self._opacity = TransferEditor(self.session.volume, self.session.transfer)
+        return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
+                                      self._opacity, folder, self.export_html, labels, names, target,
+                                      self._link.preview))
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        session = self.session
+        session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
+        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
+        session.observe(self._weakly(Studio._transfer_changed), "transfer")
+        session.observe(self._weakly(Studio._tell_history), "history")
+        session.observe(self._weakly(Studio._tell_notice), "notice")
+        self._opacity.on_edit(self._weakly(Studio._opacity_changed))
+        for name in ("shows", "projection"):
+            if self.view.has_trait(name):
+                self.view.observe(self._weakly(Studio._refresh_panels), name)
+
+    def _listen_to(self, editor: Any) -> None:
+        editor.observe(self._weakly(Studio._points_changed), "points")
+        if editor.has_trait("cuts"):
+            editor.observe(self._weakly(Studio._shapes_changed), ["cuts", "parts"])
+        editor.on_history(self._weakly(Studio._travel))
+
+    def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
+        return weakly(self, method, lambda studio: not studio._worker.is_closed)
+
+    def _points_changed(self, change: Any) -> None:
+        self._edits.points_changed(change["owner"], change["new"])
+
+    def _shapes_changed(self, change: Any) -> None:
+        self._edits.shapes_changed(change["owner"], change["name"], change["new"])
+
+    def _travel(self, way: str) -> None:
+        self._edits.travel(way)
+
+    def _document_changed(self, _change: Any) -> None:
+        now = (self.session.deformation, self.session.index, self.session.key)
+        if now == self._shown:  # the session tells of each of the three
+            return
+        self._shown = now
+        self._words.say(self.session.notice)
+        if not self._picture.renew():
+            self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
+            self._editors.show_step()
+        self._refresh_panels()
+        self._ask_for_status()
+        self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
+
+    @traitlets.validate("deformation")
+    def _valid_deformation(self, proposal: Any) -> Deformation:
+        if proposal["value"] is not self.session.deformation:
+            self.session.deformation = proposal["value"]
+        return self.session.deformation
+
+    def _picture_changed(self, _change: Any = None) -> None:
+        self._refresh_panels()
+        self._picture.renew()
+
+    def _tell_history(self, _change: Any) -> None:
+        self._editors.tell(history=dict(self.session.history))
+
+    def _tell_notice(self, _change: Any) -> None:
+        if self.session.notice:
+            self._words.say(self.session.notice)
+
+    def _transfer_changed(self, _change: Any) -> None:
+        function = self.session.transfer_function
+        self.view.set_transfer(function)
+        if self._opacity.transfer != function:
+            self._opacity.set_transfer(self.session.transfer)
+
+    def _opacity_changed(self, transfer: Any, _phase: str) -> None:
+        self._words.guarded(lambda: self.session.set_trait("transfer", transfer))
+
+    def _refresh_panels(self, _change: Any = None) -> None:
+        for panel in self._panels:
+            panel.refresh()
+
+    def _ask_for_status(self) -> None:
+        self._worker.latest("status", self._weakly(Studio._show_status))
+
+    def _show_status(self) -> None:
+        self._tell_status()
+        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the page has told its times
+
+    def _tell_status(self) -> None:
+        latency = latency_text(self._edits.milliseconds, self.view.stats())
+        self._words.status.value = status_text(self.session, latency, judgement_of(self.session))
+
+    # -- for other cells -----------------------------------------------------------------------------------------------
+
+    @property
+    def editor(self) -> Any:
+        """The editor of the step that is edited: an :class:`Editor` on a picture or a :class:`SpaceEditor` in space."""
+        return self._editors.current
+
+    @property
+    def volume(self) -> Volume:
+        """The volume as it was given."""
+        return self.session.volume
+
+    def result(self, progress: Callable[[float], None] | None = None) -> Volume:
+        """The deformed volume, on the grid ``session.output``."""
+        return self.session.result(progress)
+
+    def undo(self) -> None:
+        """Take back the last edit."""
+        self._travel("undo")
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._travel("redo")
+
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the document as JSON; see :meth:`Session.save <deformnb.session.session.Session.save>`."""
+        self.session.save(path, overwrite=overwrite)
+
+    def load(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
+        """Go on with a saved document; can be undone."""
+        self.session.open(path, allow_other_volume=allow_other_volume)
+
+    def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None, *,
+               size: tuple[int, int] | None = None, fps: float = 24.0, overwrite: bool = False) -> Path:
+        """Write a file; its suffix chooses what: see :data:`EXPORTS`, and ``.html`` for a page.
+
+        Parameters
+        ----------
+        progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
+        size : (width, height) in pixels of renderings and movies, which show what the view shows: its camera,
+            projection, clip, background, and whether the original stands beside; default is 1600 x 1200, and 640 x 480
+            for movies.
+        fps : pictures a second of movies.
+        overwrite : replace any file; else only one that holds what this studio has opened or written.
+        """
+        if Path(path).suffix.lower() == ".html":
+            self.export_html(path, overwrite=overwrite, progress=progress)
+            return Path(path)
+        return export(self.session, path, seen=self.view.seen(), size=size, fps=fps, overwrite=overwrite,
+                      progress=progress)
+
+    def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "", limit: int | None = None,
+                    overwrite: bool = False, progress: Callable[[float], None] | None = None) -> None:
+        """Write one offline file in which the volume still deforms, without a kernel.
+
+        Parameters
+        ----------
+        title, about : of the page; a line under the title.
+        limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
+        overwrite, progress : as of :meth:`export`.
+        """
+        from deformnb.widgets.standalone import LIMIT, write_standalone
+
+        editor, view = last_step(self.session, self._editors.plane, self.view)
+        try:
+            with self.session.files.writing(path, overwrite=overwrite):
+                write_standalone(path, editor, view, title=title or self.volume.name, about=about,
+                                 limit=LIMIT if limit is None else limit, progress=progress)
+        finally:
+            close_all(editor)
+            close_all(view)
+
+    def stats(self) -> dict[str, Any]:
+        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
+
+        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
+        picture followed the hand in the last drag: ``drag_hz`` and ``picture_ms``, of
+        :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
+        """
+        times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
+        return {**times, **self._edits.counts, "previews": self._link.previews, "editor": self.editor.stats(),
+                "view": self.view.stats()}
+
+    def wait(self, timeout: float = 60.0) -> None:
+        """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
+        done = threading.Event()
+        self._worker.latest("wait", done.set)  # behind all that waits now
+        if not done.wait(timeout):
+            raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
+
+    def hand_on(self, other: Any) -> None:
+        """Leave a view that another studio of the same cell was given as well to that one."""
+        if getattr(other, "view", None) is self.view:
+            self._editors.beside.children = ()
+
+    def close(self) -> None:
+        """End the studio with all its widgets and its threads; the next one's History has what was not saved.
+
+        ipywidgets keeps a studio that is not closed, with its volume, though no variable names it: a page may show it.
+        Its threads end when nothing is to be done, and each edit is written as before.
+        """
+        worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
+        if worker is None or worker.is_closed:
+            super().close()
+            return
+        self._end()
+        close_all(self)
+
+    def _end(self) -> None:
+        """End what runs, whatever there is of it by now."""
+        self._worker.close()
+        for part in ("_link", "_editors"):
+            if hasattr(self, part):
+                getattr(self, part).close()
+        for panel in self._panels:
+            panel.close()
+
+    # -- display -------------------------------------------------------------------------------------------------------
+
+    def still(self, width: int = 1120) -> NDArray[np.uint8]:
+        """Picture and volume side by side, (height, width, 3): what is seen where no front end runs."""
+        return side_by_side(self.editor, self.view, width)
+
+    def __repr__(self) -> str:
+        z, y, x = self.volume.shape
+        return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
+
+    def _display_(self) -> Any:
+        """What marimo shows, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
+        marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
+
+        return marimo.hstack([self.editor, self.view], widths="equal", align="start")
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        return with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))

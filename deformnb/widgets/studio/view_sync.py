@@ -1,0 +1,135 @@
+"""What the studio's view shows: the displacement of the session, and what a hand is doing to it.
+
+While a point of the last step on a picture is dragged, the view's page follows the editor's page by itself. What it
+cannot know there (a drag in an earlier step, in space, or of steps that are added up) is shown by Python, coarsely:
+the newest movement, whenever the one before is done.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from deformnb.document.deformation import Deformation, Step
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.widgets.textures import MOST_MAPS, count_maps
+from deformnb.widgets.worker import Worker
+
+
+def followed_step(deformation: Deformation) -> int | None:
+    """The step whose drags a page can show by itself: the last in use, on a picture, and not added to others."""
+    in_use = [k for k, step in enumerate(deformation.steps) if step.enabled]
+    if not in_use or deformation.steps[in_use[-1]].plane is None:
+        return None
+    return in_use[-1] if deformation.mode == "compose" or len(in_use) == 1 else None
+
+
+class StudioLink:
+    """Between a session and a view.
+
+    Parameters
+    ----------
+    session : whose displacement is shown, view : where.
+    worker : does what takes time.
+    """
+
+    def __init__(self, session: Session, view: Any, worker: Worker) -> None:
+        self._session, self._view, self._worker = session, view, worker
+        self._lock = threading.Lock()
+        self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
+        self._editor: Any = None  # that was shown last
+        self._has_previewed = False  # something that is no edit, since then
+        self._heard: Any = None  # the editor whose movements come to Python
+        self._in_space: Any = None  # the editor whose points are seen in the view as well
+        self.previews = 0
+
+    def show(self, editor: Any) -> None:
+        """Show the displacement of the session, and from now on what is dragged in this editor."""
+        session = self._session
+        field = session.field()
+        follows = self._page_can_follow(field)
+        with self._lock:
+            self._serial += 1
+            self._editor, self._has_previewed = editor, False
+            if follows:
+                self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1), output=session.output)
+            else:
+                self._view.follow(None, field, output=session.output)
+        in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
+        if in_space is not self._in_space:
+            self._in_space = in_space
+            self._view.edit_points(in_space, self._field_of)
+        self._hear(None if follows or in_space is not None else editor)
+
+    def preview(self, step: Step | None) -> None:
+        """Show what the document would do with this in place of the step that is edited; of several the newest only.
+
+        Parameters
+        ----------
+        step : what is on its way and no edit yet, such as a curve that is being dragged. None gives it up: what the
+            session holds is shown again.
+        """
+        if step is None:
+            if self._has_previewed:
+                self.show(self._editor)
+            return
+        session, self._has_previewed = self._session, True
+        document, index = session.deformation, session.index
+        self._latest(lambda: document.with_step(index, step).field(session.volume.grid))
+
+    def turn(self) -> None:
+        """Look at the volume from the side of the picture, turned a little so that it looks solid."""
+        u, v, n = self._session.plane.frame
+        self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
+
+    def close(self) -> None:
+        """Hear no editor any more."""
+        self._hear(None)
+        if self._in_space is not None:
+            self._view.edit_points(None)
+
+    def _page_can_follow(self, field: AbstractField) -> bool:
+        if self._session.index != followed_step(self._session.deformation):
+            return False
+        maps = count_maps(field)
+        return maps is not None and maps <= MOST_MAPS
+
+    def _hear(self, editor: Any) -> None:
+        if editor is self._heard:
+            return
+        if self._heard is not None:
+            self._heard.on_edit(self._moved, remove=True)
+        self._heard = editor
+        if editor is not None:
+            editor.on_edit(self._moved)
+
+    def _moved(self, points: ControlPoints, phase: str) -> None:
+        if phase == "move":
+            self._latest(lambda: self._field_of(points))
+
+    def _latest(self, make: Callable[[], AbstractField]) -> None:
+        if not self._worker.is_closed:
+            serial = self._serial
+            self._worker.latest("preview", lambda: self._preview(make, serial))
+
+    def _preview(self, make: Callable[[], AbstractField], serial: int) -> None:
+        try:
+            field = make()
+        except DeformError:  # two points met on their way; the edit will say it if it ends so
+            return
+        with self._lock:
+            if serial == self._serial:
+                self._view.show_deformation(field, output=self._session.output)
+                self.previews += 1
+
+    def _field_of(self, points: ControlPoints) -> AbstractField:
+        """The displacement of the whole document, had the step that is edited these points."""
+        session = self._session
+        if points == session.points:
+            return session.field()
+        step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
+        return session.deformation.with_step(session.index, step).field(session.volume.grid)

@@ -1,0 +1,1 @@
+"""Views of a volume that follow a deformation."""

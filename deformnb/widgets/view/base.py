@@ -1,0 +1,319 @@
+"""What all views of a volume have in common, so that one can take another's place.
+
+What an editor's points make of a deformation while they move: one map of it fitted anew, by the core.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import weakref
+from abc import ABC, ABCMeta, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import traitlets
+from numpy.typing import ArrayLike
+
+from deformnb.document.deformation import Deformation, support_radius
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Decoupled, decoupled_fits
+from deformnb.rbf.fields import AbstractField, Composed, Identity
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.stages import Fit, fit_points
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.camera import Image
+from deformnb.widgets.protocol import shapes_of
+from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
+
+if TYPE_CHECKING:
+    from deformnb.session.exports import Seen
+
+class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
+    """For views that are widgets: ABC and HasTraits have a metaclass each, and Python wants one."""
+
+
+class AbstractView(ABC):
+    """A window on one volume and its deformation.
+
+    A view keeps the volume it was shown; edits send displacements only. All lengths are physical, all directions in
+    space (LPS). A view never changes what it is given.
+
+    Attributes
+    ----------
+    shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
+        "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
+    clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
+    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the viewer's hand change it.
+    draws_by_vtk : whether its pictures are VTK's, and so those in files too.
+    """
+
+    shows: Any
+    clip: Any
+    camera: Any
+    draws_by_vtk = False
+    _following: Any = None
+    _followed_output: Grid | None = None
+
+    @abstractmethod
+    def show(self, volume: Volume) -> None:
+        """Show another volume, without deformation, from the same side."""
+
+    @abstractmethod
+    def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
+        """Deform what is shown.
+
+        Parameters
+        ----------
+        deformation : a document, a backward field in space, or None for the volume as it is.
+        output : its box is what can be seen (the field of view); default is the volume's own.
+        """
+
+    def follow(self, editor: Any, field: AbstractField, index: int = 0, *, output: Grid | None = None) -> None:
+        """Let an editor move what is shown: each movement of its points, not only the end of an edit.
+
+        Parameters
+        ----------
+        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
+        field : what is shown until the next movement: an extrusion over the editor's plane, or a composition that ends
+            with one. Its plane, depths and weights stay, also while points move.
+        index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: what is dragged meanwhile stays where the hand is. Unless a view has a way of
+        its own, the core fits the map anew and :meth:`show_deformation` shows it.
+        """
+        following, self._followed_output = self._following, output
+        if following is not None and following.goes_on(editor, index):
+            self.show_deformation(following.show(field)(), output=output)
+            return
+        self._stop_following()
+        self.show_deformation(field, output=output)
+        if editor is not None:
+            self._following = Following(editor, Refit(field, index), self._show_followed)
+
+    def _show_followed(self, make: Callable[[], AbstractField | None]) -> None:
+        self.show_deformation(make(), output=self._followed_output)
+
+    def _stop_following(self) -> None:
+        """Hear the editor no more."""
+        following, self._following = self._following, None
+        if following is not None:
+            following.close()
+
+    @abstractmethod
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities: a transfer function, or the name of a preset."""
+
+    @abstractmethod
+    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
+                   zoom: float | None = None) -> None:
+        """Look from another side.
+
+        Parameters
+        ----------
+        direction : where the viewer looks, any length; None keeps it.
+        up : what points up; default is +z, or -y for a view along z.
+        zoom : 1 shows the whole box, 2 half of it; None keeps it.
+        """
+
+    def set_clip(self, x: Sequence[float] | None = None, y: Sequence[float] | None = None,
+                 z: Sequence[float] | None = None) -> None:
+        """Cut away what lies outside of a part of the box: in space, whatever the deformation brings there.
+
+        Parameters
+        ----------
+        x, y, z : lowest and highest share of the box along that index axis, from 0 to 1; None keeps them.
+        """
+        self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
+
+    def seen(self) -> Seen:
+        """What this view shows now, apart from the deformation: what a picture in a file needs to show the same."""
+        from deformnb.session.exports import Seen
+        from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
+
+        looks = {name: getattr(self, name) for name in ("camera", "projection", "show_folds") if hasattr(self, name)}
+        return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen,
+                    still=None if self.draws_by_vtk else StillAsSeen, **looks)
+
+    def _shade(self) -> str:
+        """The background on the page, "dark" or "light"."""
+        return "light" if getattr(self, "background", "") == "light" else "dark"
+
+    @abstractmethod
+    async def screenshot(self, timeout: float = 10.0) -> Image:
+        """The picture that is on the screen now, (height, width, 3); without a screen the one of :meth:`still`."""
+
+    @abstractmethod
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        """The same picture rendered by the core, at once and without a screen, (height, width, 3)."""
+
+    @abstractmethod
+    def stats(self) -> dict[str, Any]:
+        """Frame times in milliseconds, bytes sent and the resolution; keys differ between views."""
+
+
+_SETTINGS = ("kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts",
+             "cut_rule", "stages")
+_OBSERVED = ["points", *_SETTINGS]
+
+
+def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:
+    """The same field with another map.
+
+    Parameters
+    ----------
+    field : an extrusion, cut or not, or a composition that ends with one. Plane, depths and weights stay.
+    index : which of its maps is another one.
+    flat : what takes its place, over the plane; its cuts become those of the field. Where the other maps would have to
+        be divided by other cuts than before, the field stays as it is, for only their points could tell how.
+    """
+    if isinstance(field, Composed):
+        return replace(field, then=with_map(field.then, index, flat))
+    last = cut_plane(field, MOST_MAPS)
+    if last is None:
+        raise DeformError("only an extrusion has maps that can be replaced, and this field is none.")
+    old = dict(zip(last.sides or ((),), last.regions, strict=True))
+    new = dict(zip(flat.sides, flat.fields, strict=True)) if isinstance(flat, Decoupled) else {(): flat}
+    cuts, before = (f.regions if isinstance(f, Decoupled) else () for f in (flat, field))
+    is_same = len(cuts) == len(before) and all(map(equal_fields, cuts, before))
+    if not is_same and last.count > 1:
+        return field
+    sides = sorted({*new, *(old if last.count > 1 else ())})
+    nothing = (Identity(2),) * last.count
+    made = []
+    for side in sides:
+        maps = old[side].maps if side in old and is_same else nothing
+        made.append(replace(last.first, maps=(*maps[:index], new.get(side, nothing[0]), *maps[index + 1 :])))
+    if not isinstance(flat, Decoupled):
+        return made[0]
+    softness = field.softness if isinstance(field, Decoupled) else flat.softness
+    return Decoupled(tuple(made), tuple(sides), flat.regions, last.first.plane, flat.rule, softness)
+
+
+def check_map(field: AbstractField | None, index: int) -> None:
+    """Refuse to let an editor move a map that is not there."""
+    count = count_maps(field)
+    if count is None:
+        raise DeformError("an editor moves the maps of an extrusion, and this field does not end with one.")
+    if not 0 <= index < count:
+        raise DeformError(f"there is no map {index}; the extrusion has {count}.")
+
+
+def state_followed(editor: Any, index: int) -> dict[str, Any]:
+    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
+    shapes = ("cuts", "cut_rule", "parts")
+    state = editor.get_state(["points", *shapes])
+    return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in shapes}}
+
+
+class Refit:
+    """A field, one map of which follows an editor.
+
+    Parameters
+    ----------
+    field : an extrusion, or a composition that ends with one; all but the one map stays.
+    index : which of its maps the editor's points make.
+
+    Raises
+    ------
+    DeformError
+        If the field does not end with an extrusion, or has no such map.
+    """
+
+    def __init__(self, field: AbstractField | None, index: int) -> None:
+        check_map(field, index)
+        assert field is not None
+        self.index = index
+        self._field = field
+        self._good = (field, field)  # the field with another map, behind the one that it was made of
+        self._previous: Fit | None = None
+        self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
+
+    def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+        """The field with the map of these points; the last one where they cannot be fitted, as the editor says."""
+        field, (of, good) = self._field, self._good  # another thread may put another field meanwhile
+        last = good if of is field else field
+        with contextlib.suppress(DeformError):
+            last = with_map(last, self.index, self._fitted(points, settings))
+        self._good = (field, last)
+        return last
+
+    def put(self, field: AbstractField) -> None:
+        """Go on with another field, of which the same map follows the editor."""
+        check_map(field, self.index)
+        self._field = field
+
+    def _fitted(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+        cuts = [cut.region for cut in self._made("cuts", settings) if cut.enabled]
+        if not cuts:
+            return self._fit(points, settings)
+        fits = decoupled_fits(points, cuts, lambda some: self._fit(some, settings))
+        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=settings["cut_rule"],
+                         softness=settings["softness"])
+
+    def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+        strength = settings["strength"]
+        dragged = points if strength == 1 else points.blended(strength)
+        options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
+        options["stages"] = settings.get("stages", 1)
+        radius = support_radius(settings["support"], settings.get("chosen_support"), points, settings["kernel"])
+        options["support"] = radius or settings["lone_support"]
+        parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
+        self._previous = fit_points(dragged, parts, previous=self._previous, **options)
+        return self._previous
+
+    def _made(self, what: str, settings: dict[str, Any]) -> tuple[Any, ...]:
+        """Cuts or parts of the editor's plain data, read once while it stays the same."""
+        data = settings.get(what, [])
+        if what not in self._shapes or self._shapes[what][0] is not data:
+            self._shapes[what] = (data, shapes_of(what, data))
+        return self._shapes[what][1]
+
+
+class Following:
+    """Puts what makes the field of an editor's points at every movement in it, until it is closed.
+
+    Parameters
+    ----------
+    put : a method, held weakly: an editor keeps no view alive. What it gets is to be called later, in any thread.
+    """
+
+    def __init__(self, editor: Any, refit: Refit, put: Callable[[Callable[[], AbstractField | None]], None]) -> None:
+        self._editor, self._refit = editor, refit
+        self._put = weakref.WeakMethod(put)
+        self._moving: tuple[ControlPoints, dict[str, Any]] | None = None
+        editor.on_edit(self._tell)
+        editor.observe(self._changed, _OBSERVED)
+
+    def goes_on(self, editor: Any, index: int) -> bool:
+        """Whether it is this map of this editor that is followed."""
+        return editor is self._editor and index == self._refit.index
+
+    def show(self, field: AbstractField) -> Callable[[], AbstractField | None]:
+        """What makes another field, as the editor has it now: what a hand is dragging does not jump back."""
+        self._refit.put(field)
+        moving = self._moving
+        if moving is None or self._editor.edit_under_way is not None or moving[0] == self._editor.points:
+            return lambda: field
+        return partial(self._refit, *moving)
+
+    def close(self) -> None:
+        """Hear the editor no more."""
+        self._editor.on_edit(self._tell, remove=True)
+        self._editor.unobserve(self._changed, _OBSERVED)
+
+    def _tell(self, points: ControlPoints, phase: str) -> None:
+        put = self._put()
+        if put is None:
+            return
+        settings = {name: getattr(self._editor, name) for name in _SETTINGS}
+        settings["softness"] = sum(self._editor.raster["spacing"]) / 2
+        self._moving = (points, settings) if phase == "move" else None
+        put(partial(self._refit, points, settings))
+
+    def _changed(self, change: Any) -> None:
+        self._tell(self._editor.points, "end")

@@ -1,0 +1,129 @@
+"""What draws a live view's volume in Python for the pages whose browser cannot: a volume view without pages of its own.
+
+Messages by such a page: ``still`` (it cannot draw, and asks to be drawn for) and ``drawn`` (say: what the page of a
+volume view would say, see :mod:`volume_view`). Messages to it: ``drawn`` (somebody draws), ``info``
+(of the box that is seen, as the trait ``volume_info`` of a volume view; ``drawn`` has it too), and what a volume view
+says to its pages.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import traitlets
+
+from deformnb.rbf.fields import AbstractField
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.volume_view import VolumeView
+from deformnb.widgets.worker import parts_of_another
+
+_PLAYED_MS = 60.0  # how often Python hears of the time that a player has come to: its pictures are no faster
+
+_SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
+
+Say = Callable[[dict[str, Any], list[bytes]], None]
+
+
+class StandIn:
+    """Draws what another view shows.
+
+    Parameters
+    ----------
+    view : the view that is stood in for, held weakly; the two share camera, clip and the like.
+    say : a method of it that sends a message to its pages, held weakly too.
+    options : of the :class:`~deformnb.widgets.VolumeView` that draws.
+    """
+
+    def __init__(self, view: traitlets.HasTraits, say: Say, **options: Any) -> None:
+        with parts_of_another():
+            self._view = _Unseen(weakref.WeakMethod(say), **options)
+        shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
+        self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
+        self._volume: Volume | None = None
+        self._player: Any = None
+        self._came: Callable[[Any], None] | None = None
+
+    def receive(self, said: Any) -> bool:
+        """Take what a page says to whoever draws for it; returns whether any page is left."""
+        self._view._receive(None, said, [])
+        return bool(self._view._pages)
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What a page must know of the box that is seen; it is told when that is another one."""
+        return dict(self._view.volume_info)
+
+    def show(self, volume: Volume, field: AbstractField | None, output: Grid | None,
+             followed: tuple[Any, int] | None) -> None:
+        """Show this.
+
+        Parameters
+        ----------
+        followed : an editor whose points move the field, and which of its maps.
+        """
+        if volume is not self._volume:
+            self._volume = volume
+            self._view.show(volume)
+        if followed is not None and field is not None:
+            self._view.follow(followed[0], field, followed[1], output=output)
+        else:
+            self._view.show_deformation(field, output=output)
+
+    def hear(self, player: Any, moment: Callable[[], None]) -> None:
+        """Call ``moment()``, a method held weakly, whenever a player has come to another time."""
+        if player is self._player:
+            return
+        self._hear_no_more()
+        held = weakref.WeakMethod(moment)
+
+        def came(_change: Any) -> None:
+            call = held()
+            if call is not None:
+                call()
+
+        self._player, self._came = player, came
+        player.sync_ms = min(player.sync_ms, _PLAYED_MS)
+        player.observe(came, "time")
+
+    def set_transfer(self, transfer: TransferFunction) -> None:
+        """Show with other colours and opacities."""
+        self._view.set_transfer(transfer)
+
+    def _hear_no_more(self) -> None:
+        if self._player is not None:
+            self._player.unobserve(self._came, "time")
+            self._player = None
+
+    def stats(self) -> dict[str, Any]:
+        """What was measured: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
+        return self._view.stats()
+
+    def close(self) -> None:
+        """Give back the window that was drawn in, and hear no editor any more."""
+        self._hear_no_more()
+        for link in self._links:
+            link.unlink()
+        self._view.close()
+
+
+class _Unseen(VolumeView):
+    """A volume view whose pages are those of another widget: it has no line of its own to the front end."""
+
+    def __init__(self, say: weakref.WeakMethod[Say], **options: Any) -> None:
+        self._to_pages = say
+        super().__init__(**options)
+
+    def open(self) -> None:
+        """Open no line."""
+
+    @traitlets.observe("volume_info")
+    def _tell_box(self, change: Any) -> None:
+        self.send({"type": "info", "info": change["new"]})
+
+    def send(self, content: Any, buffers: Any = None) -> None:
+        say = self._to_pages()
+        if say is not None:
+            say(content, list(buffers or []))

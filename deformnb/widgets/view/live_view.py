@@ -1,0 +1,615 @@
+"""The live view: a volume in the browser, turned and deformed without sending it again.
+
+The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
+of a ray, as the paper does on its graphics card.
+
+What a live view and its pages say to each other.
+
+Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, voxels if the card has been
+found to hold no more, renderer, background: the page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that
+field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
+:mod:`~deformnb.widgets.view.fallback`). Messages to the page: ``chunk`` (id, index, start, with gzip), ``field`` (see
+:mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor moves,
+and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: asks for one), and ``drawn``. What the
+page sends is checked and dropped if it is wrong.
+
+What a live view does to go through the moments of an animation by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import threading
+import weakref
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import ipywidgets
+import numpy as np
+import traitlets
+from numpy.typing import ArrayLike
+
+from deformnb.document.animation import TimeMaps
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, turned
+from deformnb.widgets.packed_volume import Pieces, ShownVolume, fine_window, is_fine_enough, shown_volume, whole_window
+from deformnb.widgets.protocol import measured, picture, take_traits, text, whole
+from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.textures import CardMaps, card_frames, card_maps, count_maps, differ_only_in
+from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
+from deformnb.widgets.view.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
+from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
+from deformnb.widgets.view.transport import Pacer
+from deformnb.widgets.worker import close_earlier_of_this_cell
+
+if TYPE_CHECKING:
+    from deformnb.widgets.view.fallback import StandIn
+
+class AbstractMoments(traitlets.HasTraits):
+    """A part of a live view: the frames of an animation, and the player that says which of them is seen."""
+
+    player = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
+
+    _moments: TimeMaps | None = None
+
+    @abstractmethod
+    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None,
+              moments: TimeMaps | None = None) -> None:
+        """Show this from now on."""
+
+    @abstractmethod
+    def _offer(self) -> None:
+        """Send what is shown, as soon as a page is ready for it."""
+
+    @abstractmethod
+    def _tell_stand_in(self) -> None:
+        """Let whoever draws for pages that cannot draw what is shown now."""
+
+    def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
+        """Show the moments of an animation as a player in the same page goes through them.
+
+        Parameters
+        ----------
+        maps : of :meth:`~deformnb.document.animation.Animation.stack`.
+        player : a :class:`~deformnb.widgets.Player`.
+        output : its box is what can be seen; default is the volume's own.
+
+        Notes
+        -----
+        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
+        editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
+        """
+        self._hold(None, output, None, maps)
+        self.player = player
+        self._offer()
+        self._tell_stand_in()
+
+    @property
+    def moments(self) -> TimeMaps | None:
+        """What a player goes through now, if anything."""
+        return self._moments
+
+    def _at_present(self, field: AbstractField | None) -> AbstractField | None:
+        """What is seen now: the moment of the player, if it plays something, else a field."""
+        return field if self._moments is None else self._moments.field(self.player.time)
+
+
+_LOG = logging.getLogger(__name__)
+
+_ANY = 2**53  # a number of voxels that no card limits
+
+OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
+                     "settle_ms"})
+"""Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
+
+
+class AnswersPages(AbstractMoments):
+    """A part of a live view: what it sends to its pages, and what it does about their messages."""
+
+    is_quick: bool
+    editor: Any
+    send: Callable[..., None]
+    _limit: int
+    _map_size: int
+    _space_size: int
+    _volume: Volume | None = None
+    _window: tuple[float, float] | None = None
+    _pieces: Pieces | None = None
+    _field: AbstractField | None = None
+    _output: Grid | None = None
+    _followed: dict[str, Any] | None = None
+    _transfer: TransferFunction | None = None
+    _maps: CardMaps | None = None  # of the field, made when a page wants them
+    _stand_in: StandIn | None = None  # draws for the pages that cannot
+
+    def _meet_pages(self) -> None:
+        self._lock = threading.RLock()  # callbacks run in another thread than cells
+        self._largest = 2048  # along an axis of a texture, until a page says less
+        self._sent_cut: str | None = None  # whose distances all pages have
+        self._pacer = Pacer(self._send_field)
+        self._has_page = False
+        self._page_theme = "dark"
+        self._waiting: dict[int, Callable[[bytes], None]] = {}
+        self._numbers = itertools.count(1)
+        self._page_stats: dict[str, float] = {}
+        self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
+
+    @abstractmethod
+    def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
+             output: Grid | None, followed: dict[str, Any] | None) -> None:
+        """Show this from now on, with the voxels made ready anew."""
+
+    @abstractmethod
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        """The same picture rendered by the core."""
+
+    @property
+    def _shown(self) -> ShownVolume | None:
+        pieces = self._pieces
+        return None if pieces is None else pieces.shown
+
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    async def screenshot(self, timeout: float = 10.0) -> Image:
+        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
+
+        Parameters
+        ----------
+        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
+            while this is awaited, and the still is returned.
+        """
+        loop, number = asyncio.get_running_loop(), next(self._numbers)
+        answer: asyncio.Future[bytes] = loop.create_future()
+
+        def deliver(png: bytes) -> None:
+            loop.call_soon_threadsafe(_settle, answer, png)
+
+        self._waiting[number] = deliver
+        try:
+            self._post({"type": "screenshot", "id": number}, [])
+            return from_png(await asyncio.wait_for(answer, timeout))
+        except TimeoutError:
+            return self.still()
+        finally:
+            self._waiting.pop(number, None)
+
+    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+        self._sent["messages"] += 1
+        self.send(content, buffers)
+
+    def _offer(self) -> None:
+        if self._has_page:  # a page that comes later asks
+            self._pacer.offer()
+
+    def _send_field(self, number: int, view: str | None = None) -> None:
+        with self._lock:
+            shown, followed = self._shown, self._followed
+            if shown is None:
+                return
+            maps = self._maps = self._maps or self._made_maps(shown)
+        cut = (maps.content["planar"] or {}).get("cut")
+        if number and cut and cut["id"] == self._sent_cut:
+            maps = maps.without("distances")
+        elif view is None:
+            self._sent_cut = cut and cut["id"]
+        self._sent["field_bytes"] += maps.size
+        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+
+    def _made_maps(self, shown: ShownVolume) -> CardMaps:
+        if self._moments is not None:
+            return card_frames(self._moments, shown, self._output, self._map_size)
+        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
+        return card_maps(self._field, shown, self._output, self._map_size, nodes)
+
+    def _tell_stand_in(self) -> None:
+        """Let whoever draws for pages that cannot draw what is shown now."""
+        with self._lock:
+            if self._stand_in is None or self._volume is None:
+                return
+            moment = self._at_present(self._field)
+            is_followed = self._followed is not None and self._moments is None and self.editor is not None
+            followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
+            self._stand_in.show(self._volume, moment, self._output, followed)
+            if self._moments is not None:
+                self._stand_in.hear(self.player, self._tell_stand_in)
+
+    def _draw_here(self) -> StandIn:
+        """Whoever draws for pages that cannot."""
+        from deformnb.widgets.view.fallback import StandIn
+
+        with self._lock:
+            if self._stand_in is None:
+                self._stand_in = StandIn(self, self._post, transfer=self._transfer or "specimen",
+                                         map_size=self._map_size, space_size=self._space_size)
+                self._tell_stand_in()
+            return self._stand_in
+
+    def _draw_no_more(self) -> None:
+        with self._lock:
+            stand_in, self._stand_in = self._stand_in, None
+        if stand_in is not None:
+            stand_in.close()
+
+    # -- from the pages ------------------------------------------------------------------------------------------------
+
+    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        try:
+            kind = content.get("type") if isinstance(content, dict) else None
+            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            if answer is None:
+                raise ValueError("unknown kind")
+            answer(self, text(content.get("view")), content, buffers or [])
+        except (ValueError, TypeError, KeyError, DeformError) as error:
+            _LOG.warning("a message of the page was dropped: %s", error)
+
+    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
+        largest = whole(content.get("largest"), 0, 2**16)
+        self._take_theme(content)
+        if largest == 0:
+            return  # it cannot draw, and will ask to be drawn for
+        self._has_page = True
+        voxels = whole(content.get("voxels", _ANY), 1, _ANY)
+        if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
+            view = None  # for all pages: what they have is of a finer volume
+        self._send_field(0, view)
+
+    def _make_smaller(self, largest: int, voxels: int) -> bool:
+        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
+        with self._lock:
+            self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
+            size = None if self._shown is None else self._shown.volume.grid
+            if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
+                return False
+            self._put_again()
+        return True
+
+    def _put_again(self) -> None:
+        """Show the same, with the voxels made ready anew."""
+        assert self._volume is not None
+        moments = self._moments
+        self._put(self._volume, self._window, self._field, self._output, self._followed)
+        self._moments = moments
+
+    def _take_theme(self, content: dict[str, Any]) -> None:
+        if content.get("background") in ("dark", "light"):
+            self._page_theme = content["background"]
+
+    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
+
+    def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        pieces = self._pieces  # taken once: a cell may show another volume meanwhile
+        if pieces is None or content.get("id") != pieces.shown.id:
+            return  # of a volume that was shown before: the page will notice
+        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
+        start, packed = pieces[index]
+        self._sent["volume_bytes"] += len(packed)
+        self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
+
+    def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._take_theme(content)
+        if self._volume is not None:
+            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
+
+    def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        if self._volume is not None and not self._draw_here().receive(content.get("say")):
+            self._draw_no_more()
+
+    def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
+        if deliver is None:
+            raise ValueError("a picture that nobody waits for")
+        deliver(picture(buffers))
+
+    def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._page_stats = measured(content)
+
+
+_ANSWERS: dict[str, Callable[[AnswersPages, str, dict[str, Any], list[Any]], None]] = {
+    "hello": AnswersPages._hello, "chunk": AnswersPages._chunk, "still": AnswersPages._still,
+    "drawn": AnswersPages._drawn, "seen": AnswersPages._seen, "screenshot": AnswersPages._screenshot,
+    "stats": AnswersPages._stats,
+}
+"""What is done about each kind of message."""
+
+
+def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
+    if not answer.done():
+        answer.set_result(png)
+
+
+_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
+          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
+          "displacement_glsl.js", "raycast_glsl.js", "programs.js", "clipping.js", "raycast.js", "camera.js",
+          "frame_loop.js", "cut_layers.js", "field_link.js", "scale_bar.js", "live_parts.js", "orientation.js",
+          "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js",
+          "live_page.js", "live_view.js")
+
+_REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
+
+
+class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
+    """A volume in the browser, turned and deformed there.
+
+    Parameters
+    ----------
+    volume : shown at once if given.
+    transfer : a transfer function or the name of a preset.
+    projection : "shaded", "composite" or "mip".
+    background : "auto" follows the page, "dark" and "light" do not.
+    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.view.base.SHOWS`.
+    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.view.base.CameraTrait`. The page
+        writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
+    clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
+    limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
+    width, height : size on the page in CSS pixels; a narrow page makes it smaller.
+    fill : True takes the size of the box it stands in instead.
+    map_size : samples of a displacement map along its longer side.
+    space_size : samples along the longest side of a displacement that is no extrusion.
+    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    target_ms : time that a picture may take while something moves; its resolution adapts.
+    settle_ms : rest after which the full picture is drawn.
+
+    Notes
+    -----
+    Neither voxels nor maps are traits: a saved notebook holds a few kB of this widget.
+
+    Examples
+    --------
+    >>> from deformnb.volume.volume import Volume
+    >>> view = LiveView(Volume.from_array(np.eye(8, dtype=np.uint8)[None] * np.ones((8, 1, 1), np.uint8)))
+    >>> view.volume_info["shape"]
+    [8, 8, 8]
+    >>> view.still((64, 48)).shape
+    (48, 64, 3)
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
+
+    volume_info = traitlets.Dict().tag(sync=True)
+    table = traitlets.Bytes().tag(sync=True)
+    unit = traitlets.Float(1.0).tag(sync=True)
+    projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
+    background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
+    shows = ShowsTrait().tag(sync=True)
+    camera = CameraTrait().tag(sync=True)
+    clip = ClipTrait().tag(sync=True)
+    width = traitlets.Int(720, min=64, max=8192).tag(sync=True)
+    height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
+    fill = traitlets.Bool(False).tag(sync=True)
+    label = traitlets.Unicode("Volume").tag(sync=True)
+    show_folds = traitlets.Bool(True).tag(sync=True)
+    target_ms = traitlets.Float(65.0, min=5.0, max=5000.0).tag(sync=True)
+    settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
+    editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
+    editor_map = traitlets.Int(0, min=0).tag(sync=True)
+
+    def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
+                 limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
+        self._meet_pages()
+        self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
+        self._preview: tuple[Scene, bytes] | None = None
+        self._sharpener: threading.Timer | None = None
+        self._transfer: TransferFunction | None = None
+        self._wanted_transfer = transfer
+        super().__init__(**traits)
+        self.on_msg(self._receive)
+        if volume is not None:
+            self.show(volume)
+        close_earlier_of_this_cell(self)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def show(self, volume: Volume, *, window: tuple[float, float] | None = None) -> None:
+        """Show another volume, without deformation, from the same side.
+
+        Parameters
+        ----------
+        window : values that are told apart; default is the whole range for bytes, and up to the densest matter (all
+            but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
+            that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
+        """
+        self._put(volume, window, None, None, None)
+        self._offer()
+        self._tell_stand_in()
+
+    def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
+             output: Grid | None, followed: dict[str, Any] | None) -> None:
+        with self._lock:  # throughout: of two that are shown at once, one is shown whole
+            function = _function(self._wanted_transfer, volume)
+            narrow = self._fine(function, volume) if window is None else None
+            shown = shown_volume(volume, self._limit, self._largest, narrow or window)
+            if narrow is not None:
+                low, high = whole_window(volume)
+                shown = replace(shown, share=(narrow[1] - narrow[0]) / (high - low))
+            self._volume, self._window, self._pieces = volume, window, Pieces(shown)
+            self._hold(field, output, followed)
+            self.label = f"Volume {volume.name}".strip()
+            self.volume_info = shown.info()  # before the colours: a page keeps the old ones until the voxels have come
+            self.set_transfer(self._wanted_transfer)
+
+    def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
+        """The part of the values that bytes shall tell apart, if not all; a maximum projection shows all."""
+        return None if self.projection == "mip" else fine_window(function, volume, whole_window(volume))
+
+    @traitlets.observe("projection")
+    def _colours_changed(self, _change: Any = None) -> None:
+        """Once nothing has changed for a while, send the voxels in finer levels if the colours need them."""
+        timer, self._sharpener = self._sharpener, None
+        if timer is not None:
+            timer.cancel()
+        if self._needs_other_levels():
+            self._sharpener = threading.Timer(_REST, _weakly(self, LiveView._sharpen))
+            self._sharpener.daemon = True
+            self._sharpener.start()
+
+    def _needs_other_levels(self) -> bool:
+        volume, shown, function = self._volume, self._shown, self._transfer
+        if volume is None or shown is None or function is None or self._window is not None:
+            return False
+        whole = whole_window(volume)
+        if self.projection == "mip":
+            return shown.window != whole
+        return not is_fine_enough(function, volume, shown.window, whole)
+
+    def _sharpen(self) -> None:
+        with self._lock:
+            if self._volume is not None and self._needs_other_levels():
+                self._put_again()
+
+    @property
+    def shown_output(self) -> Grid | None:
+        return self._output
+
+    def _ready(self) -> ShownVolume:
+        shown = self._shown
+        if shown is None:
+            raise DeformError("the view shows no volume yet; call show(volume) first.")
+        return shown
+
+    def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
+        self._take(deformation, output, None)
+        self._tell_stand_in()
+
+    def _take(self, deformation: Deformation | AbstractField | None, output: Grid | None,
+              followed: dict[str, Any] | None) -> None:
+        shown = self._ready()
+        grid = shown.original if output is None else output
+        field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
+        if field is not None and field.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        self._hold(field, output, followed)
+        self._offer()
+
+    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None,
+              moments: TimeMaps | None = None) -> None:
+        with self._lock:
+            self._field, self._output, self._followed = field, output, followed
+            self._maps, self._moments = None, moments
+
+    def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
+               output: Grid | None = None) -> None:
+        """Let an editor in the same page move the picture's displacement, without a byte to Python.
+
+        Parameters
+        ----------
+        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
+        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
+            one. Its plane, depths and weights stay, also while points move.
+        index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: the page keeps its connection, and what the editor has gone on to show stays. To
+        let the editor move another map, follow with the other index first and then give it that map's points.
+        """
+        if editor is not None or count_maps(field) is not None:
+            check_map(field, index)
+        followed = None if editor is None else state_followed(editor, index)
+        goes_on = followed is not None and self._moments is None and (
+            editor, index, output) == (self.editor, self.editor_map, self._output)
+        if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
+            self._hold(field, output, followed)
+        else:
+            self._take(field, output, followed)
+            self.editor_map = index
+            self.editor = editor
+        self._tell_stand_in()
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        self._wanted_transfer = transfer
+        if self._volume is None or self._shown is None:
+            return
+        with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
+            function = self._transfer = _function(self._wanted_transfer, self._volume)
+            table = function.table(*self._shown.window)  # alphas as they are: the page fits them
+            with self.hold_sync():
+                self.unit = function.unit
+                self.table = np.ascontiguousarray(table, "<f4").tobytes()
+        if self._stand_in is not None:
+            self._stand_in.set_transfer(function)
+        self._colours_changed()
+
+    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
+                   zoom: float | None = None, *, perspective: bool | None = None) -> None:
+        self.camera = turned(self.camera, direction, up, zoom, perspective)
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def _shade(self) -> str:
+        return self._page_theme if self.background == "auto" else self.background
+
+    def _scene(self) -> Scene:
+        shown = self._ready()
+        assert self._transfer is not None
+        with self._lock:
+            field, output = self._at_present(self._field), self._output
+        background = self._shade()
+        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows,
+                     self.clip)
+
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        return render_scene(self._scene(), size or (self.width, self.height))
+
+    def preview_png(self) -> bytes:
+        """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
+        scene = self._scene()
+        if self._preview is None or self._preview[0] != scene:
+            self._preview = (scene, preview_png(scene))
+        return self._preview[1]
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        return bundle if self._shown is None else with_png(bundle, self.preview_png)
+
+    def stats(self) -> dict[str, Any]:
+        """What the page measured last, and what was sent.
+
+        ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
+        ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the page), ``received`` (bytes); of Python
+        ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and ``stand_in``:
+        what was measured where Python draws for a page that cannot.
+        """
+        shown = self._shown
+        drawn = {"stand_in": stand_in.stats()} if (stand_in := self._stand_in) is not None else {}
+        own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
+        return {**self._page_stats, **self._sent, **own, **drawn}
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        take_traits(sync_data, OF_PAGE, super().set_state)
+
+    def close(self) -> None:
+        """Leave the pages, and end what draws for those that cannot."""
+        if self._sharpener is not None:
+            self._sharpener.cancel()
+        self._draw_no_more()
+        super().close()
+
+
+def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:
+    return preset(transfer, volume) if isinstance(transfer, str) else transfer
+
+
+def _weakly(view: LiveView, method: Callable[[LiveView], None]) -> Callable[[], None]:
+    """Calls a method of a view that is still there: a timer keeps none alive."""
+    held = weakref.ref(view)
+
+    def call() -> None:
+        alive = held()
+        if alive is not None:
+            method(alive)
+
+    return call

@@ -1,0 +1,122 @@
+"""Control points in space over a view of the volume: which editor's, and what they make of the volume at once."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import ipywidgets
+import traitlets
+
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Grid
+
+POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_rays.js",
+               "space_points.js")
+"""Scripts that a view needs for it, behind elements.js, link.js and camera.js."""
+
+POINT_STYLES = ("editor.css", "space_points.css")
+
+# Samples along the longest side of a displacement while points move: 0.4 MB, which a page gets 30 times a second. What
+# lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
+QUICK_SIZE = 32
+
+_REST = 1.5  # seconds after the last movement, if no end of it is heard: a hand may rest, and a kernel be slow
+_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
+
+FieldOf = Callable[[ControlPoints], AbstractField]
+
+
+class ShowsPoints(traitlets.HasTraits):
+    """A view over which the points of an editor in space are seen and dragged."""
+
+    points_editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
+
+    is_quick = False
+    """Whether what is shown is on its way, so that less of it will do."""
+
+    show_deformation: Callable[..., None]
+
+    @property
+    def shown_output(self) -> Grid | None:
+        """The grid whose box is seen, None for that of the volume."""
+        return None
+
+    def edit_points(self, editor: Any, field: FieldOf | None = None) -> None:
+        """Show the points of an editor in space, to be dragged here as well, and what they make of the volume.
+
+        Parameters
+        ----------
+        editor : a :class:`~deformnb.widgets.SpaceEditor`, or None to end it: what is shown stays.
+        field : what these points make of the volume; default is ``editor.field``. A document of several steps gives its
+            own, with these points in the step that is edited.
+
+        Notes
+        -----
+        In the page: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a voxel;
+        a double click on the body puts a point there.
+        """
+        leave = getattr(self, "_leave_points", None)
+        if leave is not None:
+            leave()
+        self._leave_points: Callable[[], None] | None = None
+        self.points_editor = editor
+        if editor is not None:
+            self._leave_points = _follow(editor, field, weakref.WeakMethod(self._show_points))
+            self._show_points(editor.field if field is None else field, editor.points, "end")
+
+    def _show_points(self, make: FieldOf, points: ControlPoints, phase: str) -> None:
+        try:
+            field = make(points)
+        except DeformError:
+            return  # the last good picture stays, and the editor says what is wrong
+        timer = getattr(self, "_rest_timer", None)
+        if timer is not None:
+            timer.cancel()
+        self.is_quick = phase == "move"
+        self.show_deformation(field, output=self.shown_output)
+        if self.is_quick:  # a drag that is given up ends without a word
+            self._rest_timer = threading.Timer(_REST, _weakly(self, make, points))
+            self._rest_timer.daemon = True
+            self._rest_timer.start()
+
+
+def _weakly(view: ShowsPoints, make: FieldOf, points: ControlPoints) -> Callable[[], None]:
+    held = weakref.ref(view)
+
+    def rest() -> None:
+        alive = held()
+        if alive is not None and alive.is_quick:
+            alive._show_points(make, points, "end")
+
+    return rest
+
+
+def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -> Callable[[], None]:
+    """Tell a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
+
+    def tell(points: ControlPoints, phase: str) -> None:
+        show = held()
+        if show is not None:
+            show(editor.field if field is None else field, points, phase)
+
+    def changed(change: Any) -> None:
+        tell(editor.points, "end")
+
+    def moved(points: ControlPoints, phase: str) -> None:
+        if phase == "move":  # its end is heard as a change of the points
+            tell(points, phase)
+
+    names = ["points", *_SETTINGS, "revision"]
+    editor.on_edit(moved)
+    editor.observe(changed, names)
+
+    def leave() -> None:
+        editor.on_edit(moved, remove=True)
+        editor.unobserve(changed, names)
+
+    return leave

@@ -1,0 +1,374 @@
+"""A live view's picture rendered by the core: for browsers without WebGL2, for scripts and for tests.
+
+The picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
+
+A scene for machines without OpenGL, which the package itself draws, and the choice between it and VTK's.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.imaging.picture import project
+from deformnb.imaging.raycast import Eye
+from deformnb.imaging.render import gl_status
+from deformnb.rbf.fields import AbstractField
+from deformnb.session.exports import Seen
+from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
+from deformnb.volume.plane import Picture, Plane
+from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp
+from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, Image, Progress, checked_camera, seen_height, within
+from deformnb.widgets.packed_volume import ShownVolume, coarser, factors_of, shown_volume
+from deformnb.widgets.vtk.folds import Folding
+from deformnb.widgets.vtk.scene import VtkScene
+
+PREVIEW_SIZE = (560, 420)
+"""Width and height of a preview in pixels."""
+
+# Samples in space count with the third power of the pixels' number: 0.6 makes a picture of 256^3 five times as fast.
+_PREVIEW_SHARE = 0.6
+_PREVIEW_VOXELS = 128**3
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that a picture of a view follows from; equal where the picture is.
+
+    Parameters
+    ----------
+    shown : what is shown, before the deformation.
+    output : grid whose box is seen.
+    camera : as in :class:`~deformnb.widgets.view.base.CameraTrait`.
+    background : a name of :data:`BACKGROUNDS`.
+    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    clip : the part of the box that is seen.
+    """
+
+    shown: ShownVolume
+    field: AbstractField | None
+    output: Grid | None
+    camera: dict[str, Any]
+    transfer: TransferFunction
+    projection: str
+    background: str
+    shows: str
+    clip: Clip = WHOLE
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return NotImplemented
+        mine, others = vars(self), vars(other)
+        # Fields are compared by identity: they never change, and comparing what they say costs as much as a picture.
+        return all(mine[name] is others[name] or (name in _PLAIN and mine[name] == others[name]) for name in mine)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip")
+
+
+def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None,
+                 progress: Progress | None = None) -> Image:
+    """A picture of a scene, (height, width, 3); original and deformed share it where they are side by side.
+
+    Parameters
+    ----------
+    most : voxels of the deformed volume at most; default is as many as there are.
+    progress : called with the finished share from 0 to 1.
+    """
+    if scene.shows != "side_by_side":
+        return _render(scene, size, scene.shows == "original", most, progress)
+    left, height = size[0] // 2, size[1]
+    halves = (_render(scene, (left, height), True, most, within(progress, 0.0, 0.5)),
+              _render(scene, (size[0] - left, height), False, most, within(progress, 0.5, 1.0)))
+    return np.concatenate(halves, axis=1)
+
+
+def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None,
+            progress: Progress | None = None) -> Image:
+    shown, camera = scene.shown, scene.camera
+    box = scene.output or shown.volume.grid
+    lattice = scene.output if most is None else coarser(box, factors_of(box, most, most))
+    field = None if is_original else scene.field
+    warped = 0.0 if field is None else 0.3
+    seen = shown.volume if field is None else warp(shown.volume, field, output=lattice,
+                                                   progress=within(progress, 0.0, warped))
+    sides, zoom = (camera["direction"], camera.get("up")), float(camera.get("zoom") or 1.0)
+    height = seen_height(box, *sides, size[0] / size[1], zoom)
+    plane = Plane.through(box.center, *sides)
+    right, above = (float(v) for v in camera.get("pan") or (0.0, 0.0))
+    plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
+    part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
+    eye = Eye(STANDOFF * height, height * size[0] / size[1], height) if camera.get("perspective") else None
+    draw = _mip if scene.projection == "mip" else _composite
+    return draw(scene, seen, plane, height, size, part, eye, within(progress, warped, 1.0))
+
+
+def preview_png(scene: Scene) -> bytes:
+    """A small picture with captions as a PNG, quickly: from fewer voxels and fewer pixels than it has."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    width, height = PREVIEW_SIZE
+    few = (round(_PREVIEW_SHARE * width), round(_PREVIEW_SHARE * height))
+    canvas = Pillow.fromarray(render_scene(scene, few, _PREVIEW_VOXELS)).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
+    captions = {"original": ["original"], "side_by_side": ["original", "deformed"]}.get(scene.shows, [])
+    draw, ink = ImageDraw.Draw(canvas), tuple(round(255 * c) for c in INKS[scene.background])
+    for k, caption in enumerate(captions):
+        draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
+    return as_png(np.asarray(canvas))
+
+
+def as_png(image: Image) -> bytes:
+    """A picture (height, width, 3) as PNG."""
+    from PIL import Image as Pillow
+
+    stream = io.BytesIO()
+    Pillow.fromarray(image).save(stream, format="PNG", compress_level=3)
+    return stream.getvalue()
+
+
+def from_png(png: bytes) -> Image:
+    """The picture (height, width, 3) of a PNG."""
+    from PIL import Image as Pillow
+
+    return np.asarray(Pillow.open(io.BytesIO(png)).convert("RGB")).copy()
+
+
+def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
+    """The transfer function of the bytes that a window makes of values."""
+    scale = 255 / (high - low)
+    colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
+    opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
+    return TransferFunction(colors, opacities, transfer.unit)
+
+
+def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
+               eye: Eye | None, progress: Progress | None) -> Image:
+    from PIL import Image as Pillow
+
+    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value. Half a voxel
+    # between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
+    background = BACKGROUNDS[scene.background]
+    picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
+                      spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye,
+                      progress=progress)
+    ink: Any = tuple(round(255 * c) for c in background)
+    drawn = Pillow.fromarray(picture.rgb8(background)).transform(
+        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BICUBIC, fillcolor=ink)
+    return np.asarray(drawn)
+
+
+def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
+         eye: Eye | None, progress: Progress | None) -> Image:
+    from PIL import Image as Pillow
+
+    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye,
+                      progress=progress)
+    low, white = volume.background, 255 * scene.shown.white
+    share = np.clip((picture.values.astype(np.float64) - low) / max(white - low, 1e-12), 0, 1)
+    drawn = Pillow.fromarray(share.astype(np.float32)).transform(
+        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BILINEAR, fillcolor=0)
+    v, ground = np.asarray(drawn)[..., None], np.asarray(BACKGROUNDS[scene.background])
+    color: NDArray[np.float64] = np.asarray(INKS[scene.background]) * v + ground * (1 - v)
+    return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
+
+
+def _places(picture: Picture, height: float, size: tuple[int, int]) -> tuple[float, ...]:
+    """Where each pixel of a canvas lies in a picture: the plane's origin is the middle of the canvas."""
+    a0, _, b0, _ = picture.raster.box
+    d, step = picture.raster.spacing[0], height / size[1]
+    return (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
+
+
+_LOG = logging.getLogger(__name__)
+
+
+def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
+    """A widget's bundle of mime types with a PNG added; without it where it cannot be drawn.
+
+    Parameters
+    ----------
+    bundle : of ``_repr_mimebundle_``, alone or with metadata.
+    draw : makes the PNG. What goes wrong is logged: a picture for later readers must not keep the widget from being
+        shown now.
+    """
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    if data is None:
+        return bundle
+    try:
+        data["image/png"] = draw()
+    except Exception:
+        _LOG.exception("the static picture of a widget could not be drawn")
+    return bundle
+
+
+# Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
+_QUICK_VOXELS = 96**3
+_QUICK_SHARE = 0.35
+
+_LIMIT, _LARGEST = 256**3, 2048
+
+# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a graphics card 5 s and 10 s more for its
+# shader. The core's time grows with the voxels, that of VTK with the pixels.
+_MOST_BY_CORE = 160**3
+
+
+class CoreScene:
+    """One volume as the core draws it; parameters and methods are those of ``VtkScene``."""
+
+    path = "core"
+
+    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
+                 transfer: TransferFunction | str = "specimen", projection: str = "shaded",
+                 background: str = "dark") -> None:
+        self._size, self._projection, self._background = size, projection, background
+        self._wanted_transfer, self._camera = transfer, checked_camera({})
+        self._shows = "deformed"
+        self._clip = WHOLE
+        self.folding = Folding()
+        self.set_volume(volume)
+
+    @property
+    def plotter(self) -> Any:
+        """There is none."""
+        raise DeformError("there is no plotter: VTK cannot draw here. Install libegl1 and libgl1, then restart.")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture in pixels."""
+        return self._size
+
+    @property
+    def volume(self) -> Volume:
+        """What is shown, before the deformation."""
+        return self._volume
+
+    def set_volume(self, volume: Volume) -> None:
+        """Show another volume, without deformation, from the same side."""
+        self._volume, self._shown = volume, shown_volume(volume, _LIMIT, _LARGEST)
+        self._field: AbstractField | None = None
+        self._output: Grid | None = None
+        self.folding.set(None)
+        self.set_transfer(self._wanted_transfer)
+
+    def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown."""
+        wanted = field.field(output or self._volume.grid) if isinstance(field, Deformation) else field
+        if wanted is not None and wanted.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        self._field, self._output = wanted, output
+        self.folding.set(None, wanted, output or self._volume.grid)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities."""
+        self._wanted_transfer = transfer
+        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+
+    def set_projection(self, projection: str) -> None:
+        """Show shaded, as composite or mip."""
+        self._projection = projection
+
+    def set_background(self, background: str) -> None:
+        """A dark or a light one."""
+        self._background = background
+
+    def set_camera(self, camera: dict[str, Any]) -> None:
+        """Look from another side."""
+        self._camera = checked_camera(camera)
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen."""
+        self._shows = shows
+
+    def set_clip(self, clip: Clip) -> None:
+        """Which part of the box is seen."""
+        self._clip = checked_clip(clip)
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another (width, height) in pixels."""
+        self._size = size
+
+    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
+               interrupted: Callable[[], bool] | None = None,
+               progress: Callable[[float], None] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
+        width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
+        scene = Scene(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
+                      self._background, self._shows if shows is None else shows, self._clip)
+        return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+METHODS = ("auto", "texture", "array", "core")
+
+
+def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, map_size: int = 192,
+               space_size: int = 64, **looks: Any) -> tuple[VtkScene | CoreScene, str]:
+    """The best scene that works here, and what people must know about it, or an empty text.
+
+    Parameters
+    ----------
+    method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
+        first that works.
+    looks : transfer, projection and background.
+    """
+    if method not in METHODS:
+        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    works, found, remedy = gl_status() if method != "core" else (False, "", "")
+    if works:
+        return VtkScene(volume, size, method=method, map_size=map_size, space_size=space_size, **looks), ""
+    notice = f"{found}. The package draws the pictures itself, which is slower. For VTK: {remedy}." if found else ""
+    return CoreScene(volume, size, **looks), notice
+
+
+def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, int],
+                  seen: Seen, method: str = "auto") -> VtkScene | CoreScene:
+    """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
+    scene, _ = make_scene(volume, size, method, transfer=transfer, projection=seen.projection,
+                          background=seen.background)
+    scene.set_camera(dict(seen.camera))
+    scene.set_shows(seen.shows)
+    scene.set_clip(seen.clip)
+    scene.folding.show = seen.show_folds
+    return scene
+
+
+class StillAsSeen:
+    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a graphics card too.
+
+    The core draws it, but for large volumes and where matter is red because it folds, which the core does not show.
+    Parameters are those of :func:`scene_as_seen`.
+    """
+
+    def __init__(self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen) -> None:
+        self._arguments = volume, transfer, size, seen
+        self.scene = scene_as_seen(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
+
+    def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown."""
+        self.scene.set_field(field, output)
+        if isinstance(self.scene, CoreScene) and self.scene.folding.remark and gl_status()[0]:
+            self.scene = scene_as_seen(*self._arguments)
+            self.scene.set_field(field, output)
+
+    def render(self, *, bands: int = 1, progress: Callable[[float], None] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8."""
+        return self.scene.render(bands=bands, progress=progress)
+
+    def close(self) -> None:
+        """Give back what is held."""
+        self.scene.close()

@@ -1,0 +1,192 @@
+"""Pictures on their way to pages: JPEG, numbered, and not more of them than pages have confirmed.
+
+When the newest of many states may go to a page: not before it has shown the one before, and not never.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from deformnb.widgets.camera import Image
+from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
+from deformnb.widgets.vtk.render_loop import Frame, Scene
+
+_QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
+_IN_FLIGHT = 2  # pictures that no page has confirmed: the second hides the way of the first
+_LOST_AFTER = 2.0  # seconds; a page that was closed confirms nothing
+_PREVIEW_SHARE = 0.6  # of a preview's pixels
+
+
+class FrameSender:
+    """Makes messages of frames and knows which of them have been seen; may be used by several threads.
+
+    All pages get all frames, so the slowest of those that answer sets the pace: what is sent faster than a page shows
+    it would wait there, and the page would lag behind more and more.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._number = self._last_bytes = self._bytes = 0
+        self._sent: dict[int, float] = {}  # when, of the frames that some page may still have to show
+        self._seen: dict[str, int] = {}  # the newest frame of each page that answers
+        self.last: Frame | None = None
+        self._was_full = False  # whether someone was refused: the confirmation that makes room draws again
+
+    @property
+    def may_send(self) -> bool:
+        """Whether few enough pictures are on their way; once it was False, :meth:`seen` returns True in the end."""
+        with self._lock:
+            self._was_full = self._on_the_way() >= _IN_FLIGHT
+            return not self._was_full
+
+    def _on_the_way(self) -> int:
+        """How many frames the slowest page has yet to show; one that is silent for too long is not waited for."""
+        late = time.monotonic() - _LOST_AFTER
+        for page, newest in list(self._seen.items()):
+            if any(at < late for number, at in self._sent.items() if number > newest):
+                del self._seen[page]
+        slowest = min(self._seen.values(), default=0)
+        self._sent = {n: at for n, at in self._sent.items() if n > slowest and at >= late}
+        return len(self._sent)
+
+    def pack(self, frame: Frame, **content: Any) -> tuple[dict[str, Any], list[bytes]]:
+        """The message of a frame, with more entries, and its buffers. It counts as sent."""
+        buffers = [_jpeg(image) for image in frame.images]
+        with self._lock:
+            self._number += 1
+            number = self._number
+            self.last = frame
+            self._sent[number] = time.monotonic()
+            self._last_bytes = sum(map(len, buffers))
+            self._bytes += self._last_bytes
+        return {"type": "frame", "seq": number, "full": frame.is_full, **content}, buffers
+
+    def seen(self, number: int, page: str = "") -> bool:
+        """A page shows the frame of this number. Returns whether someone was refused meanwhile and may send now."""
+        with self._lock:
+            self._seen[page] = max(min(number, self._number), self._seen.get(page, 0))
+            return self._is_free_again()
+
+    def left(self, page: str) -> bool:
+        """A page is closed. Returns what :meth:`seen` does."""
+        with self._lock:
+            self._seen.pop(page, None)
+            return self._is_free_again()
+
+    def lost(self) -> None:
+        """What is on its way comes to nobody: a page that is new was not there when it was sent."""
+        with self._lock:
+            self._sent.clear()
+
+    def _is_free_again(self) -> bool:
+        if not self._was_full or self._on_the_way() >= _IN_FLIGHT:
+            return False
+        self._was_full = False
+        return True
+
+    def forget(self) -> None:
+        """Nobody is left who could confirm anything."""
+        with self._lock:
+            self._sent.clear()
+            self._seen.clear()
+            self.last = None
+
+    def stats(self) -> dict[str, int]:
+        """``bytes_per_frame`` (of the last), ``frame_bytes`` (of all) and ``sent`` (how many)."""
+        return {"bytes_per_frame": self._last_bytes, "frame_bytes": self._bytes, "sent": self._number}
+
+
+def drawn(scene: Scene, size: tuple[int, int], shows: str, **options: Any) -> Image:
+    """A picture of another size than the scene's own, which stays."""
+    before = scene.size
+    scene.set_size(size)
+    try:
+        image = scene.render(shows=shows, **options)
+    finally:
+        scene.set_size(before)
+    assert image is not None
+    return image
+
+
+def preview_png(scene: Scene, shows: str) -> bytes:
+    """A small picture as a PNG, from fewer pixels than it has: it must not hold up its cell."""
+    from PIL import Image as Pillow
+
+    few = Pillow.fromarray(drawn(scene, PREVIEW_SIZE, shows, scale=_PREVIEW_SHARE, coarseness=2.0))
+    return as_png(np.asarray(few.resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)))
+
+
+def _jpeg(image: Image) -> bytes:
+    from PIL import Image as Pillow
+
+    stream = io.BytesIO()
+    Pillow.fromarray(image).save(stream, format="JPEG", quality=_QUALITY)
+    return stream.getvalue()
+
+
+_LOG = logging.getLogger(__name__)
+
+
+class Pacer:
+    """Sends the newest state as often as it is confirmed; what comes meanwhile replaces what waits.
+
+    Parameters
+    ----------
+    send : called with a number that the page confirms. It looks up what is newest itself. Calls never overlap.
+    patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell hears no
+        page, and a hidden page draws nothing.
+    """
+
+    def __init__(self, send: Callable[[int], None], patience: float = 0.25) -> None:
+        self._send, self._patience = send, patience
+        self._lock = threading.RLock()  # offers come from cells and sliders, confirmations from another thread
+        self._number = self._seen = 0
+        self._sent = 0.0
+        self._timer: threading.Timer | None = None
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a state has been offered and not yet sent."""
+        return self._timer is not None
+
+    def offer(self) -> None:
+        """There is a newer state: send it now, or as soon as the page is ready."""
+        with self._lock:
+            wait = self._sent + self._patience - time.monotonic() if self._number > self._seen else 0.0
+            if wait <= 0:
+                self._go()
+            elif self._timer is None:
+                self._timer = threading.Timer(wait, self._late)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def seen(self, number: int) -> None:
+        """The page shows the state of this number."""
+        with self._lock:
+            self._seen = max(self._seen, min(number, self._number))
+            if self._timer is not None and self._seen == self._number:
+                self._go()
+
+    def _late(self) -> None:
+        with self._lock:
+            if self._timer is not threading.current_thread():
+                return  # it was sent meanwhile
+            try:
+                self._go()
+            except Exception:  # in a thread of its own nobody else would hear of it
+                _LOG.exception("a deformation could not be sent to its pages")
+
+    def _go(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._number += 1
+        self._send(self._number)
+        self._sent = time.monotonic()

@@ -1,0 +1,625 @@
+"""The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
+
+One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
+stands; the newest of all changes is drawn, at most two pictures are on their way. The messages are described in
+:mod:`~deformnb.widgets.view.volume_view`.
+
+What the pages of a view drawn in Python say and get: sizes, cameras and confirmations; pictures, notices, badges.
+
+Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
+origin, for pictures by trame),
+``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera: the newest
+number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text), ``trame`` (view,
+url: where a frame gets the pictures instead).
+
+The pages that show one view: how large each of them is, whether they are dark, and what they must know.
+
+What a view drawn in Python says of folds: whether they shall be red, and the words for the corner of the picture.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import importlib.util
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import traitlets
+from numpy.typing import ArrayLike
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField
+from deformnb.volume.transfer import PRESETS, TransferFunction, preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, checked_camera, turned
+from deformnb.widgets.packed_volume import ShownVolume
+from deformnb.widgets.protocol import dropping, take_traits, text, whole
+from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
+from deformnb.widgets.view.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
+from deformnb.widgets.view.stills import METHODS, make_scene, with_png
+from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
+from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
+from deformnb.widgets.worker import close_earlier_of_this_cell
+
+LARGEST = 4096
+"""Pixels along a side of a picture at most."""
+
+_MOST = 8  # of one view; an older one has been closed without a word
+
+
+class Pages:
+    """Sizes by name of a page; may be used by several threads.
+
+    Examples
+    --------
+    >>> pages = Pages()
+    >>> pages.put("a", {"width": 300, "height": 200, "background": "light"})
+    >>> pages.size((720, 540)), pages.theme, bool(pages)
+    ((300, 200), 'light', True)
+    """
+
+    def __init__(self) -> None:
+        self.theme = "dark"
+        self._lock = threading.Lock()
+        self._sizes: dict[str, tuple[int, int]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._sizes)
+
+    def put(self, name: str, content: dict[str, Any]) -> None:
+        """What a page says of itself: width and height in pixels, background; ValueError if that is wrong."""
+        size = (whole(content.get("width"), 1, LARGEST), whole(content.get("height"), 1, LARGEST))
+        with self._lock:
+            self._sizes.pop(name, None)
+            self._sizes[name] = size
+            while len(self._sizes) > _MOST:
+                del self._sizes[next(iter(self._sizes))]
+        if content.get("background") in ("dark", "light"):
+            self.theme = str(content["background"])
+
+    def drop(self, name: str) -> None:
+        """A page is closed."""
+        with self._lock:
+            self._sizes.pop(name, None)
+
+    def size(self, default: tuple[int, int]) -> tuple[int, int]:
+        """The largest of what the pages show."""
+        with self._lock:
+            return max(self._sizes.values(), key=lambda s: s[0] * s[1], default=default)
+
+
+def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
+    """What a page must know to turn a camera around a volume: its axes, its sides and the box that is seen."""
+    shown = ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
+    info = shown.info()
+    names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
+    return {**{name: info[name] for name in names}, "box": shown.box(output)}
+
+
+_OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})
+
+
+TRANSPORTS = {"comm": "", "trame": "deformnb.app.notebook:TrameFrames"}
+"""How pictures reach a page, by name: over the notebook's own channel, or by what is imported once it is asked for."""
+
+
+def check_transport(name: str) -> None:
+    """Refuse a transport that is unknown or not installed."""
+    if name not in TRANSPORTS:
+        raise DeformError(f"unknown transport {name!r}; choose one of {', '.join(TRANSPORTS)}.")
+    if name == "trame" and importlib.util.find_spec("trame_rca") is None:
+        raise DeformError('pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use '
+                          'transport="comm".')
+
+
+def carrier(name: str) -> Any:
+    """The class that carries pictures."""
+    module, _, made = TRANSPORTS[name].partition(":")
+    return getattr(importlib.import_module(module), made)
+
+
+class ServesPages(traitlets.HasTraits):
+    """A view that sends pictures to its pages and takes what they say.
+
+    Attributes
+    ----------
+    badge : what stands in a corner of the pictures.
+    """
+
+    width: Any
+    height: Any
+    background: Any
+    badge: str
+    transport: Any
+    send: Callable[..., None]
+    _loop: SceneLoop | None
+    _change: Callable[..., None]
+
+    def __init__(self, *args: Any, **traits: Any) -> None:
+        self._pages = Pages()
+        self._frames = FrameSender()
+        self._notice = ""
+        self._carrier: Any = None  # of pictures that do not go the notebook's way
+        self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
+        super().__init__(*args, **traits)
+
+    def _left(self) -> None:
+        """The last page has gone."""
+        raise NotImplementedError
+
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    def _deliver(self, frame: Frame) -> None:
+        view, number = self._shown_camera
+        message, pictures = self._frames.pack(frame, camera=number, by=view)
+        if self._carrier is None:
+            self.send(message, pictures)
+        else:
+            self._carrier.deliver(message, pictures, frame)
+
+    def _say(self, notice: str) -> None:
+        self._notice = notice
+        self.send({"type": "notice", "text": notice})
+
+    # -- from the pages ------------------------------------------------------------------------------------------------
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        take_traits(sync_data, _OF_PAGE, super().set_state)  # type: ignore[misc]
+
+    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+        with dropping("a message"):
+            kind = content.get("type") if isinstance(content, dict) else None
+            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            if answer is None:
+                raise ValueError("unknown kind")
+            answer(self, text(content.get("view")), content)
+
+    def _resized(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.put(view, content)
+        if self.transport != "comm" and content["type"] == "hello":
+            self._carry(view, content.get("origin"))
+        self._change_page()
+        for kind, words in (("notice", self._notice), ("badge", self.badge)):
+            if content["type"] == "hello" and words:
+                self.send({"type": kind, "text": words})
+
+    def _carry(self, view: str, origin: Any) -> None:
+        """Tell a page where its frame gets the pictures."""
+        if self._carrier is None:
+            self._carrier = carrier(self.transport)(self)
+        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
+
+    def draw_again(self) -> None:
+        """A page has come that was not there when the last picture was sent: none is on its way to it."""
+        self._frames.lost()
+        if self._loop is not None and self._pages:
+            self._loop.touch()
+
+    def _put_carrier_away(self) -> None:
+        carrier, self._carrier = self._carrier, None
+        if carrier is not None:
+            carrier.close()
+
+    def _bye(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.drop(view)
+        self._go_on(self._frames.left(view))
+        if not self._pages:
+            self._left()
+
+    def _camera(self, view: str, content: dict[str, Any]) -> None:
+        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
+
+        def turn(scene: Any) -> None:
+            scene.set_camera(camera)
+            self._shown_camera = (view, number)
+
+        self._change("camera", turn)
+
+    def _seen(self, view: str, content: dict[str, Any]) -> None:
+        self._go_on(self._frames.seen(whole(content.get("seq"), 1, 2**53), view))
+
+    def _go_on(self, is_free: bool) -> None:
+        """Draw what was held back while too many pictures were on their way."""
+        if is_free and self._loop is not None:
+            self._loop.touch()
+
+    # -- what the pictures take from them ------------------------------------------------------------------------------
+
+    def _shade(self) -> str:
+        return self._pages.theme if self.background == "auto" else str(self.background)
+
+    def _size(self) -> tuple[int, int]:
+        """The largest of what the pages show, or what the traits say."""
+        return self._pages.size((self.width, self.height))
+
+    def _change_page(self) -> None:
+        size, background = self._size(), self._shade()
+
+        def resize(scene: Any) -> None:
+            scene.set_size(size)
+            scene.set_background(background)
+
+        self._change("page", resize)
+
+
+_ANSWERS: dict[str, Callable[[ServesPages, str, dict[str, Any]], None]] = {
+    "hello": ServesPages._resized, "size": ServesPages._resized, "camera": ServesPages._camera,
+    "seen": ServesPages._seen, "bye": ServesPages._bye,
+}
+"""What is done about each kind of message."""
+
+
+class TellsFolds(traitlets.HasTraits):
+    """A view that paints red where the map folds, or else says that it folds."""
+
+    show_folds = traitlets.Bool(True).tag(sync=True)
+
+    badge = ""
+    """What stands in a corner of the pictures, or an empty text."""
+
+    shows: Any
+    send: Callable[..., None]
+
+    def _tell_folds(self, scene: Any) -> None:
+        """In the thread that renders, whenever something else is shown."""
+        scene.folding.show = self.show_folds
+        text = "" if self.shows == "original" else scene.folding.remark
+        if text != self.badge:
+            self.badge = text
+            self.send({"type": "badge", "text": text})
+
+
+_FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
+          *POINT_FILES, "hands.js", "pictures_page.js", "volume_view.js")
+
+_Result = TypeVar("_Result")
+
+_LOOK_EVERY = 0.02  # seconds between looks at whether the full picture has come
+
+
+class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
+    """A volume drawn by VTK in Python and shown as pictures.
+
+    Parameters
+    ----------
+    volume : shown at once if given.
+    transfer : a transfer function or the name of a preset.
+    projection : "shaded", "composite" or "mip".
+    background : "dark", "light" or "auto", which is the page's.
+    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
+    width, height : size on the page in CSS pixels; a narrow page makes it smaller.
+    fill : True takes the size of the box it stands in instead.
+    transport : how pictures reach the page: "comm" is the notebook's own channel, "trame" a server of this process
+        with trame's remote view in a frame, which only a browser on this machine reaches.
+    target_ms : time that a picture may take while something moves; its resolution adapts.
+    settle_ms : rest after which the full picture is drawn.
+    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
+        first that works.
+    map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
+
+    Notes
+    -----
+    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone, or
+    some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
+    :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
+
+    Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
+
+    Examples
+    --------
+    >>> from deformnb.volume.volume import Volume
+    >>> view = VolumeView(Volume.from_array([[[0, 9], [9, 0]], [[9, 9], [0, 0]]]), method="core")
+    >>> view.still((64, 48)).shape
+    (48, 64, 3)
+    >>> view.close()
+
+    Axes and a mesh beside the volume, where VTK works::
+
+        view.call(lambda plotter: plotter.show_bounds(color="gray", font_size=10, use_3d_text=False))
+        view.call(lambda plotter: plotter.add_mesh(mesh, color="red", opacity=0.5))
+    """
+
+    _esm = joined(*_FILES)
+    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
+    draws_by_vtk = True
+
+    volume_info = traitlets.Dict().tag(sync=True)
+    projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
+    background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
+    shows = ShowsTrait().tag(sync=True)
+    camera = CameraTrait().tag(sync=True)
+    clip = ClipTrait().tag(sync=True)
+    width = traitlets.Int(720, min=64, max=LARGEST).tag(sync=True)
+    height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
+    fill = traitlets.Bool(False).tag(sync=True)
+    label = traitlets.Unicode("Volume").tag(sync=True)
+    transport = traitlets.Enum([*TRANSPORTS], "comm", read_only=True).tag(sync=True)
+    target_ms = traitlets.Float(160.0, min=5.0, max=5000.0)
+    settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
+
+    def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
+                 method: str = "auto", map_size: int = 192, space_size: int = 64, transport: str = "comm",
+                 **traits: Any) -> None:
+        self._method = method
+        self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
+        self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
+        self._content: tuple[Volume, Callable[[], AbstractField | None], Grid | None] | None = None
+        self._transfer: TransferFunction | str = transfer
+        self._loop: SceneLoop | None = None
+        self._is_closed = False
+        self._path = ""
+        self._has_guests = False  # whether someone has put things into the scene that only it knows
+        self._following: Following | None = None
+        super().__init__(**traits)
+        check_transport(transport)
+        self.set_trait("transport", transport)
+        if method not in METHODS:
+            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+        self.on_msg(self._receive)
+        self.observe(self._look, ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms",
+                                  "settle_ms"])
+        if volume is not None:
+            self.show(volume)
+        close_earlier_of_this_cell(self)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def show(self, volume: Volume) -> None:
+        _check(self._transfer, volume)
+        self._stop_following()
+        self._put(volume, _none, None)
+        self.label = f"Volume {volume.name}".strip()
+
+    def _put(self, volume: Volume, field: Callable[[], AbstractField | None], output: Grid | None) -> None:
+        with self._lock:
+            self._content = (volume, field, output)
+        self.volume_info = about(volume, output)
+        self._change("content", self._set_content)
+
+    def _ready(self) -> tuple[Volume, Callable[[], AbstractField | None], Grid | None]:
+        with self._lock:
+            if self._content is None:
+                raise DeformError("the view shows no volume yet; call show(volume) first.")
+            return self._content
+
+    def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
+        grid = output or self._ready()[0].grid
+        field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
+        if field is not None and field.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        self._stop_following()
+        self._put(self._ready()[0], lambda: field, output)
+
+    def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
+               output: Grid | None = None) -> None:
+        """Let an editor move the picture's displacement: its points come to Python with every movement.
+
+        Parameters
+        ----------
+        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
+        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
+            one. Its plane, depths and weights stay, also while points move.
+        index : which of its maps the editor's points make.
+
+        Notes
+        -----
+        May be called after every edit: what is dragged meanwhile stays where the hand is.
+        """
+        following = self._following
+        if following is not None and following.goes_on(editor, index):
+            self._put(self._ready()[0], following.show(field), output)
+            return
+        refit = Refit(field, index) if editor is not None else None
+        self.show_deformation(field, output=output)
+        if refit is not None:
+            self._following = Following(editor, refit, self._put_field)
+
+    def _stop_following(self) -> None:
+        following, self._following = self._following, None
+        if following is not None:
+            following.close()
+
+    @property
+    def shown_box(self) -> Grid:
+        """The grid whose box is seen."""
+        volume, _, output = self._ready()
+        return output or volume.grid
+
+    @property
+    def shown_output(self) -> Grid | None:
+        return self._content[2] if self._content is not None else None
+
+    def _put_field(self, field: Callable[[], AbstractField | None]) -> None:
+        with self._lock:
+            volume, _, output = self._ready()
+            self._content = (volume, field, output)
+        self._change("content", self._set_content)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        _check(transfer, self._content[0] if self._content is not None else None)
+        self._transfer = transfer
+        self._change("transfer", lambda scene: scene.set_transfer(transfer))
+
+    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
+                   zoom: float | None = None, *, perspective: bool | None = None) -> None:
+        self.camera = turned(self.camera, direction, up, zoom, perspective)
+
+    # -- the scene and its thread --------------------------------------------------------------------------------------
+
+    def call(self, function: Callable[[Any], _Result]) -> _Result:
+        """What ``function(plotter)`` returns, called in the thread that renders; the picture is drawn again.
+
+        Parameters
+        ----------
+        function : gets the ``pyvista.Plotter``. It may add meshes, axes and clipping planes; the camera is the view's.
+
+        Raises
+        ------
+        DeformError
+            Where VTK cannot draw, and whatever ``function`` raises.
+        """
+        self._has_guests = True  # from now on the scene stays, also while no page shows it
+        result = self._do(lambda scene: function(scene.plotter))
+        if self._pages:
+            self._awake().touch()
+        return result
+
+    def _do(self, function: Callable[[Any], _Result]) -> _Result:
+        return self._awake().do(function).result()
+
+    def _awake(self) -> SceneLoop:
+        self._ready()
+        with self._lock:
+            if self._is_closed:
+                raise DeformError("the view is closed; make a new one.")
+            if self._loop is None:
+                held = weakref.ref(self)  # the thread keeps no view alive
+                self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
+                                       target_ms=self.target_ms, settle_ms=self.settle_ms,
+                                       is_kept=lambda: (view := held()) is not None and view._is_watched)
+                self._loop.set_shows(self.shows)
+            return self._loop
+
+    @property
+    def _is_watched(self) -> bool:
+        """Whether the scene must stay: a page shows it, or it holds what only it knows."""
+        return bool(self._pages) or self._has_guests
+
+    def _make(self) -> Any:
+        volume, _, _ = self._ready()
+        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection,
+                                 "background": self._shade()}
+        scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
+        try:
+            if notice:
+                self._say(notice)
+            self._path = scene.path
+            scene.set_camera(self.camera)
+            scene.set_clip(self.clip)
+            self._set_content(scene)
+        except BaseException:
+            scene.close()  # nobody else knows it, and a window of VTK's holds the graphics memory
+            raise
+        return scene
+
+    def _set_content(self, scene: Any) -> None:
+        volume, field, output = self._ready()
+        if scene.volume is not volume:
+            scene.set_volume(volume)
+        scene.set_field(field(), output)
+        self._tell_folds(scene)
+
+    def _change(self, key: str, function: Callable[[Any], None]) -> None:
+        if self._is_closed:  # a page's mouse may go on for a moment
+            return
+        loop = self._awake() if self._pages and self._content is not None else self._loop
+        if loop is not None:
+            loop.change(key, function, draw=bool(self._pages))
+
+    def _look(self, change: Any) -> None:
+        """A trait has another value."""
+        name, value, loop = change["name"], change["new"], self._loop
+        if name == "camera":
+            self._change("camera", lambda scene: scene.set_camera(value))
+        elif name == "clip":
+            self._change("clip", lambda scene: scene.set_clip(value))
+        elif name == "projection":
+            self._change("projection", lambda scene: scene.set_projection(value))
+        elif name == "background":
+            self._change_page()
+        elif name == "show_folds":
+            self._change("folds", self._tell_folds)
+        elif loop is not None and name == "shows":
+            loop.set_shows(value)
+            self._change("shows", lambda scene: scene.set_shows(value))
+            self._change("folds", self._tell_folds)
+        elif loop is not None:
+            setattr(loop, name, value)
+
+    def _left(self) -> None:
+        if not self._has_guests:
+            self._rest()
+
+    def _rest(self) -> None:
+        with self._lock:
+            loop, self._loop = self._loop, None
+        self._frames.forget()
+        if loop is not None:
+            loop.close()
+
+    def close(self) -> None:
+        """End the thread that renders, give back its window, and leave the pages."""
+        with self._lock:
+            self._is_closed = True
+        self._stop_following()
+        self._put_carrier_away()
+        self._rest()
+        super().close()
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def still(self, size: tuple[int, int] | None = None) -> Image:
+        """The picture in full, (height, width, 3), rendered as the view renders; needs no page.
+
+        Parameters
+        ----------
+        size : (width, height) in pixels; default is that of the traits.
+        """
+        wanted = size or (self.width, self.height)
+
+        return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
+
+    async def screenshot(self, timeout: float = 10.0) -> Image:
+        """The full picture that the page has of all that was asked for; without a page the one of :meth:`still`.
+
+        Parameters
+        ----------
+        timeout : seconds to wait for it, for pictures are quick and small at first; then it is drawn for this alone.
+        """
+        end = time.monotonic() + timeout
+        while self._pages and time.monotonic() < end:
+            last, loop = self._frames.last, self._loop
+            if last is not None and last.is_full and loop is not None and loop.is_settled:
+                return last.images[0]
+            await asyncio.sleep(_LOOK_EVERY)
+        return await asyncio.to_thread(self.still)
+
+    def stats(self) -> dict[str, Any]:
+        """What was measured and sent.
+
+        ``edit_ms`` (median of fitting and loading a deformation), ``frame_ms`` (of quick pictures), ``full_ms``,
+        ``frames``, ``scale`` (share of the full width that quick pictures have), ``path`` ("texture", "array" or
+        "core"), ``width``, ``height``, ``bytes_per_frame`` (of the last), ``frame_bytes`` and ``sent`` (of all).
+        """
+        with self._lock:
+            measured = self._loop.stats() if self._loop is not None else {}
+        width, height = self._size()
+        return {**measured, "path": self._path, "width": width, "height": height, **self._frames.stats()}
+
+    def preview_png(self) -> bytes:
+        """A small picture as a PNG: what is seen where no front end runs."""
+        return self._do(lambda scene: preview_png(scene, self.shows))
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        return bundle if self._content is None else with_png(bundle, self.preview_png)
+
+
+def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
+    if isinstance(transfer, str) and transfer not in PRESETS and volume is not None:
+        preset(transfer, volume)  # says which there are
+
+
+def _none() -> None:
+    """No deformation."""

@@ -1,0 +1,242 @@
+"""Folds in VTK's own volume shader: matter that a map turns over is red with stripes, as in the live view.
+
+The text is in the shader only while the maps that it looks up turn over a cell, which is asked of them here: what does
+not fold is drawn by the same shader as ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._jax import determinant, one_plus
+from deformnb.analysis.folds import folds_of
+from deformnb.rbf.extrusion import Extrusion, replicate
+from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.textures import CardMaps
+
+RED = "red: where the map folds"
+UNSEEN = "the map folds; this way of drawing does not show where"
+
+# Nodes along the longest side where nothing but the field itself can be asked.
+_NODES = 33
+
+# Changes of slope of the weights of several maps; of more than these a bound must do.
+_MOST_BENDS = 64
+
+# VTK asks for a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
+# turned over must be known before.
+REPLACED_FOR_FOLDS = {
+    "texture2D(in_colorTransferFunc_0[0],": "dnb_tinted(in_colorTransferFunc_0[0],",
+    "g_srcColor = computeColor(scalar, g_srcColor.a);":
+        "dnb_turned = dnb_folded(g_dataPos); g_srcColor = computeColor(scalar, g_srcColor.a);",
+    "l_maxValue.w = scalar.x;": "l_maxValue.w = scalar.x; dnb_turned = dnb_folded(g_dataPos);",
+}
+"""What takes the place of VTK's words where the map folds."""
+
+# The sign of a determinant is the same in coordinates of textures. No step leads out of what is seen, where the maps
+# are constant; beside a cut the map of the region seen goes on.
+_GLSL = """
+float dnb_turned = 0.0;
+
+float dnb_folded(vec3 q)
+{
+  vec3 way = 1.0 - 2.0 * step(dnb_high, q + dnb_fold_step), h = way * dnb_fold_step, at = %(at)s;
+  vec3 u = %(u)s - at, v = %(v)s - at, w = %(w)s - at;
+  return step(way.x * way.y * way.z * dot(cross(u, v), w), 0.0);
+}
+
+vec4 dnb_tinted(sampler2D colors, vec2 at)
+{
+  vec4 color = texture2D(colors, at);
+  float stripe = step(mod(gl_FragCoord.x + gl_FragCoord.y + dnb_fold_row, 9.0), 2.2);
+  vec3 red = mix(mix(color.rgb, vec3(0.827, 0.184, 0.184), 0.72), vec3(1.0, 0.78, 0.78), 0.55 * stripe);
+  return vec4(mix(color.rgb, red, dnb_turned), color.a);
+}
+"""
+
+
+def fold_glsl(has_cuts: bool) -> str:
+    """The functions, behind those that look up a displacement."""
+    look = "dnb_look({}, dnb_home)" if has_cuts else "dnb_warp({})"
+    places = {"at": "q", "u": "q + vec3(h.x, 0.0, 0.0)", "v": "q + vec3(0.0, h.y, 0.0)", "w": "q + vec3(0.0, 0.0, h.z)"}
+    return _GLSL % {name: look.format(place) for name, place in places.items()}
+
+
+def fold_step(maps: CardMaps, lattice: Grid) -> float:
+    """How far apart displacements are looked up: a length over which the samples tell of a slope."""
+    planar, space = maps.content["planar"], maps.content["space"]
+    return max(min(lattice.spacing), min(planar["spacing"]) if planar is not None else 0.0,
+               min(space["spacing"]) / 2 if space is not None else 0.0)
+
+
+# ---- whether it folds ------------------------------------------------------------------------------------------------
+
+
+def maps_fold(maps: CardMaps) -> bool:
+    """Whether maps turn over a cell, at one of two opposite corners, at any weight that they have.
+
+    Of a region beside a cut it does not matter whether the cell is seen. Not for maps with cuts of earlier steps.
+
+    Examples
+    --------
+    >>> from deformnb.widgets.vtk.scene import frame_of
+    >>> from deformnb.widgets.textures import card_maps
+    >>> volume, field = pressed()
+    >>> maps_fold(card_maps(field, frame_of(volume), None, 64, 16))
+    True
+    """
+    planar, space = maps.content["planar"], maps.content["space"]
+    return (planar is not None and _planar_folds(planar, maps)) or (space is not None and _space_folds(space, maps))
+
+
+def _planar_folds(about: dict[str, Any], maps: CardMaps) -> bool:
+    count, rows, columns = about["shape"]
+    regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
+    samples = np.frombuffer(maps.buffer("maps"), "<f4").reshape(regions, count // regions, rows, columns, 2)
+    weights = _bends(np.frombuffer(maps.buffer("weights"), "<f4").reshape(count // regions, -1))
+    for slopes in _slopes(samples, about["spacing"]):
+        steep = np.sqrt((slopes**2).sum(axis=(0, 1)).max(axis=(-2, -1)))  # (regions, maps)
+        for a, b in zip(weights.T[:-1], weights.T[1:], strict=True):
+            # Nothing is turned over by what moves less than the places that it moves lie apart.
+            near = steep @ np.maximum(np.abs(a), np.abs(b)) >= 1
+            if near.any() and (weights.shape[1] > _MOST_BENDS or _turned_between(slopes[:, :, near], a, b)):
+                return True
+    return False
+
+
+def _bends(weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The weights (maps, knots) at the knots where one of them changes its slope; of one map its least and its most."""
+    if len(weights) == 1:
+        return np.array([[weights.min(), weights.max()]])
+    bent = np.abs(np.diff(weights, 2, axis=1)).max(axis=0, initial=0.0) > 1e-6
+    return weights[:, np.concatenate([[True], bent, [True]])]
+
+
+def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
+    """Whether anything is turned over by weights from a to b: the determinant is a parabola on the way."""
+    one = one_plus(np.einsum("mnrkyx,k->mnryx", slopes, a))
+    way = np.einsum("mnrkyx,k->mnryx", slopes, b - a)
+    start, bow = determinant(one), determinant(way)
+    tilt = one[0, 0] * way[1, 1] + one[1, 1] * way[0, 0] - one[0, 1] * way[1, 0] - one[1, 0] * way[0, 1]
+    least = np.minimum(start, start + tilt + bow)
+    inside = (tilt < 0) & (2 * bow > -tilt)
+    least = np.where(inside, start - tilt**2 / (4 * np.where(inside, bow, 1.0)), least)
+    return bool((~(least > 0)).any())
+
+
+def _space_folds(about: dict[str, Any], maps: CardMaps) -> bool:
+    samples = np.frombuffer(maps.buffer("space"), "<f4").reshape(*about["shape"][::-1], 3)
+    return any(bool(((slopes**2).sum(axis=(0, 1)) >= 1).any() and (~(determinant(one_plus(slopes)) > 0)).any())
+               for slopes in _slopes(samples, about["spacing"]))
+
+
+def _slopes(samples: NDArray[np.float32], spacing: list[float]) -> Iterator[NDArray[np.float32]]:
+    """Derivatives [m, k, ...] of displacements (..., dim) in every cell: at its first corner, and at its last."""
+    dim = samples.shape[-1]
+    steps = [np.diff(samples, axis=-2 - k) / np.float32(spacing[k]) for k in range(dim)]
+    for side in (slice(None, -1), slice(1, None)):
+        at = [(..., *(slice(None) if axis == k else side for axis in reversed(range(dim))), slice(None))
+              for k in range(dim)]
+        yield np.stack([np.moveaxis(step[where], -1, 0) for step, where in zip(steps, at, strict=True)], axis=1)
+
+
+# ---- what a scene knows of it ----------------------------------------------------------------------------------------
+
+
+class Folding:
+    """Whether what a scene shows folds, found out at most once for each deformation and only if someone asks.
+
+    Parameters
+    ----------
+    is_trusted : whether the shader is taken to show it without a look at a picture first.
+
+    Attributes
+    ----------
+    show : whether folds shall be seen; False at first.
+    """
+
+    def __init__(self, is_trusted: bool = False) -> None:
+        self.show = False
+        self._is_trusted = is_trusted
+        self.set(None)
+
+    def set(self, maps: CardMaps | None, field: AbstractField | None = None, grid: Grid | None = None) -> None:
+        """What is shown from now on: maps by a shader, or else a field by whatever it takes on a grid."""
+        self._maps, self._field, self._grid = maps, field, grid
+        self._found: bool | None = None
+
+    @property
+    def _folds(self) -> bool:
+        if self._found is None:
+            if self._maps is not None:
+                self._found = maps_fold(self._maps)
+            else:
+                self._found = self._field is not None and self._grid is not None and (
+                    folds_of(self._field, _coarse(self._grid)).least <= 0)
+        return self._found
+
+    @property
+    def is_red(self) -> bool:
+        """Whether the shader has something to paint red."""
+        return self.show and self._maps is not None and self._folds and (self._is_trusted or folds_work())
+
+    @property
+    def remark(self) -> str:
+        """What people must know of the deformed picture, or an empty text."""
+        if not self.show or not self._folds:
+            return ""
+        return RED if self.is_red else UNSEEN
+
+
+def _coarse(grid: Grid) -> Grid:
+    size = np.asarray(grid.lengths)
+    counts = np.maximum(2, np.ceil(_NODES * size / size.max())).astype(int)[::-1]
+    return grid.resampled(shape=(int(counts[0]), int(counts[1]), int(counts[2])))
+
+
+# ---- whether VTK shows it --------------------------------------------------------------------------------------------
+
+
+def pressed() -> tuple[Volume, AbstractField]:
+    """A block whose right half is mirrored, and so turned over."""
+    grid = Grid((8, 16, 16))
+    volume = Volume(np.full(grid.shape, 200, np.uint8), grid)
+    plane = Plane.along(grid, "+z")
+    raster = Raster((2, 3), (8.0, 16.0), (float(plane.to_plane(grid.corners())[:, 0].min()), 0.0))
+    samples = np.zeros((2, 3, 2))
+    samples[:, 2, 0] = -16.0
+    return volume, Extrusion(plane, plane.depth_range(grid), (DisplacementField(samples, raster),), *replicate())
+
+
+@cache
+def folds_work() -> bool:
+    """Whether VTK's shader shows folds red, and only those; a small volume is drawn and looked at, once a process.
+
+    To be called by a thread that renders.
+    """
+    from deformnb.widgets.vtk.scene import VtkScene
+
+    volume, field = pressed()
+    scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")
+    try:
+        plane = Plane.along(volume.grid, "+z")
+        scene.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
+        scene.set_field(field)
+        plain = scene.render()
+        scene.folding.show = True
+        image = scene.render()
+        assert plain is not None
+        assert image is not None
+    finally:
+        scene.close()
+    # A shader that cannot be compiled leaves nothing of the block, neither left nor right.
+    kept = bool((image[16:48, 14:28] == plain[16:48, 14:28]).all()) and int(plain[16:48, 14:28].max()) > 60
+    r, g, b = np.moveaxis(image[16:48, 36:48].astype(int), -1, 0)
+    return kept and bool(((r > g + 30) & (r > b + 30)).mean() > 0.6)

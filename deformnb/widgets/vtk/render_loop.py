@@ -1,0 +1,274 @@
+"""When a scene is drawn: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
+
+The scene is made, drawn and closed by one thread. Changes may come from any thread and faster than pictures: of each
+kind the newest is kept, and the last is always drawn.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from deformnb.errors import DeformError
+from deformnb.widgets.camera import Image
+from deformnb.widgets.worker import Worker
+
+_LOG = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
+
+_BAND_MS = 50.0  # a part of a full picture: a change waits for this and one quick picture
+_SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
+_AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
+_RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture
+_KEPT = 50  # times that medians are taken of
+_RATES = 3
+_WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
+
+
+class Scene(Protocol):
+    """What a loop draws: :class:`~deformnb.widgets.vtk.scene.VtkScene` and whatever has these."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another one."""
+
+    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
+               interrupted: Callable[[], bool] | None = None) -> Image | None:
+        """The picture, or None if it was interrupted."""
+
+    def close(self) -> None:
+        """Give back all that is held."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture, or two of the same place that are shown in turn.
+
+    Parameters
+    ----------
+    images : (height, width, 3) uint8 each.
+    is_full : False for a quick picture, which is smaller.
+    """
+
+    images: tuple[Image, ...]
+    is_full: bool
+
+
+class SceneLoop:
+    """Draws one scene whenever it has changed.
+
+    Parameters
+    ----------
+    make : makes the scene; called in the thread, before the first picture.
+    deliver : called in the thread with each picture.
+    failed : called in the thread with what went wrong, for people; the last good picture stays.
+    ready : says whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
+    target_ms : time that a quick picture may take.
+    settle_ms : rest after which the full picture is drawn.
+    longest_ms : time that a full picture may take; on slow machines it has fewer pixels.
+    is_kept : whether the scene must stay when nothing has been asked of it for a while; else it is closed, its thread
+        ends, and both are made again by the next wish.
+    """
+
+    def __init__(self, make: Callable[[], Any], deliver: Callable[[Frame], None], failed: Callable[[str], None], *,
+                 ready: Callable[[], bool] = lambda: True, target_ms: float = 250.0, settle_ms: float = 250.0,
+                 longest_ms: float = 4000.0, is_kept: Callable[[], bool] = lambda: True) -> None:
+        self.target_ms, self.settle_ms, self.longest_ms = target_ms, settle_ms, longest_ms
+        self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
+        self._holder = _Holder()
+        self._thread = Worker(at_end=self._holder.close, is_kept=is_kept)
+        self._lock = threading.Lock()
+        self._changes: dict[str, Callable[[Any], None]] = {}
+        self._shows = "deformed"
+        self._scale = _FIRST
+        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds that a full picture would take, as of late
+        self._times: dict[str, deque[float]] = {name: deque(maxlen=_KEPT) for name in ("edit", "frame")}
+        self._full_ms, self._frames = 0.0, 0
+        self._is_new = True
+        self._is_rough = False  # whether the last picture was a quick one
+        self._asked = self._drawing = self._settled = 0  # how many wishes came, were begun, are shown in full
+
+    def change(self, key: str, function: Callable[[Any], None], *, draw: bool = True) -> None:
+        """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
+
+        Parameters
+        ----------
+        draw : False where nobody looks: the next picture that someone asks for is early enough.
+        """
+        with self._lock:
+            self._changes[key] = function
+        if draw:
+            self.touch()
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`; "flicker" delivers two. Draws nothing."""
+        self._shows = shows
+
+    def touch(self) -> None:
+        """Draw again, soon."""
+        with self._lock:
+            self._asked += 1
+        if not self._thread.is_closed:
+            self._thread.latest("frame", self._quick)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all that was asked for so far has been delivered in full."""
+        return self._settled == self._asked
+
+    def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
+        """What ``function(scene)`` returns, called in the thread after all changes so far."""
+        if self._thread.is_here:
+            raise DeformError("this is the thread that renders, and would wait for itself; use what you were given.")
+
+        def work() -> _Result:
+            scene = self._holder.get(self._make)
+            self._apply(scene)
+            try:
+                return function(scene)
+            finally:
+                if self._is_rough:  # a full picture may have stopped for this
+                    self._thread.at_rest(self.settle_ms / 1e3, self._full)
+
+        return self._thread.call(work)
+
+    def stats(self) -> dict[str, Any]:
+        """Medians ``edit_ms`` (changes) and ``frame_ms`` (quick pictures), ``full_ms``, ``frames`` and ``scale``."""
+        medians = {f"{name}_ms": float(np.median(list(t))) if t else 0.0 for name, t in self._times.items()}
+        return {**medians, "full_ms": self._full_ms, "frames": self._frames, "scale": self._scale}
+
+    def close(self, wait: float = 0.1) -> None:
+        """End the thread behind what it is doing, and close the scene; takes at most ``wait`` seconds."""
+        self._thread.close(wait)
+
+    @property
+    def _rate(self) -> float:
+        """Of the last few the least: a picture that compiles something takes seconds once."""
+        return min(self._rates, default=0.0)
+
+    # -- in the thread -------------------------------------------------------------------------------------------------
+
+    def _quick(self) -> None:
+        if not self._ready():
+            self._thread.at_rest(_RETRY, self._draw_quick)
+            return
+        self._draw_quick()
+
+    def _draw_quick(self) -> None:
+        try:
+            scene = self._holder.get(self._make)
+            start = time.perf_counter()
+            self._drawing = self._asked
+            self._apply(scene)
+            drawn = time.perf_counter()
+            images = self._images(scene, scale=self._scale, coarseness=_coarseness(self._scale))
+            if images is None:
+                return
+            ms = 1e3 * (time.perf_counter() - drawn)
+            self._times["edit"].append(1e3 * (drawn - start))
+            self._times["frame"].append(ms)
+            self._learn(ms)
+            self._deliver(Frame(images, is_full=False))
+            self._frames, self._is_rough = self._frames + 1, True
+            self._thread.at_rest(self.settle_ms / 1e3, self._full)
+        except Exception as error:
+            self._say(error)
+
+    def _full(self) -> None:
+        try:
+            scene = self._holder.get(self._make)
+            scale = float(min(1.0, max(self._scale, np.sqrt(self.longest_ms / max(self._rate, 1.0)))))
+            bands = int(np.ceil(self._rate * scale**2 / _BAND_MS)) or 1
+            start = time.perf_counter()
+            images = self._images(scene, scale=scale, bands=bands, interrupted=lambda: self._thread.is_wanted)
+            if images is None:
+                return  # what came between draws again
+            self._full_ms = 1e3 * (time.perf_counter() - start)
+            self._rates = deque([self._full_ms / scale**2], maxlen=_RATES)
+            self._deliver(Frame(images, is_full=True))
+            self._frames, self._is_rough = self._frames + 1, False
+            self._settled = self._drawing
+        except Exception as error:
+            self._say(error)
+
+    def _images(self, scene: Scene, **options: Any) -> tuple[Image, ...] | None:
+        both = ("deformed", "original") if self._shows == "flicker" else (self._shows,)
+        images = []
+        for shows in both:
+            image = scene.render(shows=shows, **options)
+            if image is None:
+                return None
+            images.append(image)
+        return tuple(images)
+
+    def _apply(self, scene: Any) -> None:
+        with self._lock:
+            changes, self._changes = self._changes, {}
+        for change in changes.values():
+            try:
+                change(scene)
+            except Exception as error:  # one wrong change does not undo the others
+                self._say(error)
+
+    def _learn(self, ms: float) -> None:
+        self._rates.append(ms / self._scale**2 * _coarseness(self._scale))
+        if self._is_new:  # the first picture compiles shaders, which says nothing of the others
+            self._is_new = False
+            self._rates[-1] = min(self._rates[-1], self.longest_ms)
+            return
+        change = float(np.sqrt(_AIMED_AT * self.target_ms / max(ms, 1.0)))
+        self._scale = min(1.0, max(_SMALLEST, self._scale * min(1.35, max(0.5, change))))
+
+    def _say(self, error: Exception) -> None:
+        if not isinstance(error, DeformError):
+            _LOG.error("a picture could not be drawn", exc_info=error)
+        text = str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}"
+        self._failed(text)
+
+
+class _Holder:
+    """The scene, from the first picture to the end of its thread; it knows nothing of the loop."""
+
+    def __init__(self) -> None:
+        self._scene: Any = None
+
+    def get(self, make: Callable[[], Any]) -> Any:
+        if self._scene is None:
+            _give_way()
+            self._scene = make()
+        return self._scene
+
+    def close(self) -> None:
+        if self._scene is not None:
+            self._scene.close()
+            self._scene = None
+
+
+def _give_way() -> None:
+    """Let others on this machine come first, above all a browser that moves the points and shows what is drawn here.
+
+    It goes for this thread and for those that it starts, such as VTK's own; only Linux can do that.
+    """
+    if sys.platform == "linux":
+        here = (os.PRIO_PROCESS, threading.get_native_id())
+        with contextlib.suppress(OSError):
+            os.setpriority(*here, max(_WAY, os.getpriority(*here)))
+
+
+def _coarseness(scale: float) -> float:
+    """Samples farther apart in smaller pictures: what is saved would else be spent on depth that nobody sees."""
+    return 1.0 + 2.2 * (1.0 - scale)

@@ -1,0 +1,646 @@
+"""A volume, its deformation, a camera and colours as a scene of VTK, without a widget: for views, servers and movies.
+
+All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.worker`). The voxels go
+to the card once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
+of VTK cannot, the core warps the voxels and they are written over the old ones in place.
+
+A window of VTK that nobody sees, and its pixels.
+
+What a scene of VTK must know of a volume: its voxels as far as can be seen, its frame, and what is white.
+
+A small volume and a deformation that show whether a shader deforms rightly: every part has a visible effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.imaging.render import clipped_for, for_vtk, gl_status, placement, set_vtk_transfer, straight_image
+from deformnb.io.headers import human_bytes
+from deformnb.io.memory import available_memory
+from deformnb.rbf.cuts import Decoupled
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity
+from deformnb.rbf.regions import Line
+from deformnb.volume.clip import WHOLE, Clip, checked_clip
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.transfer import TransferFunction, levels, preset
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import Warper
+from deformnb.widgets.camera import (
+    BACKGROUNDS,
+    INKS,
+    SHOWS,
+    STANDOFF,
+    Image,
+    checked_camera,
+    known,
+    seen_height,
+    within,
+)
+from deformnb.widgets.packed_volume import ShownVolume
+from deformnb.widgets.textures import CardMaps, card_maps
+from deformnb.widgets.vtk.folds import Folding
+from deformnb.widgets.vtk.shader import VolumeWarp
+
+_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
+
+
+def new_plotter() -> Any:
+    """A ``pyvista.Plotter`` without a screen, with the light of the stills; its thread is the only one to use it."""
+    import pyvista
+
+    # One lamp at the camera: the three of pyvista's kit stain what faces the viewer.
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
+    plotter.add_light(pyvista.Light(light_type="headlight"))
+    plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
+    return plotter
+
+
+def pixels(window: Any) -> Image:
+    """What a render window has drawn, (height, width, 3), without drawing it again."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    width, height = window.GetSize()
+    data = vtkUnsignedCharArray()
+    window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
+    rgb: Image = vtk_to_numpy(data).reshape(height, width, 3)  # type: ignore[no-untyped-call]
+    return np.ascontiguousarray(rgb[::-1])
+
+
+def has_overlay(plotter: Any, usual: int) -> bool:
+    """Whether something lies on the picture instead of in space: it would be drawn once in every part.
+
+    Parameters
+    ----------
+    usual : renderers that the window had at first.
+    """
+    if plotter.render_window.GetRenderers().GetNumberOfItems() > usual:
+        return True  # the corner with axes has one of its own
+    return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
+               for renderer in plotter.renderers for prop in renderer.GetViewProps())
+
+
+Float3 = NDArray[np.float64]
+Box = tuple[Float3, Float3]
+"""Lowest and highest index (i, j, k) of what is seen of a lattice."""
+
+
+def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
+    """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is.
+
+    Raises
+    ------
+    DeformError
+        If there is no memory for that: a box of few voxels may be large, or far away.
+    """
+    grid = volume.grid if output is None else volume.grid.covering(output.corners())
+    if grid.shape == volume.grid.shape:
+        return volume, np.zeros(3)
+    needed, free = 2 * grid.size * volume.dtype.itemsize, available_memory()  # another copy is made for VTK
+    if needed > free:
+        raise DeformError(f"to show this box in VTK takes {human_bytes(needed)} and {human_bytes(free)} are free; "
+                          "choose a box nearer to the volume, or a live view.")
+    start = np.round(grid.point_to_index(volume.grid.origin))
+    values = np.full(grid.shape, volume.dtype.type(volume.background))
+    nz, ny, nx = volume.shape
+    x, y, z = start.astype(int)
+    values[z : z + nz, y : y + ny, x : x + nx] = volume.finite_values
+    return replace(volume, values=values, grid=grid), start
+
+
+def frame_of(volume: Volume) -> ShownVolume:
+    """The frame that maps of displacements lie in: lengths along the axes from the centre of the first voxel."""
+    return ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
+
+
+def white_of(volume: Volume) -> float:
+    """The value that is white in a maximum projection."""
+    discrete = volume.is_labels or volume.dtype == np.bool_
+    return volume.value_range[1] if discrete else levels(volume)[3]
+
+
+class SceneVoxels:
+    """The voxels that VTK draws, written over in place where its shader cannot do what is wanted.
+
+    Parameters
+    ----------
+    volume : what is shown; its voxels are copied once, with a margin of background.
+    output : its box is what can be seen; None for the volume's own.
+
+    Attributes
+    ----------
+    image : what VTK has; lattice : where its voxels are; first : index (i, j, k) of the volume's first voxel there.
+    written : what the voxels are now: their kind, the field that moved them, and the box outside of which is nothing.
+    """
+
+    def __init__(self, volume: Volume, output: Grid | None) -> None:
+        around, start = covering(volume, output)
+        ready = for_vtk(around)
+        self.volume, self.output = volume, output
+        self.lattice, self.first = ready.grid, start + 1
+        self.image: Any = straight_image(ready)
+        self.written: tuple[str, AbstractField | None, Any] = ("plain", None, None)
+        self._values = ready.values
+        self._plain: NDArray[Any] | None = None
+        self._warper: Warper | None = None
+        corners = self.lattice.point_to_index((output or volume.grid).corners())
+        self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
+
+    def box(self, clip: Clip) -> Box:
+        """What is seen of the lattice; without a field of view up to the centres of the background around."""
+        shares, margin = np.asarray(clip), 0.5 if self.output is None else 0.0
+        low, high = self._cut_at(shares)
+        return (np.where(shares[:, 0] > 0, low, self._low - margin),
+                np.where(shares[:, 1] < 1, high, self._high + margin))
+
+    def _cut_at(self, shares: Float3) -> Box:
+        length = self._high - self._low
+        return self._low + shares[:, 0] * length, self._low + shares[:, 1] * length
+
+    def kept(self, clip: Clip) -> Box | None:
+        """The whole indices between which voxels stay when others are emptied; None if all do."""
+        if clip == WHOLE:
+            return None
+        shares, last = np.asarray(clip), np.asarray(self.lattice.shape[::-1]) - 1.0
+        low, high = (np.round(side) for side in self._cut_at(shares))
+        return np.where(shares[:, 0] > 0, low, 0.0), np.where(shares[:, 1] < 1, np.maximum(low, high), last)
+
+    def write(self, kind: str, field: AbstractField | None, kept: Box | None) -> None:
+        """Have other voxels in the memory that VTK has, which it sends to the card with the next picture.
+
+        Parameters
+        ----------
+        kind : "plain" for all there are, "cropped" for those that can be seen, "warped" for what ``field`` brings.
+        kept : outside of these indices is background.
+        """
+        state = (kind, field, None if kept is None else tuple(np.concatenate(kept)))
+        if state[0] == self.written[0] and state[1] is self.written[1] and state[2] == self.written[2]:
+            return
+        if self._plain is None:
+            self._plain = self._values.copy()  # only this way needs the voxels twice
+        if kind == "plain":
+            self._values[...] = self._plain
+        else:
+            self._put_inside(self._plain, field)
+        if kept is not None:
+            self._empty_around(kept)
+        self.image.GetPointData().GetScalars().Modified()
+        self.image.Modified()
+        self.written = state
+
+    def _put_inside(self, plain: NDArray[Any], field: AbstractField | None) -> None:
+        """Only the voxels whose centres can be seen; around them lies background."""
+        low = np.ceil(self._low - 1e-6).astype(int)[::-1]
+        high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
+        inside = tuple(map(slice, low, high))
+        self._values[...] = self.volume.background
+        if field is None:
+            self._values[inside] = plain[inside]
+        else:
+            part = self.volume.grid if self.output is None else self.lattice.crop(tuple(low), tuple(high - low))
+            self._values[inside] = self._warper_for(part, field)(field).values
+
+    def _empty_around(self, kept: Box) -> None:
+        for axis, (low, high) in enumerate(zip(*kept, strict=True)):
+            along = np.moveaxis(self._values, 2 - axis, 0)
+            along[: int(low)] = along[int(high) + 1 :] = self.volume.background
+
+    def _warper_for(self, part: Grid, field: AbstractField) -> Warper:
+        if self._warper is None or self._warper.output != part:
+            self._warper = Warper(self.volume, output=part)
+        if isinstance(field, Extrusion) and field.is_replication:
+            axis = field.axis_of(self.volume.grid)
+            if axis is not None:
+                self._warper.prepare(axis)
+        return self._warper
+
+
+def clipping_planes(lattice: Grid, kept: Box | None) -> list[Any]:
+    """Planes of VTK on the sides of a box of indices: between a voxel and an emptied one lies a skin of neither."""
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+
+    planes: list[Any] = []
+    last = np.asarray(lattice.shape[::-1]) - 1.0
+    for sign, ends, open_at in () if kept is None else ((1.0, kept[0], np.zeros(3)), (-1.0, kept[1], last)):
+        for axis in np.flatnonzero(ends != open_at):
+            plane = vtkPlane()
+            plane.SetOrigin(*lattice.index_to_point(np.where(np.arange(3) == axis, ends - sign * 1e-3, 0.0)))
+            plane.SetNormal(*(sign * np.asarray(lattice.direction)[:, axis]))
+            planes.append(plane)
+    return planes
+
+
+# Mean grey levels of 255 between two pictures of the volume below. Voxels that are warped before they are drawn are
+# interpolated twice, which costs 1.1; a shader that deforms nothing is off by 13, one that forgets the slopes by 8, one
+# that takes two deformations in the wrong order by 4.
+_LIKE = 2.0
+
+
+# Of the volume with cuts: cut faces have the colour of what is inside in one of them, and of what lies between it and
+# nothing in the other, which costs 2.6; a shader that hides nothing is off by 4.8, one without slopes there by 3.7.
+_LIKE_WITH_CUTS = 3.2
+
+
+def is_like(image: Image, other: Image, *, has_cuts: bool = False) -> bool:
+    """Whether two pictures of a volume below, 96 x 96, show the same."""
+    return float(np.abs(image.astype(int) - other.astype(int)).mean()) < (_LIKE_WITH_CUTS if has_cuts else _LIKE)
+
+
+def probe() -> tuple[Volume, AbstractField]:
+    """A bar without symmetry, moved by maps over an oblique plane that change with depth, after a shift in space."""
+    grid = Grid((40, 48, 56), (0.6, 0.5, 0.7), (3.0, -5.0, 2.0))
+    k, j, i = (a / n for a, n in zip(np.indices(grid.shape), grid.shape, strict=True))
+    bar = np.maximum(np.abs(i - 0.5) / 0.3, np.maximum(np.abs(j - 0.45) / 0.16, np.abs(k - 0.55) / 0.2))
+    ball = np.sqrt((i - 0.35) ** 2 + (j - 0.6) ** 2 + (k - 0.35) ** 2) / 0.22
+    volume = Volume((np.clip(4 * (1.2 - np.minimum(bar, ball)), 0, 1) * 200).astype(np.uint8), grid)
+    plane = Plane.through(grid.center, (1.0, 2.0, -0.7))
+    ripple = np.array([[[2.0, 0.0], [-3.0, 2.0], [0.0, 3.0]], [[4.0, -2.0], [0.0, 5.0], [-4.0, 1.0]],
+                       [[0.0, 2.0], [3.0, 0.0], [2.0, -3.0]]])
+    maps = tuple(DisplacementField(a, Raster((3, 3), (12.0, 10.0), (-12.0, -10.0))) for a in (ripple, -ripple[::-1]))
+    bend = Extrusion(plane, plane.depth_range(grid), maps, np.array([0.2, 0.9]), np.eye(2))
+    shift = np.zeros((2, 2, 2, 3))
+    shift[1, ..., 0], shift[:, 1, :, 2] = 3.0, -2.0
+    lattice = Grid((2, 2, 2), grid.lengths, grid.origin)
+    return volume, Composed(DisplacementField(shift, lattice), bend)
+
+
+def cut_probe() -> tuple[Volume, AbstractField]:
+    """The same bar, cut along two lines and pulled apart, more at one end than at the other."""
+    volume, moved = probe()
+    grid = volume.grid
+    plane = Plane.through(grid.center, (0.3, 2.0, -0.5))
+    lines = (Line(((-2.0, -9.0), (3.0, 9.0))), Line(((-9.0, 1.0), (9.0, 3.0))))
+    sides = ((False, False), (False, True), (True, False))
+    pulls = ((4.0, -2.0), (3.0, 3.0), (-3.0, -2.0))
+    box = Raster((2, 2), (1.0, 1.0), (0.0, 0.0))
+    fields = tuple(Extrusion(plane, plane.depth_range(grid), (DisplacementField(np.full((2, 2, 2), pull), box),),
+                             np.array([0.0, 1.0]), np.array([[0.4, 1.0]])) for pull in pulls)
+    assert isinstance(moved, Composed)
+    return volume, Composed(moved.first, Decoupled(fields, sides, lines, plane, "source", 0.6))
+
+
+def warped(volume: Volume, field: AbstractField) -> Volume:
+    """As :func:`deformnb.warping.warper.warp` does it, without the second that it takes to compile."""
+    index = np.moveaxis(np.indices(volume.shape)[::-1], 0, -1)
+    points = volume.grid.index_to_point(index)
+    at = volume.grid.point_to_index(points + field.displacement(points))
+    values = ndimage.map_coordinates(volume.values, np.moveaxis(at, -1, 0)[::-1], order=1, mode="grid-constant")
+    opacity = field.opacity(points)  # of which little is one where the background is zero
+    return replace(volume, values=(values * opacity).astype(values.dtype))
+
+
+PROJECTIONS = ("shaded", "composite", "mip")
+
+
+class VtkScene:
+    """One volume in a window of VTK that nobody sees.
+
+    Parameters
+    ----------
+    volume : what is shown; its voxels are copied once, with a margin.
+    size : (width, height) of the picture in pixels.
+    transfer : a transfer function or the name of a preset.
+    projection : "shaded", "composite" or "mip".
+    background : "dark" or "light".
+    map_size : samples of a map of displacements along its longer side.
+    space_size : samples along the longest side of a displacement that is no extrusion.
+    method : "texture" deforms in the shader, "array" warps the voxels, "auto" tries the first (see
+        :func:`texture_works`).
+
+    Attributes
+    ----------
+    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` says what that means here.
+
+    Raises
+    ------
+    DeformError
+        If VTK cannot draw here, or a name is unknown.
+    """
+
+    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
+                 transfer: TransferFunction | str = "specimen", projection: str = "shaded", background: str = "dark",
+                 map_size: int = 192, space_size: int = 64, method: str = "auto") -> None:
+        works, found, remedy = gl_status()
+        if not works:
+            raise DeformError(f"{found}; {remedy}.")
+        if method not in ("auto", "texture", "array"):
+            raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
+        self.path = ("texture" if texture_works() else "array") if method == "auto" else method
+        self._is_trusted = method == "texture"
+        self.folding = Folding(self._is_trusted)
+        self._map_size, self._space_size = int(map_size), int(space_size)
+        self._plotter = new_plotter()
+        self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
+        self._actor: Any = None
+        self._warp: VolumeWarp | None = None
+        self._maps: CardMaps | None = None
+        self._loaded: CardMaps | None = None  # what the shader has of them
+        self._transfer: TransferFunction | None = None
+        self._camera = checked_camera({})
+        self._clip = WHOLE
+        self.set_size(size)
+        self.set_shows("deformed")
+        self.set_background(background)
+        self._projection = known(projection, PROJECTIONS, "projection")
+        self._wanted_transfer = transfer
+        self.set_volume(volume)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    @property
+    def plotter(self) -> Any:
+        """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
+        self._plotter.render_window.SetSize(*self._size)  # not that of a part, for sizes of letters
+        return self._plotter
+
+    @property
+    def volume(self) -> Volume:
+        """What is shown, before the deformation."""
+        return self._volume
+
+    def set_volume(self, volume: Volume) -> None:
+        """Show another volume, without deformation, from the same side."""
+        self._volume = volume
+        self._field: AbstractField | None = None
+        self.folding.set(None)
+        self._transfer = self._named(self._wanted_transfer)
+        self._load(None)
+
+    def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown.
+
+        Parameters
+        ----------
+        field : a document, a backward field in space, or None for the volume as it is.
+        output : its box is what can be seen; default is the volume's own.
+        """
+        grid = self._volume.grid
+        wanted = field.field(output or grid) if isinstance(field, Deformation) else field
+        if wanted is not None and wanted.dim != 3:
+            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+        if isinstance(wanted, Identity):
+            wanted = None
+        maps = None
+        if wanted is not None and self._warp is not None:
+            maps = card_maps(wanted, frame_of(self._volume), output, self._map_size, self._space_size)
+            maps = maps if self._can(maps) else None  # and it is done in the voxels
+        if output != self._output:
+            self._load(output)
+        self._field, self._maps = wanted, maps
+        self.folding.set(maps, wanted, output or grid)
+
+    def _can(self, maps: CardMaps) -> bool:
+        """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
+        has_cuts = bool((maps.content["planar"] or {}).get("cut"))
+        is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))
+        return not is_early and (self._is_trusted or not has_cuts or cuts_work())
+
+    def set_transfer(self, transfer: TransferFunction | str) -> None:
+        """Show with other colours and opacities: a transfer function, or the name of a preset."""
+        self._wanted_transfer = transfer
+        self._transfer = self._named(transfer)
+        if clipped_for(self._volume, self._transfer).value_range != self._voxels.volume.value_range:
+            self._load(self._output)
+            if self._field is not None:
+                self.set_field(self._field, self._output)
+        self._apply_looks()
+
+    def _named(self, transfer: TransferFunction | str) -> TransferFunction:
+        return preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+
+    def set_projection(self, projection: str) -> None:
+        """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
+        self._projection = known(projection, PROJECTIONS, "projection")
+        self._apply_looks()
+
+    def set_background(self, background: str) -> None:
+        """A "dark" or a "light" one."""
+        self._background = known(background, tuple(BACKGROUNDS), "background")
+        self._plotter.renderer.SetBackground(*BACKGROUNDS[background])
+        self._apply_looks()
+
+    def set_camera(self, camera: dict[str, Any]) -> None:
+        """Look from another side: direction, up, zoom, pan and perspective as in a view's ``camera``."""
+        self._camera = checked_camera(camera)
+
+    def set_clip(self, clip: Clip) -> None:
+        """Which part of the box is seen: shares along its axes as in a view's ``clip``."""
+        self._clip = checked_clip(clip)
+        self._apply_clip()
+
+    def set_shows(self, shows: str) -> None:
+        """What is seen, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
+        self._shows = known(shows, tuple(SHOWS), "kind of picture")
+
+    def set_size(self, size: tuple[int, int]) -> None:
+        """Another (width, height) of the picture in pixels."""
+        if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
+            raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
+        self._size = (int(size[0]), int(size[1]))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture in pixels."""
+        return self._size
+
+    # -- pictures ------------------------------------------------------------------------------------------------------
+
+    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
+               interrupted: Callable[[], bool] | None = None,
+               progress: Callable[[float], None] | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8.
+
+        Parameters
+        ----------
+        scale : share of the size in pixels, for a quick picture.
+        coarseness : samples lie this many times farther apart along a ray.
+        shows : instead of what was set.
+        bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
+        interrupted : asked between two parts; if it says True, the work is dropped and None returned.
+        progress : called after each part with the finished share; what it raises ends the work.
+        """
+        width, height = (max(8, round(n * scale)) for n in self._size)
+        kind = self._shows if shows is None else known(shows, tuple(SHOWS), "kind of picture")
+        if kind != "side_by_side":
+            return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
+        left_half, right_half = (within(progress, first, first + 0.5) for first in (0.0, 0.5))
+        left = self._picture((width // 2, height), False, coarseness, bands, interrupted, left_half)
+        right = left if left is None else self._picture((width - width // 2, height), True, coarseness, bands,
+                                                        interrupted, right_half)
+        if left is None or right is None:
+            return None
+        return np.concatenate([left, right], axis=1)
+
+    def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
+                 interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:
+        self._deform(deformed)
+        seen = self._look(size)
+        # Half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger.
+        self._actor.mapper.SetSampleDistance(max(min(self._volume.grid.spacing) / 2, seen / size[1]) * coarseness)
+        count = 1 if has_overlay(self._plotter, self._renderers) else max(1, min(bands, size[1] // 8))
+        rows = np.linspace(0, size[1], count + 1).astype(int)
+        parts: list[Image] = []
+        for top, bottom in pairwise(rows.tolist()):
+            if parts and interrupted is not None and interrupted():
+                return None
+            parts.append(self._band(size, top, bottom, seen))
+            if progress is not None:
+                progress(len(parts) / count)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
+        """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
+        window, camera = self._plotter.render_window, self._plotter.camera
+        share = (bottom - top) / size[1]
+        camera.SetWindowCenter(0.0, (1 - (top + bottom) / size[1]) / share)
+        camera.SetParallelScale(seen / 2 * share)
+        camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / STANDOFF))))
+        window.SetSize(size[0], bottom - top)
+        if self._warp is not None:
+            self._warp.set_row(size[1] - bottom)
+        window.Render()
+        return pixels(window)
+
+    def _look(self, size: tuple[int, int]) -> float:
+        """Put the camera in its place; the length in space that the picture is high."""
+        wanted, box, camera = self._camera, self._output or self._volume.grid, self._plotter.camera
+        plane = Plane.through(box.center, wanted["direction"], wanted["up"])
+        seen = seen_height(box, wanted["direction"], wanted["up"], size[0] / size[1], wanted["zoom"])
+        right, above = wanted["pan"]
+        focus, n = plane.from_plane([right, -above]), np.asarray(plane.normal)
+        bent = bool(wanted.get("perspective"))
+        camera.SetFocalPoint(*focus)
+        camera.SetPosition(*(focus - n * (seen * STANDOFF if bent else 2 * self._voxels.lattice.diagonal)))
+        camera.SetViewUp(*(-np.asarray(plane.v)))
+        camera.SetParallelProjection(not bent)
+        self._plotter.renderer.ResetCameraClippingRange()
+        return seen
+
+    # -- VTK -----------------------------------------------------------------------------------------------------------
+
+    def _load(self, output: Grid | None) -> None:
+        """Voxels that reach as far as what can be seen, in a new actor."""
+        assert self._transfer is not None
+        self._output, self._voxels = output, SceneVoxels(clipped_for(self._volume, self._transfer), output)
+        self._maps = self._loaded = None
+        self._close_actor()
+        self._actor = self._plotter.add_volume(self._voxels.image, mapper="gpu", shade=True, show_scalar_bar=False,
+                                               cmap="gray", opacity="linear", reset_camera=False, render=False,
+                                               opacity_unit_distance=1.0)
+        self._actor.user_matrix = placement(self._voxels.lattice)
+        self._actor.mapper.SetAutoAdjustSampleDistances(False)
+        if self.path == "texture":
+            self._plotter.render_window.SetSize(8, 8)
+            self._plotter.render_window.Render()  # makes the context that textures live in
+            self._warp = VolumeWarp(self._actor, self._plotter.render_window)
+        self._apply_clip()
+        self._apply_looks()
+
+    def _apply_looks(self) -> None:
+        if self._actor is None or self._transfer is None:
+            return
+        prop, mapper, values = self._actor.prop, self._actor.mapper, self._voxels.volume.value_range
+        if self._projection == "mip":
+            low, white = self._voxels.volume.background, white_of(self._volume)
+            ink = INKS[self._background]
+            ramp = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
+            set_vtk_transfer(prop, ramp, values)
+            mapper.SetBlendModeToMaximumIntensity()
+        else:
+            set_vtk_transfer(prop, self._transfer, values)
+            mapper.SetBlendModeToComposite()
+        prop.SetShade(self._projection == "shaded")
+        if self._warp is not None:
+            self._warp.set_projection(self._projection == "mip", self._projection == "shaded")
+
+    def _apply_clip(self) -> None:
+        if self._warp is not None:
+            is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
+            self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice, is_cut)
+        elif self._actor is not None:
+            self._actor.mapper.RemoveAllClippingPlanes()
+            for plane in clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)):
+                self._actor.mapper.AddClippingPlane(plane)
+
+    def _deform(self, deformed: bool) -> None:
+        wanted = deformed and self._field is not None
+        if self._warp is not None:
+            if self._maps is not self._loaded:
+                self._warp.set_maps(self._maps, self._voxels.lattice, self._voxels.first)
+                self._loaded = self._maps
+            self._warp.set_strength(1.0 if wanted else 0.0)
+            self._warp.set_folds(self.folding.is_red)
+        # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
+        kept = None if self._warp is not None else self._voxels.kept(self._clip)
+        if wanted and (self._warp is None or self._maps is None):
+            self._voxels.write("warped", self._field, kept)
+        else:
+            is_whole = self._warp is not None or (self._output is None and kept is None)
+            self._voxels.write("plain" if is_whole else "cropped", None, kept)
+
+    def _close_actor(self) -> None:
+        if self._warp is not None:
+            self._warp.close()
+            self._warp = None
+        if self._actor is not None:
+            self._plotter.remove_actor(self._actor, render=False)
+            self._actor = None
+
+    def close(self) -> None:
+        """Give back the window and all that is on the card; a second time does nothing."""
+        if self._plotter is not None:
+            self._close_actor()
+            self._plotter.close()
+            self._plotter = None
+
+
+@cache
+def texture_works() -> bool:
+    """Whether VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
+
+    To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
+    """
+    return _is_right(*probe())
+
+
+@cache
+def cuts_work() -> bool:
+    """The same of displacements with cuts, whose text is another one."""
+    return texture_works() and _is_right(*cut_probe())
+
+
+def _is_right(volume: Volume, field: AbstractField) -> bool:
+    from vtkmodules.vtkCommonCore import vtkObject
+
+    says = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        got, wanted = _still_of(volume, field, "texture"), _still_of(warped(volume, field), None, "array")
+    except DeformError:
+        return False
+    finally:
+        vtkObject.SetGlobalWarningDisplay(says)
+    return is_like(got, wanted, has_cuts=field.has_cuts)
+
+
+def _still_of(volume: Volume, field: AbstractField | None, method: str) -> Image:
+    scene = VtkScene(volume, (96, 96), transfer="surface", method=method)
+    try:
+        scene.set_field(field)
+        image = scene.render()
+        assert image is not None
+        return image
+    finally:
+        scene.close()

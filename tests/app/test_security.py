@@ -1,0 +1,582 @@
+"""The application's doors: who is let in, and what a page may say."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import aiohttp
+import pytest
+from running_app import PATIENCE, RunningApp, connected, framed, status_of
+
+from deformnb.app.desk import Desk
+from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, Doorkeeper, checked_host, own_names
+from deformnb.app.server import AppServer
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.session.session import Session
+
+
+@pytest.fixture(scope="module")
+def app() -> Iterator[RunningApp]:
+    with RunningApp(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y")) as running:
+        yield running
+
+
+def _refused(app: RunningApp, **how: Any) -> int:
+    """Status with which a socket is refused; 0 if it is not."""
+    async def attempt() -> int:
+        try:
+            async with connected(app, secret=None, **how):
+                return 0
+        except aiohttp.WSServerHandshakeError as error:
+            return error.status
+
+    return asyncio.run(attempt())
+
+
+# -- who is let in -----------------------------------------------------------------------------------------------------
+
+
+def test_it_listens_at_this_machine_only(app: RunningApp) -> None:
+    assert [site.name for site in app.server._trame._server.runner.sites] == [f"http://127.0.0.1:{app.server.port}"]
+
+
+def test_two_starts_have_different_passwords(app: RunningApp) -> None:
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as other:
+        assert len(app.server.token) >= 40
+        assert other.server.token != app.server.token
+        assert other.server.port != app.server.port
+
+
+@pytest.mark.parametrize("secret", ["wslink-secret", "", "x" * 43, None, 7, {"secret": "wslink-secret"}, ["a"]])
+def test_other_passwords_are_refused(app: RunningApp, secret: Any) -> None:
+    async def attempt() -> Any:
+        async with connected(app, secret=None) as page:
+            entered = await page.login(secret)
+            return entered, await page.call("trame.state.get")
+
+    entered, answer = asyncio.run(attempt())
+    assert not entered
+    assert answer["message"].startswith("Unauthorized")
+
+
+def test_without_a_password_nothing_is_told(app: RunningApp) -> None:
+    async def attempt() -> list[Any]:
+        async with connected(app, secret=None) as page:
+            return [await page.call(*call) for call in (
+                ("trame.state.get",), ("deformnb.open", "editor"), ("trame.trigger", "save", [], {}),
+                ("trame.state.update", [{"key": "strength", "value": 2.0}]))]
+
+    before = app.desk.session.deformation
+    assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 4
+    app.settled()
+    assert app.desk.session.deformation is before
+
+
+def test_the_password_of_this_start_opens(app: RunningApp) -> None:
+    async def attempt() -> Any:
+        async with connected(app) as page:
+            return await page.call("trame.state.get")
+
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", None, "https://127.0.0.1:{port}",
+                                    "http://127.0.0.1:1", "http://127.0.0.1:{port}.evil.example"])
+def test_sockets_of_foreign_pages_are_refused(app: RunningApp, origin: str | None) -> None:
+    assert _refused(app, origin=origin and origin.format(port=app.server.port)) == 403
+
+
+def test_sockets_under_a_foreign_name_are_refused(app: RunningApp) -> None:
+    assert _refused(app, host="evil.example") == 403
+    # As if a name had been turned into our address: the page's origin then fits its host.
+    name = f"evil.example:{app.server.port}"
+    assert _refused(app, host=name, origin=f"http://{name}") == 403
+    assert _refused(app) == 0
+
+
+def test_a_page_at_localhost_is_our_own(app: RunningApp) -> None:
+    name = f"localhost:{app.server.port}"
+    assert _refused(app, host=name, origin=f"http://{name}") == 0
+    assert _refused(app, host=name) == 403  # a page of 127.0.0.1 has no business at localhost
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/deformnb/app.js", "/vue.global.js", "/nothing"])
+def test_requests_under_a_foreign_name_or_origin_are_refused(app: RunningApp, path: str) -> None:
+    with status_of(app, path, Host="evil.example") as (status, _, text):
+        assert (status, "deformnb" in text) == (403, False)
+    with status_of(app, path, Origin="http://evil.example") as (status, _, _):
+        assert status == 403
+    with status_of(app, path) as (status, _, _):
+        assert status == (404 if path == "/nothing" else 200)
+
+
+def test_pages_may_not_be_framed_or_load_from_elsewhere(app: RunningApp) -> None:
+    for path in ("/", "/vue.global.js"):
+        with status_of(app, path) as (_, headers, _):
+            policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
+            assert policy["frame-ancestors"] == "'none'"
+            assert policy["connect-src"] == f"'self' ws://{app.name}"
+            assert policy["default-src"] == "'self'"
+            assert headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_only_a_classroom_of_pages_is_let_in(app: RunningApp) -> None:
+    async def attempt() -> tuple[int, int]:
+        entered = []
+        try:
+            for _ in range(MOST_PAGES):
+                entered.append(connected(app, secret=None))
+                await entered[-1].__aenter__()
+            with pytest.raises(aiohttp.WSServerHandshakeError) as error:
+                await connected(app, secret=None).__aenter__()
+            return len(entered), error.value.status
+        finally:
+            for page in entered:
+                await page.__aexit__(None, None, None)
+
+    assert asyncio.run(attempt()) == (MOST_PAGES, 503)
+
+
+_HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "Upgrade",
+              "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+
+
+def _request(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
+    said = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
+    return "\r\n".join([f"{method} {path} HTTP/1.1", *said, "", ""]).encode()
+
+
+def _without(*names: str, **others: str) -> dict[str, str]:
+    return {name: value for name, value in {**_HANDSHAKE, **others}.items() if name not in names}
+
+
+def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
+    """A connection on which these bytes were sent."""
+    made = socket.socket()
+    if receive_buffer is not None:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    made.settimeout(PATIENCE)
+    host, port = name.split(":")
+    made.connect((host, int(port)))
+    made.sendall(request)
+    return made
+
+
+@pytest.mark.parametrize(("method", "headers", "status"), [
+    ("GET", {}, 403),  # an <img> of any page
+    ("GET", {"Origin": "http://evil.example"}, 403),
+    ("GET", {"Origin": "http://evil.example", **_without("Origin")}, 403),
+    ("GET", {"Origin": "http://{name}"}, 400),
+    ("GET", _without("Upgrade"), 400),
+    ("GET", _without(Upgrade="h2c"), 400),
+    ("GET", _without("Connection"), 400),
+    ("GET", _without(Connection="close"), 400),
+    ("GET", _without("Sec-WebSocket-Version"), 400),
+    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
+    ("GET", _without("Sec-WebSocket-Key"), 400),
+    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
+    ("HEAD", _HANDSHAKE, 405),
+    ("POST", _HANDSHAKE, 405),
+])
+def test_what_is_no_websocket_takes_no_place(app: RunningApp, method: str, headers: dict[str, str], status: int
+                                             ) -> None:
+    for _ in range(MOST_PAGES + 1):
+        with _sent(app.name, _request(app.name, method=method, **headers)) as visitor:
+            assert visitor.recv(65536).split()[1] == str(status).encode()
+    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(app)
+
+
+def test_a_handshake_that_fails_takes_no_place(app: RunningApp, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def gone(*_: Any) -> None:
+        raise ConnectionResetError("the page has gone meanwhile")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
+        assert _refused(app) == 500
+    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(app)
+
+
+def test_many_refused_requests_become_few_lines(app: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(32):
+        with status_of(app, "/ws") as (status, _, _):
+            assert status == 403
+    assert len([record for record in caplog.records if "a request was refused" in record.message]) <= 6
+
+
+def test_hosts_are_this_machine_or_named_in_full() -> None:
+    assert checked_host("localhost") == "127.0.0.1"
+    assert checked_host("::1") == "::1"
+    assert checked_host("192.168.1.20") == "192.168.1.20"
+    for host in ("0.0.0.0", "::", "224.0.0.1", "example.org", ""):
+        with pytest.raises(DeformError, match=r"address"):
+            checked_host(host)
+    assert own_names("127.0.0.1", 80) == {"127.0.0.1:80", "localhost:80"}
+    assert own_names("::1", 80) == {"[::1]:80", "localhost:80"}
+    assert own_names("192.168.1.20", 80) == {"192.168.1.20:80"}
+
+
+def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TRAME_DEFAULT_HOST", "0.0.0.0")
+    monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
+    monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as app:
+        assert [site.name for site in app.server._trame._server.runner.sites] == [f"http://{app.name}"]
+        test_other_passwords_are_refused(app, "known")
+    assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
+
+
+# -- what a page may say -----------------------------------------------------------------------------------------------
+
+_FORBIDDEN = (
+    ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),
+    ("trame.rca.push", "volume", {}, b"x"), ("trame.rca.drop", "volume", 1), ("trame.rca.reset", "volume"),
+    ("viewport.image.render", {}), ("deformnb.close", "editor"),
+)
+
+
+@pytest.mark.parametrize("call", _FORBIDDEN, ids=lambda call: call[0])
+def test_other_procedures_are_unknown(app: RunningApp, call: tuple[Any, ...]) -> None:
+    async def attempt() -> Any:
+        async with connected(app) as page:
+            return await page.call(*call), await page.call("trame.state.get")
+
+    answer, after = asyncio.run(attempt())
+    assert answer["message"] == "Unregistered method called"
+    assert after["state"]["kernel"] == "wendland_c2"
+
+
+_BAD = (
+    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]),
+    ("trame.state.update", [{"key": "trame__scripts", "value": ["http://evil.example/x.js"]}]),
+    ("trame.state.update", [{"key": "error", "value": "x"}]),
+    ("trame.state.update", [{"key": "kernel", "value": "__class__"}]),
+    ("trame.state.update", [{"key": "kernel", "value": ["gaussian"]}]),
+    ("trame.state.update", [{"key": "strength", "value": float("nan")}]),
+    ("trame.state.update", [{"key": "strength", "value": 1e9}]),
+    ("trame.state.update", [{"key": "strength", "value": True}]),
+    ("trame.state.update", [{"key": ["strength"], "value": 1}]),
+    ("trame.state.update", [{"key": "view", "value": "../../etc"}]),
+    ("trame.state.update", [{"key": "extrusion", "value": {"curve": []}}]),
+    ("trame.state.update", [{"key": "trend", "value": "z" * 201}]),
+    ("trame.state.update", [{"value": 1}]),
+    ("trame.state.update", "kernel"),
+    ("trame.state.update", [{"key": "strength", "value": 2.0}] * 500),
+    ("trame.trigger", "close", [], {}),
+    ("trame.trigger", "__init__", [], {}),
+    ("trame.trigger", "save", ["/tmp/file"], {}),
+    ("trame.trigger", "save", [], {"path": "/tmp/file"}),
+    ("trame.trigger", ["undo"], [], {}),
+    ("trame.lifecycle.update", "server_exited"),
+    ("deformnb.open", "../../etc/passwd"),
+    ("deformnb.open", "__dict__"),
+    ("deformnb.message", "editor", "text"),
+    ("deformnb.message", "nobody", {}),
+    ("deformnb.message", "editor", {"type": "edit", "seq": 1, "phase": "end", "points": [{"id": "x"}]}),
+    ("deformnb.message", "live", {"type": "chunk", "view": "v", "id": "other", "index": -1}),
+    ("deformnb.state", "editor", "page", {"kernel": "gaussian", "image": b"x", "comm": 1, "layout": {}}),
+    ("deformnb.state", "live", "page", {"projection": "none", "volume_info": {"id": 1}}),
+    ("deformnb.state", "editor", "p" * 1000, {}),
+    ("trame.rca.size", "volume", "page", {"w": 1e12, "h": 5, "p": 1}),
+    ("trame.rca.size", "other", "page", {"w": 100, "h": 100, "p": 1}),
+    ("trame.rca.event", "volume", "page", {"type": "MouseMove", "x": "a"}),
+    ("trame.rca.event", "volume", "page", ["MouseMove"]),
+)
+
+
+@pytest.mark.parametrize("call", _BAD, ids=lambda call: f"{call[0]}-{str(call[1:])[:40]}")
+def test_wrong_messages_change_nothing(app: RunningApp, call: tuple[Any, ...],
+                                       caplog: pytest.LogCaptureFixture) -> None:
+    async def attempt() -> Any:
+        async with connected(app) as page:
+            await page.call(*call)
+            app.settled()
+            return (await page.call("trame.state.get"))["state"]
+
+    session = app.desk.session
+    before = (session.deformation, session.view, session.method, session.transfer)
+    looks = (app.desk.live.projection, dict(app.desk.live.volume_info), app.desk.editor.image, app.desk.editor.kernel)
+    state = asyncio.run(attempt())
+    assert (session.deformation, session.view, session.method, session.transfer) == before
+    assert looks == (app.desk.live.projection, dict(app.desk.live.volume_info), app.desk.editor.image,
+                     app.desk.editor.kernel)
+    assert (state["kernel"], state["strength"], state["error"]) == ("wendland_c2", 1.0, "")
+    assert "<script>" not in state["trame__template_main"]
+    assert "passwd" not in caplog.text
+
+
+@pytest.mark.parametrize("data", [
+    b"", b"\x00" * 12, b"\xff" * 40, framed(b"\xc1"), framed(b"\x91" * 60000), framed({"id": 1, "method": "x"}),
+    framed([1, 2]), framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
+    framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
+    b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
+    b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
+    framed({"id": "x" * 300, "method": "trame.state.get"}),
+    *(framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k] + (7).to_bytes(4, "little")
+      + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4:] for k in (4, 8)),  # a later piece, another size
+], ids=range(14))
+@pytest.mark.parametrize("is_known", [True, False])
+def test_malformed_messages_are_dropped_and_the_page_goes_on(app: RunningApp, data: bytes, is_known: bool) -> None:
+    async def attempt() -> Any:
+        async with connected(app, secret="" if is_known else None) as page:
+            await page.socket.send_bytes(data)
+            if not is_known:
+                assert await page.login(app.server.token)
+            return await page.call("trame.state.get")
+
+    before = app.server.dropped
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+    assert app.server.dropped > before
+
+
+def test_text_is_no_message(app: RunningApp) -> None:
+    async def attempt() -> Any:
+        async with connected(app) as page:
+            await page.socket.send_str('{"method": "trame.state.get"}')
+            return await page.call("trame.state.get")
+
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+
+
+def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(app: RunningApp) -> None:
+    async def attempt(method: str, size: int) -> tuple[int, Any]:
+        before = app.server.dropped
+        async with connected(app) as page:
+            try:  # the server may close the line while the message is still on its way
+                await page.send(method, "editor", {"type": "edit", "text": "x" * size})
+                known = "state" in await page.call("trame.state.get")
+            except (ConnectionError, aiohttp.ClientError):
+                known = False
+            return app.server.dropped - before, known
+
+    assert asyncio.run(attempt("deformnb.message", LONGEST_OTHER + 1000)) == (0, True)
+    assert asyncio.run(attempt("deformnb.message", LONGEST_MESSAGE + 1000)) == (1, True)
+    assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
+    assert asyncio.run(attempt("deformnb.message", 3_000_000))[1] is False  # closed before it was read whole
+    test_the_password_of_this_start_opens(app)
+
+
+def test_strangers_have_room_for_a_password_only(app: RunningApp) -> None:
+    async def attempt() -> tuple[int, bool]:
+        before = app.server.dropped
+        async with connected(app, secret=None) as page:
+            await page.send("wslink.hello", {"secret": app.server.token + "x" * 1000}, system=True)
+            entered = await page.login(app.server.token)  # which is answered after the other was read
+            return app.server.dropped - before, entered
+
+    assert asyncio.run(attempt()) == (1, True)
+
+
+def test_a_flood_is_dropped_and_others_are_served(app: RunningApp) -> None:
+    async def attempt() -> tuple[int, Any]:
+        async with connected(app) as noisy, connected(app) as calm:
+            before = app.server.dropped
+            for value in range(5000):
+                await noisy.send("trame.state.update", [{"key": "strength", "value": value % 3}])
+            answer = await calm.call("trame.state.get")
+            return app.server.dropped - before, answer
+
+    dropped, answer = asyncio.run(attempt())
+    assert dropped > 1000
+    assert answer["state"]["kernel"] == "wendland_c2"
+    app.settled()
+    app.desk.thread.call(app.desk.session.reset).result(PATIENCE)
+    app.desk.thread.call(lambda: app.desk.set("strength", 1.0)).result(PATIENCE)
+
+
+def test_logs_hold_no_password(app: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+    async def attempt() -> None:
+        async with connected(app) as page:
+            await page.call("trame.state.get")
+            await page.login("wslink-secret-wrong")
+
+    with caplog.at_level(logging.DEBUG):
+        with status_of(app, f"/index.html?secret={app.server.token}") as (status, _, text):
+            assert (status, app.server.token in text) == (200, False)
+        asyncio.run(attempt())
+    assert app.server.token not in caplog.text
+
+
+# -- its end -----------------------------------------------------------------------------------------------------------
+
+
+def _is_open(port: int) -> bool:
+    with socket.socket() as s:
+        return s.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
+    async def stay(seconds: float) -> None:
+        async with connected(app):
+            app.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
+            await asyncio.sleep(seconds)
+
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as app:
+        asyncio.run(stay(2.5))
+        assert app.server.reason == ""  # a page was there
+        app.ended()
+        assert "no page was connected" in app.server.reason
+        assert not _is_open(app.server.port)
+
+
+def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
+    session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
+    with RunningApp(session) as app:
+        assert app.server.idle == 4 * 60 * 60
+    with RunningApp(session, idle=0) as app:
+        time.sleep(1.5)  # it looks every second
+        assert app.server.reason == ""
+
+
+def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.app.guard.time", SimpleNamespace(monotonic=lambda: now))
+    door, now = Doorkeeper("secret"), 100.0
+    door.onConnect(None, "early")
+    now = 104.0
+    door.onConnect(None, "late")
+    assert door.strangers(set()) == []
+    now = 111.0
+    assert door.strangers(set()) == ["early"]
+    assert door.strangers({"early"}) == []
+    door.onClose("early")
+    now = 120.0
+    assert door.strangers(set()) == ["late"]
+
+
+def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.app.guard.LOGIN_SECONDS", 0.2)
+
+    async def loiter() -> int | None:
+        async with connected(app, secret=None) as page:
+            await asyncio.wait_for(page.socket.receive(), PATIENCE)
+            return page.socket.close_code
+
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as app:
+        assert asyncio.run(loiter()) == 1000  # shut by the server
+        app.ended()
+        assert "no page was connected" in app.server.reason
+
+
+def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+    assert url.startswith("http://127.0.0.1:"), url
+    return process, url
+
+
+def _volume(folder: Path) -> str:
+    from deformnb.io import write_volume
+
+    path = folder / "bar.nii.gz"
+    write_volume(PHANTOMS["bar"].make((8, 8, 8)), path)
+    return str(path)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
+def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"]
+    process, url = _started(command, tmp_path)
+    port = int(url.split(":")[2].split("/")[0])
+    assert _is_open(port)
+    process.send_signal(getattr(signal, name))
+    rest, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, rest) == (0, "")  # the address is printed once
+    assert not _is_open(port)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
+    process, url = _started([sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"], tmp_path)
+    name = url.split("/")[2]
+    visitors = [_sent(name, _request(name)) for _ in range(MOST_PAGES + 1)]  # no WebSockets
+    visitors += [_sent(name, _request(name, **_HANDSHAKE)) for _ in range(MOST_PAGES)]  # who answer no farewell
+    # Who takes no more of a long answer than fits into the buffers between.
+    visitors += [_sent(name, _request(name, "/vue.global.js") * 30, receive_buffer=4096)]
+    try:
+        for visitor in visitors:
+            assert visitor.recv(16)  # the server has begun to answer
+        visitors += [_sent(name, _request(name)[:-2])]  # half a request
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=8.0)  # wslink waits 10 s for each page, aiohttp 60 s for each answer
+        assert process.returncode == 0
+        assert not _is_open(int(name.split(":")[1]))
+    finally:
+        process.kill()
+        process.wait(PATIENCE)
+        for visitor in visitors:
+            visitor.close()
+
+
+def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
+    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = AppServer(desk)
+    server.stop("asked early")
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    desk.close()
+    assert (server.reason, server.url) == ("asked early", "")
+
+
+def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    configured = AppServer._configure
+
+    def stop_first(server: AppServer, root: Any) -> None:
+        server.stop("asked early")  # before its bridge has a loop
+        configured(server, root)
+
+    monkeypatch.setattr(AppServer, "_configure", stop_first)
+    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = AppServer(desk)
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    desk.close()
+    assert server.reason == "asked early"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser --idle 0"
+    inner = f"trap '' HUP; {command} & echo $!; wait"
+    shell = subprocess.Popen(["/bin/sh", "-c", inner], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert shell.stdout is not None
+    process = int(shell.stdout.readline())
+    try:
+        port = int(shell.stdout.readline().split(":")[2].split("/")[0])
+        os.kill(process, signal.SIGHUP)
+        shell.kill()
+        shell.wait(PATIENCE)
+        time.sleep(3.0)  # it looks every second
+        assert _is_open(port)
+    finally:
+        os.kill(process, signal.SIGTERM)
+    shell.communicate(timeout=PATIENCE)  # until it has closed its end
+    assert not _is_open(port)
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(os.name != "posix", reason="processes of another kind")
+def test_the_command_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
+    # The shell starts it and is killed without a chance to pass anything on.
+    inner = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser & wait"
+    shell, url = _started(["/bin/sh", "-c", inner], tmp_path)
+    port = int(url.split(":")[2].split("/")[0])
+    shell.kill()
+    shell.communicate(timeout=PATIENCE)  # until the server has closed its end too
+    until = time.monotonic() + PATIENCE
+    while _is_open(port) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not _is_open(port)

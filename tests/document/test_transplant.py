@@ -1,0 +1,134 @@
+"""A document on another volume: by the box, what lay at a share of the old box lies at that share of the new one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
+from deformnb.document.json_format import from_json, to_json
+from deformnb.document.transplant import PLACES, placed
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
+from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.volume import Grid, Volume
+
+OLD = Grid((12, 10, 8), (1.0, 1.5, 2.0), (5.0, -3.0, 7.0))
+TURNED: Any = tuple(map(tuple, Rotation.from_euler("xyz", [20, -30, 10], degrees=True).as_matrix()))
+NEW = Grid((18, 11, 8), (2.0, 1.0, 1.0), (-40.0, 3.0, 0.0), TURNED)
+LARGER = Grid(OLD.shape, tuple(2.5 * s for s in OLD.spacing), (1.0, 2.0, 3.0), TURNED)
+POINTS = ControlPoints.from_arrays([[1, 1], [9, 2], [4, 8]], [[1, 2], [10, 2], [4, 6]], radius=[None, 4, None])
+
+
+def made_on(grid: Grid, *steps: Step, **options: Any) -> Deformation:
+    return Deformation(steps, volume=VolumeReference("v", grid.shape, grid.spacing, "0" * 64, grid.origin,
+                                                     grid.direction), **options)
+
+
+def share(grid: Grid, points: Any) -> np.ndarray:
+    """Where points lie in the box of a grid, 0 to 1 along each of its own axes."""
+    return (grid.point_to_index(points) + 0.5) / np.array(grid.shape[::-1])
+
+
+def in_space(step: Step, places: Any) -> np.ndarray:
+    assert step.plane is not None
+    return step.plane.from_plane(places)
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_points_keep_their_share_of_the_box(view: str) -> None:
+    step = Step((POINTS,), Plane.along(OLD, view))
+    moved = placed(made_on(OLD, step), NEW, "by the box").steps[0]
+    for name in ("source", "target"):
+        before, after = (in_space(s, getattr(s.points, name)) for s in (step, moved))
+        np.testing.assert_allclose(share(NEW, after), share(OLD, before), atol=1e-9)
+    # The side of the one is the side of the other.
+    np.testing.assert_allclose(np.abs(np.asarray(NEW.direction).T @ moved.plane.frame.T),
+                               np.abs(np.asarray(OLD.direction).T @ step.plane.frame.T), atol=1e-9)
+
+
+def test_points_in_space_keep_their_share_too() -> None:
+    points = ControlPoints.from_arrays([[5, -3, 7], [12, 4, 9]], [[6, -3, 7], [12, 5, 9]])
+    moved = placed(made_on(OLD, Step((points,))), NEW, "by the box").steps[0].points
+    np.testing.assert_allclose(share(NEW, moved.target), share(OLD, points.target), atol=1e-9)
+
+
+@pytest.mark.nightly
+def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
+    """A volume twice and a half as large, turned and laid elsewhere, deforms to the same voxels."""
+    values = np.random.default_rng(0).integers(0, 255, OLD.shape, dtype=np.uint8)
+    shapes = (Cut(Line(((5.0, -9.0), (5.5, 40.0)))), Cut(Polygon(((1, 1), (3, 1), (2, 4))), enabled=False))
+    parts = (RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), name="ground"),
+             RigidPart(Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (0.5, 0.5), (8.0, 3.0))),
+                       RigidMotion.turn(20, (8, 3)), reach=2.0))
+    document = made_on(
+        OLD, Step((POINTS,), Plane.along(OLD, "+y"), support=9.0, cuts=shapes[:1]),
+        Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "-z"), parts=parts, trend="similarity",
+             cuts=shapes[1:]),
+        keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.along(OLD, "+y")),)),))
+    moved = placed(document, LARGER, "by the box")
+    one, other = (d.apply(Volume(values, grid)).values for d, grid in ((document, OLD), (moved, LARGER)))
+    assert (one != values).mean() > 0.2
+    assert np.abs(one.astype(int) - other.astype(int)).max() <= 1  # rounding to whole grey levels
+    np.testing.assert_allclose(moved.keyframes[0].steps[0].points.source, 2.5 * POINTS.source, atol=1e-9)
+
+
+def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
+    moved = placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "by the box")
+    with pytest.raises(DeformError, match="does not tell where the volume lay"):
+        placed(moved, LARGER, "by the box")
+
+
+def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
+    document = made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y")))
+    assert placed(document, OLD, "by the box") is document
+    assert placed(document, NEW) is document
+    assert next(iter(PLACES)) == "as it is"
+
+
+@pytest.mark.parametrize(("step", "message"), [
+    (Step((POINTS,), Plane.through((5, 0, 7), (1, 1, 0.3))), "oblique picture would be sheared"),
+    (Step((POINTS,), Plane.along(OLD, "+y"), parts=(RigidPart(HalfSpace((0, 50), (0, -1)), RigidMotion.turn(9, (0, 0)),
+                                                              name="thigh"),)), r'"thigh" turns'),
+])
+def test_what_unequal_scales_would_bend_is_refused(step: Step, message: str) -> None:
+    with pytest.raises(DeformError, match=message):
+        placed(made_on(OLD, step), NEW, "by the box")
+
+
+def test_a_mirrored_box_is_refused() -> None:
+    mirrored = replace(NEW, direction=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    with pytest.raises(DeformError, match="mirror image"):
+        placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), mirrored, "by the box")
+
+
+def test_a_document_that_does_not_know_its_box_is_refused_with_what_to_do() -> None:
+    document = Deformation.on_picture(OLD, "+y", POINTS)
+    with pytest.raises(DeformError, match="save it again"):
+        placed(document, NEW, "by the box")
+    with pytest.raises(DeformError, match="choose one of as it is, by the box"):
+        placed(document, NEW, "somewhere")
+
+
+def test_the_box_is_kept_in_documents() -> None:
+    volume = Volume(np.zeros(OLD.shape, np.uint8), NEW if NEW.shape == OLD.shape else OLD)
+    document = Deformation(volume=VolumeReference.of(volume))
+    again = from_json(to_json(document))
+    assert again == document
+    assert again.volume is not None
+    assert again.volume.grid == volume.grid
+
+
+def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
+    small, large = Grid((8, 8, 8)), Grid((8, 16, 16), (2.0, 1.0, 0.5), (10.0, 0.0, 0.0))
+    step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.along(small, "+z"))
+    document = replace(made_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
+    assert placed(document, large, "by the box").output == large.crop((0, -2, 0), (8, 18, 24))
+    assert placed(document, large).output == document.output

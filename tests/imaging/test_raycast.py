@@ -1,0 +1,138 @@
+"""What a viewer sees: parts cut away on the right side and lit, and things larger that are nearer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deformnb.imaging.picture import project
+from deformnb.imaging.raycast import Eye
+from deformnb.volume.clip import Part, checked_clip
+from deformnb.volume.plane import VIEWS, Picture, Plane
+from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.volume import Grid, Volume
+
+TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+GRID = Grid((12, 16, 20), (1.5, 1.0, 1.0), (5.0, -7.0, 30.0), TURNED)
+SOLID = TransferFunction(((0, 1, 1, 1),), ((0, 0), (50, 0), (51, 0.9), (255, 0.9)))
+
+
+def shape() -> Volume:
+    """Noise that is nowhere background but in one voxel."""
+    values = np.random.default_rng(1).integers(60, 255, GRID.shape).astype(np.uint8)
+    values[0, 0, 0] = 50
+    return Volume(values, GRID)
+
+
+def part_of(axis: int, pair: tuple[float, float]) -> Part:
+    clip = [[0.0, 1.0] for _ in range(3)]
+    clip[axis] = list(pair)
+    part = Part.of(GRID, checked_clip(clip))
+    assert part is not None
+    return part
+
+
+@pytest.mark.parametrize("side", [(0, (0.25, 1.0)), (0, (0.0, 0.75)), (1, (0.25, 1.0)), (1, (0.0, 0.75)),
+                                  (2, (0.25, 1.0)), (2, (0.0, 0.75))])
+def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, tuple[float, float]]) -> None:
+    part = part_of(*side)
+    for plane in (Plane.along(GRID, "+y"), Plane.along(GRID, "-x"), Plane.along(GRID, "+z")):
+        # Labels are not interpolated: between a voxel and an emptied one lies nothing.
+        labels = replace(shape(), is_labels=True)
+        cut = project(labels, plane, "mip", spacing=0.5, part=part).values
+        assert (cut == project(part.emptied(labels), plane, "mip", spacing=0.5).values).all()
+        assert (cut != project(labels, plane, "mip", spacing=0.5).values).any()
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("pair", [(0.5, 1.0), (0.0, 0.5)])
+def test_light_falls_on_what_is_left_and_nothing_else(view: str, axis: int, pair: tuple[float, float]) -> None:
+    plane, part = Plane.along(GRID, view), part_of(axis, pair)
+    cut = project(shape(), plane, "composite", transfer=SOLID, spacing=0.5, part=part)
+    alpha = cut.values[..., 3]
+    # Every pixel's own ray: it is opaque where some voxel under it is left.
+    places = plane.from_plane(cut.raster.points().reshape(-1, 2))
+    at = GRID.point_to_index(places).reshape(*alpha.shape, 3)
+    along = [k for k in range(3) if abs(np.asarray(GRID.direction)[:, k] @ plane.normal) < 0.5]
+    n = np.asarray(GRID.shape[::-1])
+    wanted = np.ones(alpha.shape, bool)
+    for k in along:
+        low, high = (part.low[k], part.high[k]) if k == axis else (-np.inf, np.inf)
+        wanted &= (at[..., k] >= max(low, -0.5)) & (at[..., k] < min(high, n[k] - 0.5))
+    assert ((alpha > 0.5) == wanted).all()
+
+
+def test_a_face_that_was_cut_is_lit_evenly_whatever_lies_behind_it() -> None:
+    rng = np.random.default_rng(0)
+    noisy = Volume(rng.integers(100, 200, GRID.shape).astype(np.uint8), GRID)
+    noisy.values[0, 0, 0] = 0
+    plane = Plane.through(GRID.center, (0.5, 1.0, -0.4))
+    axis = int(np.argmax(np.abs(np.asarray(GRID.direction).T @ plane.normal)))
+    ahead = float((np.asarray(GRID.direction).T @ plane.normal)[axis])
+    part = part_of(axis, (0.5, 1.0) if ahead > 0 else (0.0, 0.5))
+    cut = project(noisy, plane, "shaded", transfer=SOLID, spacing=0.5, part=part)
+    emptied = project(part.emptied(noisy), plane, "shaded", transfer=SOLID, spacing=0.5)
+    face = _inner(cut, part, axis, plane)
+    assert face.sum() > 50
+    assert cut.values[face][:, 0].std() < 0.25 * emptied.values[face][:, 0].std()
+    light = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
+    n = plane.frame @ np.asarray(GRID.direction)[:, axis]
+    half = light + np.array([0.0, 0.0, -1.0])
+    half /= np.linalg.norm(half)
+    wanted = 0.35 + 0.75 * abs(n @ light) + 0.35 * abs(n @ half) ** 24
+    assert np.median(cut.values[face][:, 0] / cut.values[face][:, 3]) == pytest.approx(wanted, rel=0.04)
+
+
+def _inner(picture: Picture, part: Part, axis: int, plane: Plane) -> np.ndarray:
+    """Pixels whose rays enter through the middle of the face."""
+    side = part.low[axis] if np.isfinite(part.low[axis]) else part.high[axis]
+    start = GRID.point_to_index(plane.from_plane(picture.raster.points().reshape(-1, 2)))
+    way = GRID.point_to_index(plane.from_plane([0.0, 0.0, 1.0])) - GRID.point_to_index(plane.origin)
+    entry = start + ((side - start[:, axis]) / way[axis])[:, None] * way
+    n = np.asarray(GRID.shape[::-1])
+    others = [k for k in range(3) if k != axis]
+    inside = np.all([(entry[:, k] > 2) & (entry[:, k] < n[k] - 3) for k in others], axis=0)
+    return np.asarray(inside.reshape(picture.values.shape[:2]))
+
+
+@pytest.mark.parametrize("method", ["mip", "composite", "shaded"])
+def test_what_is_nearer_looks_larger(method: str) -> None:
+    grid = Grid((41, 41, 41))
+    values = np.zeros(grid.shape, np.uint8)
+    for depth in (4, 36):  # seen along +y, a rod before and one behind the middle
+        values[10, depth, 28] = values[10, depth, 29] = 200
+    plane = Plane.through(grid.center, (0, 1, 0))
+    eye = Eye(60.0, 41.0, 41.0)
+    seen = project(Volume(values, grid), plane, method, transfer=SOLID, spacing=0.5, eye=eye)
+    bright = seen.values[..., -1] if seen.values.ndim == 3 else seen.values
+    a, b = plane.to_plane([28.5, 20.0, 10.0])[:2]
+    for depth in (4 - 20.0, 36 - 20.0):
+        # What lies `depth` behind the plane is seen that much nearer to the middle: Thales.
+        wanted = np.array([a, b]) / (1 + depth / 60.0)
+        off = np.abs(seen.raster.points() - wanted).max(axis=-1)
+        assert bright[off < 0.6].max() > 0.3 * bright.max()
+    lit = seen.raster.points()[bright > 0.1 * bright.max()]
+    assert np.ptp(lit[:, 1]) == pytest.approx(abs(b) * (1 / (1 - 16 / 60) - 1 / (1 + 16 / 60)), abs=2.2)
+
+
+def test_an_eye_within_the_volume_sees_what_lies_before_it() -> None:
+    grid = Grid((9, 40, 9))
+    values = np.zeros(grid.shape, np.uint8)
+    values[:, 2] = 255  # behind the eye
+    values[3:6, 29:32, 3:6] = 200
+    plane = Plane.through(grid.center, (0, 1, 0))
+    seen = project(Volume(values, grid), plane, "mip", spacing=0.5, eye=Eye(8.0, 9.0, 9.0))
+    assert 100 < seen.values.max() <= 200
+
+
+def test_a_far_eye_sees_in_parallel() -> None:
+    volume = shape()
+    plane = Plane.through(GRID.center, (0.2, 1.0, 0.1))
+    near = project(volume, plane, "composite", transfer=SOLID, spacing=0.5)
+    far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=Eye(1e7, 40.0, 40.0))
+    alpha = [p.values[..., 3].sum() for p in (near, far)]
+    assert alpha[0] == pytest.approx(alpha[1], rel=0.05)  # the lattices lie half a sample apart

@@ -1,0 +1,142 @@
+"""How a volume is looked at is saved with a session, comes back with it, and is no edit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from document.test_json_format import as_of_1, written_in_1
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deformnb.datasets import PHANTOMS
+from deformnb.document.deformation import Deformation, Step
+from deformnb.document.json_format import from_json, to_json
+from deformnb.errors import DeformError
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.session.view_state import MOST_NODES, Look, without_look
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import PRESETS, TransferFunction
+from deformnb.volume.volume import Volume
+
+BAR = PHANTOMS["bar"].make((16, 16, 24))
+OWN = TransferFunction(((0, 0.1, 0.2, 0.3), (90, 1, 1, 0.5)), ((0, 0), (40, 0.25), (90, 1)), unit=2.5)
+_value = st.floats(-1e6, 1e6)
+_share = st.floats(0, 1)
+
+
+@st.composite
+def transfers(draw: st.DrawFn) -> TransferFunction:
+    def rows(width: int) -> tuple[Any, ...]:
+        values = sorted(draw(st.lists(_value, min_size=1, max_size=5)))
+        return tuple((v, *(draw(_share) for _ in range(width))) for v in values)
+
+    return TransferFunction(rows(3), rows(1), draw(st.floats(1e-3, 1e3)))
+
+
+@given(transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
+       method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value)
+def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None) -> None:
+    look, document = Look(transfer, method, depth), Deformation(name="bent", extra={"later": [1]})
+    assert Look.parted(from_json(to_json(look.added_to(document)))) == (document, look)
+
+
+POINTS = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]])
+SEEN = Look(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along(BAR.grid, "+y")),), name="bent"))
+
+
+def test_a_look_is_kept_to_the_letter() -> None:
+    written, today = written_in_1(4)
+    assert from_json(written) == as_of_1(SEEN)
+    assert to_json(as_of_1(SEEN)) == today
+
+
+def test_a_session_comes_back_as_it_was_seen(tmp_path: Path) -> None:
+    session = Session(BAR, view="+y", transfer=OWN, method="slice")
+    session.depth = 3.5
+    session.save(tmp_path / "bar.json")
+    for opened in (Session(BAR), Session(BAR, from_json((tmp_path / "bar.json").read_text()))):
+        opened.open(tmp_path / "bar.json")
+        assert (opened.transfer, opened.method, opened.depth) == (OWN, "slice", 3.5)
+        assert opened.deformation.extra == {}
+        assert opened.document().extra == session.document().extra
+    named = Session(BAR, session.document(), transfer="bone")  # what is asked for comes first
+    assert (named.transfer, named.method) == ("bone", "slice")
+
+
+def test_other_colours_are_no_edit_and_nothing_unsaved(tmp_path: Path) -> None:
+    session = Session(BAR)
+    session.save(tmp_path / "bar.json")
+    session.transfer, session.method = "bone", "mean"
+    assert session.history["undo"] == ""
+    assert session.saved is not None
+    assert replace(session.saved, volume=None) == session.deformation
+
+
+def test_undo_takes_an_opened_document_back_but_not_its_colours() -> None:
+    session = Session(BAR)
+    session.take(Look("bone").added_to(Deformation(name="other")))
+    assert (session.transfer, session.deformation.name) == ("bone", "other")
+    session.undo()
+    assert (session.transfer, session.deformation.name) == ("bone", "")
+
+
+def test_colours_at_values_of_another_volume_are_not_taken() -> None:
+    document = Session(PHANTOMS["bar"].make((12, 12, 20)), transfer=OWN, method="slice").document()
+    opened = Session(BAR)
+    opened.take(document, allow_other_volume=True)
+    assert (opened.transfer, opened.method) == ("specimen", "slice")
+    assert Session(BAR, document).transfer == "specimen"
+    named = replace(document, extra={"look": {"transfer": "xray"}})
+    assert Session(BAR, named).transfer == "xray"
+
+
+def test_a_slice_lies_within_the_volume_and_belongs_to_the_last_step() -> None:
+    session = Session(BAR)
+    session.take(Look(method="slice", depth=1e300).added_to(Deformation()))
+    assert session.depth == session.depth_range[1]
+    assert Look.of(session).depth == session.depth
+    session.add_step()
+    session.edit_step(0)
+    session.method = "slice"
+    assert Look.of(session).depth is None
+
+
+def test_what_a_later_version_may_know_is_passed_over() -> None:
+    document = Deformation(extra={"look": {"transfer": "velvet", "method": "hologram", "haze": 3}})
+    assert Look.parted(document)[1] == Look()
+
+
+@pytest.mark.parametrize(("look", "place"), [
+    ([], "document.look must be an object"),
+    ({"transfer": 3}, "document.look.transfer"),
+    ({"method": 3}, "document.look.method"),
+    ({"depth": "deep"}, "document.look.depth"),
+    ({"transfer": {}}, "document.look.transfer"),
+    ({"transfer": {"colors": [[0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "colors must have 4 numbers"),
+    ({"transfer": {"colors": [[0, 0, 0, 0]], "opacities": [[0, 0]], "unit": 0}}, "document.look.transfer: .*unit"),
+    ({"transfer": {"colors": [[5, 0, 0, 0], [1, 0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "must rise"),
+    ({"transfer": {"colors": [[0, 0, 0, 0]] * (MOST_NODES + 1), "opacities": [[0, 0]], "unit": 1}}, "nodes"),
+])
+def test_a_malformed_look_is_refused_at_its_place_and_nothing_changes(look: Any, place: str) -> None:
+    session = Session(BAR)
+    document = from_json(json.dumps({**json.loads(to_json(Deformation(name="x"))), "look": look}))
+    before = session.deformation
+    with pytest.raises(DeformError, match=place):
+        session.take(document)
+    assert session.deformation is before
+    assert without_look(document) == replace(document, extra={})
+
+
+def test_a_volume_of_a_named_preset_is_fitted_anew(tmp_path: Path) -> None:
+    Session(BAR, transfer="bone").save(tmp_path / "bar.json")
+    brighter = Volume(BAR.values * 2.0, BAR.grid)
+    opened = Session(brighter)
+    opened.open(tmp_path / "bar.json", allow_other_volume=True)
+    assert opened.transfer == "bone"
+    assert opened.transfer_function == PRESETS["bone"](brighter)

@@ -1,0 +1,116 @@
+"""float64 only where asked for, and compiled functions that outlive the process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from deformnb._jax import compiled, float64
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.points import ControlPoints
+
+FIT = (
+    "from deformnb import ControlPoints, Raster, fit_rbf\n"
+    "p = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [5, 5]], [[0, 0], [9, 1], [0, 9], [6, 5]])\n"
+    "fit_rbf(p).on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
+)
+
+
+def run_fit(environment: dict[str, str]) -> None:
+    subprocess.run([sys.executable, "-c", FIT], env={**os.environ, **environment}, check=True, capture_output=True)
+
+
+def entries(folder: Path) -> set[str]:
+    """Names of the kept programs; JAX also writes when each was last used, which changes."""
+    return {p.name for p in folder.rglob("*-cache")}
+
+
+def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("JAX_COMPILATION_CACHE_DIR", "DEFORMNB_COMPILATION_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+    run_fit({})
+    kept = entries(isolated_folders)
+    assert {name.split("-")[0] for name in kept} >= {"jit_solve", "jit__lattice"}
+    run_fit({})
+    # Tiny helpers are kept only if they happen to take long; the same two programs under other keys would be misses.
+    again = entries(isolated_folders) - kept
+    assert not [name for name in again if name.startswith(("jit_solve", "jit__lattice"))], "compiled once more"
+
+
+@pytest.mark.nightly
+def test_a_folder_of_the_user_is_left_in_place(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DEFORMNB_COMPILATION_CACHE", raising=False)
+    own = isolated_folders / "own"
+    run_fit({"JAX_COMPILATION_CACHE_DIR": str(own), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"})
+    assert entries(own)
+    assert entries(isolated_folders) == entries(own)
+
+
+@pytest.mark.nightly
+def test_switched_off_nothing_is_kept(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    run_fit({"DEFORMNB_COMPILATION_CACHE": "off"})
+    assert entries(isolated_folders) == set()
+
+
+def test_float64_is_local() -> None:
+    points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[0, 0], [9, 1], [0, 9]])
+    fit = fit_rbf(points)
+    assert np.asarray(fit.coefficients).dtype == np.float64
+    assert jnp.asarray(1.0).dtype == jnp.float32
+    assert not jax.config.jax_enable_x64  # type: ignore[attr-defined]
+    with float64():
+        assert jnp.asarray(1.0).dtype == jnp.float64
+
+
+def test_compiled_takes_the_options_of_jit() -> None:
+    power = compiled(lambda x, n: x**n, static_argnames="n")
+    assert float(power(3.0, n=2)) == 9.0
+
+
+FORKED = """
+import multiprocessing, sys, warnings
+import numpy as np
+from deformnb import ControlPoints, Deformation, Volume
+
+def work(pipe=None):
+    volume = Volume.from_array(np.arange(512.0).reshape(8, 8, 8))
+    points = ControlPoints.from_arrays([[1.0, 1, 1], [6, 2, 3]], [[2.0, 1, 1], [6, 3, 3]])
+    try:
+        said = str(Deformation.in_space(points).apply(volume).shape)
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+    if pipe is not None:
+        pipe.send(said)
+    return said
+
+warnings.simplefilter("ignore")  # Python and JAX warn of forks beside threads, and what they warn of is tested here
+if sys.argv[1] == "used":
+    work()
+mine, other = multiprocessing.Pipe()
+child = multiprocessing.get_context("fork").Process(target=work, args=(other,))
+child.start()
+print(mine.recv() if mine.poll(60) else "hangs")
+child.kill()
+child.join()
+print(work())  # the parent goes on
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.parametrize(("parent", "wanted"), [("used", "DeformError: this process was made by fork"),
+                                                ("fresh", "(8, 8, 8)")])
+def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hanging(parent: str, wanted: str) -> None:
+    done = subprocess.run([sys.executable, "-c", FORKED, parent], capture_output=True, text=True, timeout=180,
+                          check=True)
+    child, own = done.stdout.splitlines()
+    assert child.startswith(wanted)
+    assert ("spawn" in child) == (parent == "used")
+    assert own == "(8, 8, 8)"

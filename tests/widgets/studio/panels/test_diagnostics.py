@@ -1,0 +1,274 @@
+"""The panel "Trust" of the studio without a browser: figures, suspects, what its buttons do to the document."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driven_studio import a_drag, a_volume, controls, drag, panel
+from numpy.testing import assert_array_equal
+
+from deformnb.document.deformation import Deformation
+from deformnb.document.step_checks import is_safe, step_folds, step_uncertainty
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.plane import Raster
+from deformnb.volume.volume import Grid
+from deformnb.warping.inverse import RoundTrip
+from deformnb.widgets import Studio
+from deformnb.widgets.studio.diagnostics import facts_html, haze_of, judge, judgement_of, unit_of
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), folder=tmp_path)
+    settle(made)
+    yield made
+    made.close()
+
+
+def settle(studio: Studio) -> None:
+    """Until the thread has nothing left, also of what its own work asked for."""
+    for _ in range(3):
+        studio.wait()
+
+
+def least(studio: Studio) -> float:
+    step, grid = studio.session.step, studio.volume.grid
+    return step_folds(step, grid).least
+
+
+FAR = 12.0  # of a drag that folds
+
+
+def test_the_figures_follow_the_edits(studio: Studio) -> None:
+    trust = panel(studio, "Trust")
+    assert "none; smallest det J 1" in trust.facts.value
+    assert "no folds" in studio._words.status.value
+    assert "round trip 0 voxels" in studio._words.status.value
+    drag(studio, a_drag(studio, FAR))
+    settle(studio)
+    found = judgement_of(studio.session)
+    assert found.folds is not None
+    assert found.folds.least == pytest.approx(least(studio))
+    assert f"smallest det J {found.folds.least:.3g}" in trust.facts.value
+    assert "5 points, 1 dragged \u00b7 folds " in studio._words.status.value
+    assert "Bending energy" in trust.facts.value
+
+
+def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
+    drag(studio, a_drag(studio, FAR))
+    points = studio.editor.points
+    assert least(studio) < 0
+    panel(studio, "Trust").unfold.click()
+    settle(studio)
+    assert least(studio) > 0
+    assert studio.session.step.stages > 1
+    assert studio.editor.stages == controls(studio)["Stages"].value == studio.session.step.stages
+    assert studio.editor.points == points
+    assert f"Done in {studio.session.step.stages} stages" in studio._words.notice.value
+    assert "no folds" in studio._words.status.value
+    studio.undo()
+    assert studio.session.step.stages == 1
+    controls(studio)["Stages"].value = 16
+    panel(studio, "Trust").unfold.click()  # fewer will do
+    settle(studio)
+    assert 1 < studio.session.step.stages < 16
+
+
+def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
+    first = a_drag(studio, 2.0)
+    drag(studio, first)
+    settle(studio)
+    drag(studio, a_drag(studio, FAR))
+    settle(studio)
+    far = studio.editor.points
+    assert least(studio) < 0
+    panel(studio, "Trust").back.click()
+    settle(studio)
+    made = studio.editor.points
+    assert is_safe(studio.session.step, studio.volume.grid)
+    assert studio.session.step.strength == 1.0
+    assert_array_equal(made.target[:4], far.target[:4])
+    way = (made.target[4] - first.target[4]) / (far.target[4] - first.target[4])
+    assert 0 < way[0] < 1
+    assert way[0] == pytest.approx(way[1])
+    assert studio.editor.history["undo"] == "largest safe drag"
+    panel(studio, "Trust").back.click()
+    settle(studio)
+    assert "Nothing folds here" in studio._words.notice.value
+
+
+def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
+    drag(studio, a_drag(studio, 4.0))
+    settle(studio)
+    controls(studio)["Strength"].value = 3.0
+    settle(studio)
+    assert least(studio) < 0.05
+    panel(studio, "Trust").back.click()
+    settle(studio)
+    assert 1.0 < studio.session.step.strength < 3.0
+    assert least(studio) == pytest.approx(0.05, abs=0.02)
+
+
+def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(studio: Studio) -> None:
+    trust = panel(studio, "Trust")
+    trust.keep.value = True
+    before = studio.editor.points
+    drag(studio, a_drag(studio, FAR))
+    settle(studio)
+    assert least(studio) > 0
+    assert studio.session.step.stages > 1
+    studio.undo()
+    settle(studio)
+    assert studio.session.step.stages == 1
+    assert studio.editor.points == before
+    studio.redo()
+    settle(studio)
+    assert studio.session.step.stages > 1
+    assert least(studio) > 0
+
+
+def test_ticking_the_box_unfolds_what_is_folded(studio: Studio) -> None:
+    drag(studio, a_drag(studio, FAR))
+    settle(studio)
+    panel(studio, "Trust").keep.value = True
+    settle(studio)
+    assert least(studio) > 0
+    assert studio.editor.history["undo"] == "unfold by stages"
+
+
+def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
+    middle = studio.editor.points.target.mean(axis=0)
+    swapped = studio.editor.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
+    drag(studio, swapped)
+    settle(studio)
+    panel(studio, "Trust").unfold.click()
+    settle(studio)
+    assert "through one another" in studio._words.notice.value
+    assert studio.session.step.stages == 1
+
+
+def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) -> None:
+    rng = np.random.default_rng(0)
+    cells = np.stack(np.meshgrid(np.arange(4) * 6.0 + 2, np.arange(3) * 5.0 + 2), axis=-1).reshape(-1, 2)
+    source = cells + rng.uniform(-0.8, 0.8, cells.shape)
+    target = source * 1.05
+    target[[5, 6]] = target[[6, 5]]
+    names = [f"mark {k}" for k in range(12)]
+    drag(studio, ControlPoints.from_arrays(source, target, names=names, ids=range(20, 32)))
+    settle(studio)
+    trust = panel(studio, "Trust")
+    assert studio.editor.marked == [25, 26]
+    label, *buttons = trust.suspects.children
+    assert label.value == "Disagree with the rest:"
+    assert [b.description for b in buttons] == ["point 25 (mark 5)", "point 26 (mark 6)"]
+    sent: list[Any] = []
+    studio.editor.send = lambda content, buffers=None: sent.append(content)
+    buttons[1].click()
+    assert studio.editor.selected == [26]
+    assert {"type": "look", "id": 26} in sent
+    studio.undo()
+    settle(studio)
+    assert studio.editor.marked == []
+    assert len(trust.suspects.children) == 1
+
+
+def test_the_haze_is_made_when_it_is_looked_at(studio: Studio) -> None:
+    trust = panel(studio, "Trust")
+    drag(studio, a_drag(studio, 3.0))
+    settle(studio)
+    assert studio.editor.haze == b""
+    trust.overlay.value = "uncertainty"
+    settle(studio)
+    assert studio.editor.overlay == "uncertainty"
+    facts, raster = studio.editor.haze_facts, studio.session.picture().raster
+    shown = np.frombuffer(studio.editor.haze, np.uint8).reshape(facts["height"], facts["width"])
+    a0, a1, b0, b1 = raster.box
+    a = a0 + (np.array([10, 60]) + 0.5) * (a1 - a0) / 96
+    b = b0 + (np.array([40, 5]) + 0.5) * (b1 - b0) / facts["height"]
+    known = step_uncertainty(studio.session.step, studio.volume.grid)
+    expected = known.at(np.stack([a, b], axis=-1))
+    at = shown[[40, 5], [10, 60]] / 255
+    assert at[0] / at[1] == pytest.approx(expected[0] / expected[1], rel=0.02)
+    assert shown.max() == 255
+    for byte, text in facts["legend"]:
+        sign, value, unit = text.split()
+        assert (sign, unit) == ("\u00b1", "voxels")
+        assert byte == pytest.approx(float(value) / (expected[0] / at[0]) * 255, abs=3)
+    before = studio.editor.haze
+    drag(studio, a_drag(studio, 5.0))
+    settle(studio)
+    assert studio.editor.haze != before
+    studio.session.edit_points(studio.editor.points.reset())
+    settle(studio)
+    assert studio.editor.haze == b""
+    assert "nothing bends" in trust.said.value
+
+
+def test_a_step_in_space_is_judged_too(studio: Studio) -> None:
+    points = ControlPoints.from_arrays([[2, 2, 2], [20, 2, 2], [2, 16, 2], [2, 2, 13], [12, 9, 8]])
+    studio.session.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
+    settle(studio)
+    assert panel(studio, "Trust").overlay.disabled
+    assert "round trip" in studio._words.status.value
+    assert "Leave-one-out" in panel(studio, "Trust").facts.value
+
+
+# -- figures in words --------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_judged_says_why() -> None:
+    step = Session(a_volume()).step
+    found = judge(step.with_points(ControlPoints.empty(2)), 0, a_volume().grid)
+    assert "no active control point" in found.reason
+    assert found.folds is not None
+    assert "no active control point" in facts_html(found)
+    assert found.folds_text == "no folds"
+
+
+def test_words_of_a_judgement() -> None:
+    grid = Grid((16, 20, 24), (0.7, 0.7, 1.0))
+    assert (unit_of(grid), unit_of(Grid((4, 4, 4)))) == ("mm", "voxels")
+    found = judge(Session(a_volume()).step, 0, grid)
+    assert found.trip_text == "round trip 0 mm"
+    assert replace(found, trip=RoundTrip(0.00123, 0.001, 1.0)).trip_text == "round trip 0.0012 mm"
+    assert "4 % lost" in facts_html(replace(found, trip=RoundTrip(0.1, 0.1, 0.96)))
+    folded = replace(found, folds=replace(found.folds, least=-0.1, share=0.004))
+    assert folded.folds_text == "folds < 1 %"
+    named = replace(found.step.points.move(0, [3.0, 4.0]), names=("<b>",) * 4)
+    assert "(&lt;b&gt;)" in facts_html(judge(found.step.with_points(named), 0, grid))
+
+
+def test_a_haze_fits_a_long_picture() -> None:
+    grid = Grid((4, 10, 50))
+    session = Session(a_volume())
+    points = ControlPoints.from_arrays([[1, 1], [48, 1], [1, 8], [48, 8], [20, 5]])
+    step = replace(session.step, maps=(points.move(4, [22, 5]),))
+    haze = haze_of(step, 0, grid, Raster((10, 50), (1.0, 1.0), (0.0, 0.0)))
+    assert (haze.facts["width"], haze.facts["height"]) == (96, 19)
+    assert len(haze.data) == 96 * 19
+
+
+def test_only_the_newest_document_is_amended() -> None:
+    session = Session(a_volume())
+    session.change(trend="rigid")
+    made = session.deformation
+    better = made.with_step(0, replace(session.step, stages=2))
+    session.change(trend="none")
+    assert not session.amend(made, better)  # another edit came in between
+    session.undo()
+    assert not session.amend(made, better)  # an older state that is looked at
+    session.redo()
+    now = session.deformation
+    assert session.amend(now, now.with_step(0, replace(session.step, stages=2)), "said")
+    assert (session.step.stages, session.step.trend, session.notice) == (2, "none", "said")
+    assert session.index == 0
+    session.undo()
+    assert (session.step.stages, session.step.trend) == (1, "rigid")
+    session.redo()
+    assert (session.step.stages, session.step.trend) == (2, "none")

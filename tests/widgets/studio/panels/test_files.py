@@ -1,0 +1,106 @@
+"""Writing from the studio's tab: what is cancelled frees the panel at once and leaves no file."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from driven_studio import a_drag, a_volume, drag, panel, wait_for
+
+from deformnb.io.atomic import atomic_write
+from deformnb.session.exports import export
+from deformnb.widgets import Studio
+from deformnb.widgets.studio.panels import files as module
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), folder=tmp_path)
+    made.wait()
+    drag(made, a_drag(made))
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("moment", ["before it writes", "when all is written"])
+def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio, tmp_path: Path, moment: str,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go_on, ended = (threading.Event() for _ in range(3))
+    def stubborn(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:
+        if path.suffix != ".png":
+            return export(frozen, path, progress=progress, **options)
+        try:
+            if moment == "before it writes":  # it does not look up, and is not asked
+                begun.set()
+                go_on.wait(60)
+            with atomic_write(path) as stream:
+                stream.write(b"late")
+                begun.set()
+                go_on.wait(60)
+            return path
+        finally:
+            ended.set()
+
+    monkeypatch.setattr(module, "export", stubborn)
+    files = panel(studio, "Files")
+    (tmp_path / "ball.png").write_bytes(b"older")
+    studio.session.files.remember(tmp_path / "ball.png")  # as if it was written here before
+    files.name.value = "ball.png"
+    files.write.click()
+    assert begun.wait(60)
+    assert files.write.disabled
+    assert not files.cancel.disabled
+    files.cancel.click()
+    assert not files.write.disabled
+    assert not files.download.disabled
+    assert files.cancel.disabled
+    assert files.bar.layout.display == "none"
+    assert files.said.value == "Stopped; ball.png was not written."
+    files.name.value = "ball.py"
+    files.write.click()  # while the other still works
+    wait_for(lambda: files.said.value.startswith("Wrote ball.py"))
+    go_on.set()
+    assert ended.wait(60)
+    wait_for(lambda: sorted(p.name for p in tmp_path.iterdir()) == ["ball.png", "ball.py"])
+    assert (tmp_path / "ball.png").read_bytes() == b"older"
+    assert files.said.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
+
+
+def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: Path,
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    landing, go_on = threading.Event(), threading.Event()
+
+    def slow_disk(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:
+        with atomic_write(path) as stream:
+            stream.write(b"whole")
+        landing.set()
+        assert go_on.wait(60)
+        return path
+
+    monkeypatch.setattr(module, "export", slow_disk)
+    files = panel(studio, "Files")
+    files.name.value = "ball.png"
+    files.write.click()
+    assert landing.wait(60)
+    files.cancel.click()
+    assert "Stopped" not in files.said.value  # for it is there
+    go_on.set()
+    wait_for(lambda: files.said.value.startswith("Wrote ball.png"))
+
+
+def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    files, sent = panel(studio, "Files"), []
+    monkeypatch.setattr(files.hand_over, "send", lambda content, buffers=None: sent.append(content))
+    files.copy.click()
+    studio.session.source = 'dn.read_volume("ball.nrrd")'
+    files.copy.click()
+    unknown, known = sent
+    assert "line 3" in unknown["note"]
+    line = unknown["text"].splitlines()[2]
+    assert line.startswith('volume = dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, ')
+    assert "put your own volume here" in line
+    assert known["note"] == ""
+    assert known["text"].splitlines()[2] == 'volume = dn.read_volume("ball.nrrd")'

@@ -1,0 +1,231 @@
+"""The studio's controls of the result's box: what they choose, what they say, and that the view follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deformnb.analysis.extent import grown
+from deformnb.document import edits as key_frames
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.studio.panels.animation import AnimationPanel
+from deformnb.widgets.studio.panels.files import ResultBox
+from deformnb.widgets.studio.studio import Studio
+from deformnb.widgets.worker import Worker
+
+
+def a_brick() -> Volume:
+    values = np.zeros((16, 16, 16), np.uint8)
+    values[4:12, 4:12, 4:12] = 200
+    return Volume(values, Grid((16, 16, 16), (2.0, 2.0, 2.0)), "brick")
+
+
+def drag_out(session: Session, by: float = 24.0) -> None:
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle, middle + np.array([by, 0.0])))
+
+
+def at_once(action: Callable[[], None]) -> bool:
+    action()
+    return True
+
+
+@pytest.fixture
+def box() -> Iterator[ResultBox]:
+    """A box whose thread is the test: what it asks for is done by "look"."""
+    made = ResultBox(Session(a_brick()), at_once, Worker())
+    yield made
+    made._worker.close()
+
+
+def looked(box: ResultBox) -> None:
+    box.refresh()
+    box._worker.call(lambda: None).result(30)
+    box.look()
+
+
+def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
+    assert (box.choice.value, box.margin.layout.display) == ("volume", "none")
+    assert box.words.value == "16 x 16 x 16 voxels (x, y, z), 4.0 KiB"
+    box.choice.value = "margin"
+    box.refresh()
+    assert box.session.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
+    assert box.margin.layout.display == ""
+    box.margin.value = 8.0
+    box.refresh()
+    assert box.session.box.shape == (24, 24, 24)
+    assert box.words.value == "24 x 24 x 24 voxels (x, y, z), 13.5 KiB"
+    box.choice.value = "volume"
+    box.refresh()
+    assert box.session.output is None
+    assert box.margin.layout.display == "none"
+
+
+@pytest.mark.parametrize("margin", [4.0, 6.0, 12.0])
+def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None:
+    volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
+    session = Session(volume)
+    session.grow(margin)
+    box = ResultBox(session, at_once, Worker())
+    box.refresh()
+    before = session.output
+    assert (box.choice.value, box.margin.layout.display) == ("margin", "")
+    assert grown(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
+    assert 0 <= abs(box.margin.value - margin) < 4.0
+    session.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
+    box.refresh()
+    assert (box.choice.value, box.margin.layout.display) == ("own", "none")
+    box._worker.close()
+
+
+def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
+    box.choice.value = "needed"
+    looked(box)
+    assert box.session.output == box.session.volume.grid
+    assert box.choice.value == "needed"
+    drag_out(box.session)
+    looked(box)
+    assert box.session.box.shape[2] > 16
+    assert box.session.sides_left() == ()
+    assert box.session.history["undo"] == "move points"  # the box belongs to the edit
+    box.session.undo()
+    box.refresh()
+    assert box.session.output == box.session.volume.grid
+    box.session.undo()
+    looked(box)
+    assert box.session.output is None
+    assert (box.choice.value, box.follows) == ("volume", False)
+
+
+def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
+    session, seen = box.session, box.warning.layout
+    assert seen.display == "none"
+    drag_out(session)
+    looked(box)
+    text, button = box.warning.children
+    assert seen.display == ""
+    assert 'role="status"' in text.value
+    assert "Matter leaves the box at the left side (L), and is cut off there." in text.value
+    assert box.words.value.endswith("cut off at the left side (L)")
+    button.click()
+    looked(box)
+    assert (box.choice.value, session.sides_left()) == ("needed", ())
+    assert seen.display == "none"
+    assert "cut off" not in box.words.value
+    drag_out(session, 40.0)
+    looked(box)
+    assert (seen.display, session.sides_left()) == ("none", ())  # the box goes on with the edits
+    box.choice.value = "volume"
+    looked(box)
+    assert (seen.display, button.layout.display) == ("", "")
+
+
+def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
+    box.choice.value = "needed"
+    looked(box)
+    drag_out(box.session, 5000.0)
+    looked(box)
+    assert box.warning.layout.display == ""
+    assert box.warning.children[1].layout.display == "none"
+
+
+def test_the_warning_stands_right_below_the_pictures() -> None:
+    studio = Studio(a_brick())
+    try:
+        panel = next(panel for panel in studio._panels if isinstance(panel, ResultBox))
+        pictures = next(k for k, child in enumerate(studio.children)
+                        if studio._editors.box in getattr(child, "children", ()))
+        assert studio.children[pictures + 1] is panel.warning
+        drag_out(studio.session)
+        studio.wait()
+        assert panel.warning.layout.display == ""
+        panel.warning.children[1].click()
+        studio.wait()
+        assert panel.warning.layout.display == "none"
+        assert studio.session.sides_left() == ()
+    finally:
+        studio.close()
+
+
+def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
+    box.session.output = box.session.volume.grid.resampled(spacing=1.0)
+    looked(box)
+    assert box.choice.value == "own"
+    assert ("a box of its own", "own") in box.choice.options
+    box.choice.value = "volume"
+    box.refresh()
+    assert ("a box of its own", "own") not in box.choice.options
+
+
+@pytest.mark.parametrize("kind", ["live", "vtk"])
+def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
+    studio = Studio(a_brick(), view=kind)
+    try:
+        drag_out(studio.session)
+        studio.session.grow(12.0)
+        grid = studio.session.output
+        assert grid is not None
+        assert studio.view.shown_output == grid
+        assert studio.result().grid == grid
+        corner = grid.crop((0, 0, 22), (28, 28, 6))  # what was cut off
+        wide = studio.session.result()
+        inside = wide.values[:, :, 22:28]
+        assert corner.is_like(wide.grid.crop((0, 0, 22), (28, 28, 6)))
+        assert (inside > 100).any()
+        studio.undo()
+        assert studio.view.shown_output is None
+    finally:
+        studio.close()
+
+
+@pytest.mark.nightly
+def test_previews_and_points_in_space_keep_the_box() -> None:
+    studio = Studio(a_brick(), output=a_brick().grid.crop((-2, -2, -2), (20, 20, 30)))
+    try:
+        wanted = studio.session.output
+        shown: list[Any] = []
+        drag_out(studio.session)
+        put = studio.view.show_deformation
+
+        def show(field: Any, *, output: Grid | None = None) -> None:
+            shown.append(output)
+            put(field, output=output)
+
+        studio.view.show_deformation = show  # type: ignore[method-assign]
+        studio._link.preview(studio.session.step)
+        studio.wait()
+        assert shown == [wanted]
+        studio.session.add_step(in_space=True)
+        studio.wait()
+        points = studio.session.points
+        moved = points.move(points.ids[0], points.target[0] + 3.0)
+        studio.editor.points = moved
+        studio.wait()
+        assert studio.view.shown_output == wanted
+        assert set(shown) == {wanted}
+    finally:
+        studio.close()
+
+
+def test_key_frames_are_played_in_the_box() -> None:
+    studio = Studio(a_brick())
+    try:
+        panel = next(panel for panel in studio._panels if isinstance(panel, AnimationPanel))
+        drag_out(studio.session)
+        studio.session.grow(12.0)
+        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 0.0), "a key frame")
+        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 1.0), "another one")
+        panel.player.time = 0.5
+        panel.playback.wait()
+        maps = studio.view.moments
+        assert maps is not None
+        assert studio.view.shown_output == studio.session.output
+        a, b = maps.raster.box[:2]
+        assert b - a > 50  # the maps reach as far as the box, 56 mm, not only as far as the volume, 32 mm
+    finally:
+        studio.close()

@@ -1,0 +1,285 @@
+"""The panel of fitting: targets are chosen in a folder, points find their places, an edit meanwhile wins."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from driven_studio import panel, wait_for
+from matched import texture
+from PIL import Image
+from widgets.studio.panels.test_steps_history import Guarded
+
+import deformnb as dn
+from deformnb.document.deformation import Deformation, lone_support
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets import Studio
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.studio.editors import show_step
+from deformnb.widgets.studio.panels.registration import GIVEN, NO_TARGET, FitPanel, FitTarget, blended
+
+SHAPE = (48, 4, 48)
+GRID = Grid(SHAPE, (1.0, 1.0, 1.0))
+VALUES = (250 * texture((48, 48), scales=(2.0, 4.0))[:, None, :] * np.ones(SHAPE)).astype(np.uint8)
+VOLUME = Volume(VALUES, GRID, "subject")
+
+
+def _document() -> Deformation:
+    """Corners held, five points dragged by up to 3 on the picture from the front."""
+    session = Session(VOLUME, view="+y")
+    session.change(support="box_diagonal")
+    points = session.points
+    for source, drag in (((16, 16), (2, 1)), ((31, 15), (-1, 2)), ((16, 31), (1, -3)), ((32, 32), (2, -1)),
+                         ((24, 24), (0, 1))):
+        points = points.add(source, np.add(source, drag))
+    session.edit_points(points)
+    return session.deformation
+
+
+TRUE = _document()
+TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
+
+
+class Desk:
+    """A panel with a session and an editor that follows it, as a studio wires them."""
+
+    def __init__(self, folder: Path, target: Volume | None = None, volume: Volume = VOLUME) -> None:
+        self.session = Session(volume, view="+y")
+        self.session.change(support="box_diagonal")
+        points = TRUE.steps[0].points.reset()
+        for k in range(4):
+            points = points.edit(k, locked=True)
+        self.session.edit_points(points)
+        self.guard = Guarded()
+        self.editor = Editor(self.session.picture(), self.session.points)
+        self.editor.lone_support = lone_support(GRID)
+        self.panel = FitPanel(self.session, self.guard, SimpleNamespace(current=self.editor), folder, target)
+        self.session.observe(self.follow, "deformation")
+
+    def follow(self, _change: Any = None) -> None:
+        show_step(self.editor, self.session)
+        self.panel.refresh()
+
+    def press(self, text: str) -> None:
+        """Press a button and wait for its end."""
+        self.panel.buttons[text].click()
+        self.wait()
+
+    def choose(self, key: str) -> None:
+        self.panel.choice.value = key
+        self.wait()
+
+    def wait(self) -> None:
+        wait_for(lambda: not self.panel._is_busy, 60)
+
+    def misses(self) -> Any:
+        return np.linalg.norm(self.session.points.target - TRUE.steps[0].points.target, axis=1)
+
+    @property
+    def said(self) -> str:
+        return str(self.panel.said.value)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    made = Desk(tmp_path, TARGET)
+    yield made
+    made.panel.close()
+
+
+def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    assert desk.panel.choice.value == NO_TARGET
+    assert all(made.disabled for made in desk.panel.buttons.values())
+    assert "Choose what the volume shall look like" in desk.said
+    desk.panel.close()
+
+
+def test_fit_all_points_finds_them_again_as_one_edit(desk: Desk) -> None:
+    before = desk.session.points
+    assert desk.misses().max() > 3
+    desk.press("Fit all points")
+    assert desk.misses().max() < 0.5
+    assert desk.session.history["undo"] == "fit all points"
+    assert "Likeness" in desk.said
+    assert "5 points moved" in desk.said
+    desk.session.undo()
+    assert desk.session.points == before
+    assert not desk.guard.errors
+
+
+def test_selected_points_snap_and_what_was_left_is_named(desk: Desk) -> None:
+    desk.press("Snap selected points")
+    assert "no point is selected" in desk.guard.errors.pop()
+    desk.editor.selected = [0, 6]
+    desk.press("Snap selected points")
+    assert "1 of 2 points snapped" in desk.said
+    assert "Left because it is locked: 0 (corner)." in desk.said
+    assert desk.misses()[6] < 1 < 2 < desk.misses()[7]
+    assert desk.session.history["undo"] == "snap selected points"
+
+
+def _round(width: float, height: float) -> Volume:
+    z, _, x = np.mgrid[:48, :4, :48]
+    return Volume((250 * np.clip(8 * (1 - np.hypot((x - 24) / width, (z - 22) / height)), 0, 1)).astype(np.uint8), GRID)
+
+
+def test_points_are_put_on_the_outline_and_slide_there(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, _round(20, 12), _round(15, 15))
+    desk.panel.count.value = 8
+    desk.press("Points along the outline")
+    points = desk.session.points
+    assert [name for name in points.names if name.startswith("outline")] == [f"outline {k}" for k in range(1, 9)]
+    assert "8 points put on the outline" in desk.said
+    desk.press("Slide along the outline")
+    assert "8 points slid" in desk.said
+    assert (desk.session.points.target[:9] == points.target[:9]).all()
+    found = desk.session.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
+    assert np.abs(np.hypot(found[:, 0] / 19.0, found[:, 1] / 11.4) - 1).max() < 0.1
+    desk.panel.close()
+
+
+def test_sliding_without_points_on_the_outline_is_refused(desk: Desk) -> None:
+    desk.press("Slide along the outline")
+    assert "no point is on the outline yet" in desk.guard.errors[0]
+
+
+def test_an_edit_meanwhile_wins(desk: Desk) -> None:
+    begun, edited = threading.Event(), threading.Event()
+    progress = desk.panel._progress
+
+    def slow(share: float) -> None:
+        begun.set()
+        edited.wait(30)
+        progress(share)
+
+    desk.panel._progress = slow  # type: ignore[method-assign]
+    desk.panel.buttons["Fit all points"].click()
+    assert begun.wait(60)
+    moved = desk.session.points.move(8, [20.0, 20.0])
+    desk.session.edit_points(moved)
+    edited.set()
+    desk.wait()
+    assert desk.session.points == moved
+    assert "overtaken" in desk.said
+
+
+def test_stop_leaves_everything_as_it_was(desk: Desk) -> None:
+    before = desk.session.deformation
+    progress = desk.panel._progress
+    desk.panel._progress = lambda share: (desk.panel.stop.click(), progress(share))[1]  # type: ignore[method-assign]
+    desk.press("Fit all points")
+    assert desk.said.endswith("Stopped; nothing was changed.</div>")
+    assert desk.session.deformation is before
+    assert not desk.panel.buttons["Fit all points"].disabled
+
+
+def test_what_the_fit_does_not_know_is_refused(desk: Desk) -> None:
+    desk.session.change(strength=0.5)
+    desk.press("Fit all points")
+    assert "set Strength to 1" in desk.guard.errors.pop()
+    desk.session.change(strength=1.0, cuts=(dn.Cut(dn.Line([(10.0, 10.0), (30.0, 12.0)])),))
+    desk.press("Fit all points")
+    assert "cuts and rigid parts" in desk.guard.errors.pop()
+
+
+def test_a_volume_and_a_session_of_the_folder_can_be_chosen(tmp_path: Path) -> None:
+    dn.write_volume(TARGET, tmp_path / "bent.nrrd")
+    dn.write_deformation(TRUE, tmp_path / "bent.json")
+    (tmp_path / "notes.txt").write_text("no volume")
+    desk = Desk(tmp_path)
+    assert [key for _, key in desk.panel.choice.options] == [NO_TARGET, "bent.json", "bent.nrrd"]
+    for key in ("bent.json", "bent.nrrd"):
+        desk.choose(key)
+        assert not desk.panel.buttons["Fit all points"].disabled
+        assert (desk.panel.target.volume.values == TARGET.values).all()  # type: ignore[union-attr]
+    (tmp_path / "bent.json").unlink()
+    (tmp_path / "broken.nrrd").write_bytes(b"NRRD0004\nnonsense")
+    desk.panel.refresh()
+    assert [key for _, key in desk.panel.choice.options] == [NO_TARGET, "bent.nrrd", "broken.nrrd"]
+    desk.choose("broken.nrrd")
+    assert desk.panel.choice.value == "bent.nrrd"  # what cannot be read is not chosen
+    assert len(desk.guard.errors) == 1
+    (tmp_path / "bent.nrrd").unlink()
+    desk.panel.refresh()
+    assert desk.panel.choice.value == "bent.nrrd"  # and is still there to be fitted to
+    assert desk.panel.choice.options[-1] == ("bent.nrrd (no longer in the folder)", "bent.nrrd")
+    desk.choose(NO_TARGET)
+    assert desk.panel.buttons["Fit all points"].disabled
+    desk.panel.close()
+
+
+def test_a_target_elsewhere_in_space_is_laid_middle_on_middle(tmp_path: Path) -> None:
+    far = Volume(TARGET.values, Grid(SHAPE, (1.0, 1.0, 1.0), (500.0, 0.0, -90.0)), "far")
+    target = FitTarget(Session(VOLUME, view="+y"), tmp_path, far)
+    target.choose(GIVEN)
+    assert "middle on middle" in target.note
+    moving, fixed = target.pair()
+    assert np.allclose(fixed.raster.origin, moving.raster.origin)  # type: ignore[union-attr]
+
+
+def test_the_preview_shows_both_pictures(desk: Desk) -> None:
+    wait_for(lambda: len(desk.panel.preview.value) > 0)
+    first = desk.panel.preview.value
+    shown = np.asarray(Image.open(io.BytesIO(first)))
+    assert shown.shape == (260, 526, 3)
+    assert (shown[..., 0] == shown[..., 2]).all()  # magenta
+    desk.panel.blend.value = 1.0
+    wait_for(lambda: desk.panel.preview.value != first)
+    wait_for(lambda: not desk.panel._thread.is_wanted)
+    second = np.asarray(Image.open(io.BytesIO(desk.panel.preview.value)))
+    assert (second[:, 266:] == shown[:, 266:]).all()
+    assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now
+
+
+def test_the_target_is_laid_over_the_editor_on_request(desk: Desk) -> None:
+    wait_for(lambda: len(desk.panel.preview.value) > 0)
+    assert desk.editor.ghost == b""
+    desk.panel.over.value = 0.4
+    wait_for(lambda: desk.editor.ghost_opacity == 0.4)
+    laid = np.asarray(Image.open(io.BytesIO(desk.editor.ghost)))
+    fixed = desk.panel.target.pair()[1].grey()  # type: ignore[union-attr]
+    assert np.abs(laid[..., 0] - 255.0 * fixed).max() <= 1
+    desk.choose(NO_TARGET)
+    assert desk.editor.ghost_opacity == 0
+
+
+def test_green_over_magenta() -> None:
+    now, goal = np.array([[1.0, 0.0]]), np.array([[0.0, 0.5]])
+    picture = blended(now, goal, 0.25)
+    assert picture[0, :2].tolist() == [[191] * 3, [32] * 3]
+    assert picture[0, -2:].tolist() == [[0, 255, 0], [128, 0, 128]]
+
+
+@pytest.mark.nightly
+def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
+    values = (250 * texture((24, 24, 24), scales=(2.0, 3.0))).astype(np.uint8)
+    volume = Volume(values, Grid((24, 24, 24)), "cube")
+    source = np.stack(np.meshgrid(*[[7.0, 16.0]] * 3), axis=-1).reshape(-1, 3)
+    true = ControlPoints.from_arrays(source, source + np.array([1.5, -1.0, 0.5]))
+    target = dn.warp(volume, dn.fit_rbf(true))
+    studio = Studio(volume, Deformation.in_space(true.reset()), target=target, folder=tmp_path)
+    fit = panel(studio, "Fit")
+    assert fit.choice.value == GIVEN
+    assert fit.buttons["Points along the outline"].disabled
+    fit.buttons["Fit all points"].click()
+    wait_for(lambda: not fit._is_busy, 90)
+    found = studio.session.points.target
+    studio.close()
+    assert np.linalg.norm(found - true.target, axis=1).max() < 0.3
+
+
+def test_a_studio_hands_its_target_on_and_ends_its_thread(tmp_path: Path) -> None:
+    studio = Studio(VOLUME, target=TARGET.values, folder=tmp_path)
+    fit = panel(studio, "Fit")
+    assert fit.target.volume.grid == GRID
+    studio.close()
+    assert fit._thread.is_closed

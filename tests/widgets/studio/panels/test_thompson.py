@@ -1,0 +1,191 @@
+"""The panel of two grids: what it does to the session, what it shows, and the files it writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from driven_studio import a_volume, wait_for
+
+from deformnb.datasets import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Line
+from deformnb.session.session import Session
+from deformnb.widgets import Studio, ThompsonPanel
+from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.studio.editors import make_editor
+from deformnb.widgets.studio.panels.thompson import in_words
+
+
+@pytest.fixture
+def panel(tmp_path: Path) -> Any:
+    made = ThompsonPanel(Session(a_volume(), view="+y"), folder=tmp_path)
+    yield made
+    made.close()
+
+
+def page_edits(panel: ThompsonPanel, points: ControlPoints) -> None:
+    """As the end of a drag in the page."""
+    panel.editor._handle_custom_msg({"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
+                                     "joins": False, "next_id": points.next_id, "points": points_to_json(points)}, [])
+
+
+SEQ = iter(range(1, 10**6))
+
+
+def test_alone_a_drag_of_a_node_is_one_edit_of_the_session_and_can_be_undone(panel: ThompsonPanel) -> None:
+    before = panel.session.points
+    page_edits(panel, before.add([12.0, 8.0], [15.0, 9.0], name="net 3,2"))
+    assert panel.session.points.names[-1] == "net 3,2"
+    assert panel.session.history["undo"] == 'add "net 3,2"'
+    assert panel.editor.history["undo"] == 'add "net 3,2"'
+    assert panel.session.undo() == 'add "net 3,2"'
+    assert panel.session.points == before
+    assert panel.editor.points == before
+
+
+def test_what_others_do_to_the_session_is_shown(panel: ThompsonPanel) -> None:
+    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [14.0, 8.0]))
+    panel.session.edit_cuts([Cut(Line([(12, 20), (12, -5)]))])
+    panel.session.change(strength=2.0)
+    assert len(panel.editor.points) == 5
+    assert len(panel.editor.cuts) == 1
+    assert panel.magnify.value == 2.0
+    assert panel.editor.strength == 2.0
+    panel.session.set_view("+x")
+    assert panel.editor.picture is panel.session.picture()
+
+
+def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPanel) -> None:
+    before = panel.session.points
+    page_edits(panel, before.add([12.0, 8.0], [12.0, 8.0]).add([14.0, 8.0], [12.0, 8.0]))
+    assert panel.session.points == before
+    assert panel.editor.points == before
+    assert "control point" in panel.said.value
+
+
+def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
+    assert panel.before.children == panel.after.children == (panel.editor,)
+    assert "dnb-th-before" in panel.before._dom_classes
+    assert "dnb-th-after" in panel.after._dom_classes
+    panel.session.add_step(in_space=True)
+    assert panel.before.children == panel.after.children == ()
+    assert panel._nowhere.layout.display == ""
+    with pytest.raises(DeformError, match="in space"):
+        panel.lay_on()
+    with pytest.raises(DeformError, match="in space"):
+        panel.write(".svg")
+    panel.session.edit_step(0)
+    assert panel.after.children == (panel.editor,)
+
+
+def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
+    studio = Studio(a_volume(), side="+y")
+    try:
+        panel = next(p for p in studio._panels if p.title == "Grids")
+        tabs = next(child for child in studio.children if panel.box in getattr(child, "children", ()))
+        assert panel.editor is studio._editors.plane
+        assert panel.after.children == ()
+        tabs.selected_index = tabs.children.index(panel.box)
+        assert panel.after.children == (studio.editor,)
+        tabs.selected_index = 0
+        assert panel.after.children == ()
+    finally:
+        studio.close()
+
+
+def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPanel) -> None:
+    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [14.0, 8.0]))
+    for value, said in ((0.0, "the original"), (2.0, "exaggerated"), (-1.0, "the opposite way"), (1.0, "as drawn")):
+        panel.magnify.value = value
+        assert panel.session.step.strength == value
+        assert panel._words.value == said
+    assert panel.session.history["undo"] == "change strength"
+    assert in_words(-2.5) == "the opposite way, 2.50 times as far"
+    assert in_words(0.4) == "on the way"
+
+
+def test_lines_and_overlay_are_those_of_the_editor() -> None:
+    session = Session(a_volume(), view="+y")
+    editor = make_editor(session, 200)
+    panel = ThompsonPanel(session, lambda action: action() is None, editor)
+    try:
+        widgets = {w.description: w for row in panel.box.children[0].children for w in row.children
+                   if hasattr(w, "description")}
+        widgets["Lines"].value = 7
+        widgets["Overlay"].value = "strain"
+        assert (editor.density, editor.overlay) == (7, "strain")
+        panel.everywhere.value = True
+        assert editor.drag_net
+    finally:
+        panel.close()
+
+
+def test_a_net_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
+    panel = ThompsonPanel(Session(PHANTOMS["fish"].make((32, 64, 32)), view="-x"))
+    try:
+        before = panel.session.points
+        panel.net.value = ("Polyprion", "Antigonia capros")
+        panel.lay_on()
+        points = panel.session.points
+        assert len(points) == 56
+        a0, a1, b0, b1 = panel.session.picture().raster.box
+        source = points.source.reshape(7, 8, 2)
+        assert np.ptp(source[0, :, 0]) > 0.7 * (a1 - a0)
+        assert (np.diff(source[:, :, 0], axis=1) > 0).all()
+        assert (np.diff(source[:, :, 1], axis=0) > 0).all()
+        target = points.target
+        assert (target[:, 1] >= b0 - 1e-6).all()
+        assert (target[:, 1] <= b1 + 1e-6).all()
+        assert np.ptp(points.target[:, 0]) < np.ptp(points.source[:, 0])  # a deep, short fish
+        panel.head.value = "right"
+        panel.lay_on()
+        assert np.ptp(panel.session.points.source[:, 0]) == pytest.approx(np.ptp(points.source[:, 0]))
+        panel.session.undo()
+        assert panel.session.undo() == "lay on the net of Antigonia capros"
+        assert panel.session.points == before
+    finally:
+        panel.close()
+
+
+def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path: Path) -> None:
+    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [15.0, 9.0]))
+    handed: list[tuple[str, int]] = []
+    panel.hand_over.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
+    panel.editor.overlay = "area"
+    panel.downloads.value = True
+    for suffix, begins in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")):
+        panel.write(suffix)
+        wait_for(lambda: panel.said.value.startswith("Wrote"), 60)
+        assert (tmp_path / f"ball_grids{suffix}").read_bytes().startswith(begins)
+        panel.said.value = ""
+    assert "area grows" in (tmp_path / "ball_grids.svg").read_text()
+    assert [name for name, size in handed if size > 1000] == ["ball_grids.svg", "ball_grids.pdf", "ball_grids.png"]
+    wait_for(lambda: not any(button.disabled for button in panel.writers))
+
+
+def test_a_name_that_leads_elsewhere_is_refused(panel: ThompsonPanel, tmp_path: Path) -> None:
+    panel.name.value = "../elsewhere"
+    panel.writers[0].click()
+    assert "no plain file name" in panel.said.value
+    assert list(tmp_path.iterdir()) == []
+    assert not panel.writers[0].disabled
+
+
+def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: Path) -> None:
+    panel._folder = tmp_path / "not there"
+    panel.write(".svg")
+    wait_for(lambda: not panel.writers[0].disabled)
+    assert "not there" in panel.said.value or "folder" in panel.said.value
+    assert not panel.said.value.startswith("Writ")
+
+
+def test_points_of_a_net_are_met_exactly(panel: ThompsonPanel) -> None:
+    page_edits(panel, panel.session.points.add([12.0, 8.0], [15.0, 9.0], name="net 3,2"))
+    x = np.array([15.0, 9.0])
+    oracle.assert_close(x + panel.editor.fit().displacement(x), [12.0, 8.0], atol=1e-9)

@@ -1,0 +1,171 @@
+"""The bar of lost sessions and the studio that shows it, without a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from driven_studio import a_drag, a_volume, act, crash, drag, panel, wait_for
+
+from deformnb.app.desk import Desk
+from deformnb.session.autosave import saved_sessions
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+from deformnb.widgets import Studio
+from deformnb.widgets import worker as cell_widgets
+
+
+def studio_of(volume: Volume | None = None, **options: Any) -> Studio:
+    studio = Studio(volume or a_volume(), side="+y", **options)
+    assert studio._bar.recovery.wait()
+    return studio
+
+
+def click(studio: Studio, what: Any, version: Any = None) -> None:
+    bar = studio._bar
+    bar._handle_custom_msg({"type": "act", "what": what, "version": bar.version if version is None else version}, [])
+
+
+@pytest.fixture
+def lost() -> Any:
+    """What a studio held whose kernel was killed."""
+    studio = studio_of()
+    drag(studio, a_drag(studio))
+    steps = studio.deformation.steps
+    crash(studio._bar.recovery.autosave)
+    studio.close()
+    return steps
+
+
+def test_the_bar_offers_what_was_lost_and_restores_it(lost: Any) -> None:
+    studio = studio_of()
+    wait_for(lambda: studio._bar.offer)
+    assert studio.children[0] is studio._bar
+    assert studio._bar.offer.endswith("was not saved (5 points, 1 step).")
+    click(studio, "restore")
+    assert studio.deformation.steps == lost
+    assert studio.editor.points == lost[0].points
+    assert studio._bar.offer == ""
+    studio.undo()
+    assert len(studio.editor.points) == 4
+    studio.close()
+
+
+def test_old_and_wrong_messages_are_dropped(lost: Any) -> None:
+    studio = studio_of()
+    wait_for(lambda: studio._bar.offer)
+    for what, version in (("restore", studio._bar.version - 1), ("rm", None), (["restore"], None), (None, None)):
+        click(studio, what, version)
+    studio._bar._handle_custom_msg(["restore"], [])
+    studio._bar.set_state({"offer": "pay here"})
+    assert "was not saved" in studio._bar.offer
+    assert len(studio.editor.points) == 4
+    studio.close()
+
+
+def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
+    (state_folder / "sessions").write_text("in the way")
+    studio = studio_of()
+    drag(studio, a_drag(studio))
+    studio._bar.recovery.autosave.flush()
+    wait_for(lambda: "save the session yourself" in studio._words.notice.value)
+    assert len(studio.editor.points) == 5
+    studio.close()
+
+
+def test_a_cell_that_runs_again_keeps_what_its_studio_held_in_the_history(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = iter([("cell", "one"), ("cell", "two")])
+    monkeypatch.setattr(cell_widgets, "_cell_and_run", lambda: next(runs))
+    first = studio_of()
+    drag(first, a_drag(first))
+    held = first.deformation.steps
+    second = studio_of()
+    assert first._worker.is_closed
+    assert second._bar.offer == ""
+    go_back(second)
+    assert second.deformation.steps == held
+    second.undo()
+    assert len(second.editor.points) == 4
+    second.close()
+
+
+def go_back(studio: Studio) -> None:
+    """Choose the last row of the history."""
+    history = panel(studio, "History")
+    history.opened(True)
+    assert history.items.rows[-1]["title"] == "an earlier session, not saved: 5 points, 1 step"
+    act(history.items, "choose", len(history.items.rows) - 1)
+
+
+def test_a_studio_that_is_closed_offers_nothing_and_the_history_has_it() -> None:
+    studio = studio_of()
+    drag(studio, a_drag(studio))
+    studio.close()
+    assert saved_sessions(a_volume()) == []
+    assert [entry.state for entry in saved_sessions(a_volume(), every=True)] == ["closed"]
+    again = studio_of()
+    assert again._bar.offer == ""
+    go_back(again)
+    assert len(again.editor.points) == 5
+    again.close()
+
+
+def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> None:
+    studio = studio_of(folder=tmp_path)
+    files = panel(studio, "Files")
+    drag(studio, a_drag(studio))
+    other = Session(Volume(a_volume().values // 2, a_volume().grid, "half"))
+    other.change(strength=0.25)
+    other.save(tmp_path / "half.json")
+    content = {"content": (tmp_path / "half.json").read_bytes()}
+    files._open([content])
+    assert files.question.box.layout.display == ""
+    assert "another volume (half" in files.question.text.value
+    assert studio.session.step.strength == 1.0
+    files.question.refuse.click()
+    assert files.question.box.layout.display == "none"
+    files.question.agree.click()  # nothing is asked
+    assert studio.session.step.strength == 1.0
+    files._open([content])
+    files.question.agree.click()
+    assert studio.session.step.strength == 0.25
+    assert studio.undo() is None
+
+    files.name.value = "mine.json"
+    files.write.click()
+    wait_for(lambda: files.said.value.startswith("Wrote mine.json"))
+    assert studio.session.saved is not None
+    mine = (tmp_path / "mine.json").read_bytes()
+    other.save(tmp_path / "mine.json", overwrite=True)
+    files.write.click()
+    wait_for(lambda: files.question.box.layout.display == "")
+    wait_for(lambda: not files.write.disabled)
+    assert "changed by someone else" in files.question.text.value
+    assert (tmp_path / "mine.json").read_bytes() != mine
+    files.question.agree.click()
+    wait_for(lambda: (tmp_path / "mine.json").read_bytes() == mine)
+    studio.close()
+
+
+def test_the_application_offers_it_too(lost: Any) -> None:
+    desk = Desk(Session(a_volume(), view="+y"))
+    assert desk.recovery.wait()
+    assert desk.state()["lost"].endswith("was not saved (5 points, 1 step).")
+    desk.act("restore")
+    assert desk.session.deformation.steps == lost
+    assert desk.editor.points == lost[0].points
+    assert desk.state()["lost"] == ""
+    desk.recovery.autosave.flush()
+    desk.close()
+    assert saved_sessions(a_volume()) == []  # no crash
+    again = Desk(Session(a_volume(), view="+y"))
+    assert again.recovery.wait()
+    assert again.state()["lost"] == ""
+    assert [row["title"] for row in again.state()["states"]] == [
+        "the beginning", "an earlier session, not saved: 5 points, 1 step"]
+    again.act("go_to", -1)
+    assert again.session.deformation.steps == lost
+    again.document()  # the page downloads it
+    again.close()
+    assert saved_sessions(a_volume()) == []

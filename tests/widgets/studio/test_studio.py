@@ -1,0 +1,462 @@
+"""The studio without a browser: what its widgets, its session and its page's messages do to each other."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import pytest
+from driven_studio import a_drag, a_volume, act, controls, drag, page_says, panel, wait_for
+from numpy.testing import assert_array_equal
+
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import to_json
+from deformnb.errors import DeformError
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.trends import TRENDS
+from deformnb.volume.plane import VIEWS
+from deformnb.widgets import Studio
+from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.widgets.worker import close_earlier_of_this_cell
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), folder=tmp_path)
+    made.wait()
+    yield made
+    made.close()
+
+
+# -- edits of the page -------------------------------------------------------------------------------------------------
+
+
+def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
+    seen: list[Deformation] = []
+    studio.observe(lambda change: seen.append(change["new"]), "deformation")
+    points = a_drag(studio)
+    drag(studio, points)
+    assert studio.deformation.steps[0].points == points
+    assert seen == [studio.deformation]
+    expected = Deformation.on_picture(studio.volume.grid, studio.session.view or "", points).apply(studio.volume)
+    assert_array_equal(studio.result().values, expected.values)
+    assert not np.array_equal(studio.result().values, studio.volume.values)
+    assert studio.stats()["edits"] == 1
+
+
+def test_undo_of_the_page_goes_through_the_document(studio: Studio) -> None:
+    first = studio.editor.points
+    points = a_drag(studio)
+    drag(studio, points, "add")
+    assert studio.editor.history == {"undo": f"add point {points.ids[-1]}", "redo": ""}
+    controls(studio)["Kernel"].value = "gaussian"
+    page_says(studio, {"type": "history", "way": "undo"})
+    assert studio.session.step.kernel == "wendland_c2"
+    assert controls(studio)["Kernel"].value == "wendland_c2"
+    assert studio.editor.points == points
+    page_says(studio, {"type": "history", "way": "undo"})
+    assert studio.editor.points == first
+    page_says(studio, {"type": "history", "way": "redo"})
+    assert studio.editor.points == points
+
+
+def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) -> None:
+    before = studio.editor.points
+    wrong = before.add([3.0, 3.0], [5.0, 5.0]).add([9.0, 9.0], [5.0, 5.0])
+    drag(studio, wrong)
+    assert studio.editor.points == before
+    assert "control point 4" in studio._words.notice.value
+    assert studio.stats()["refused"] == 1
+    drag(studio, a_drag(studio))  # and the studio goes on
+    assert "control point" not in studio._words.notice.value
+
+
+def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
+    for k in range(60):
+        drag(studio, a_drag(studio, 0.05 * (k % 7 - 3)))
+    last = studio.editor.points
+    assert studio.session.points == last
+    studio.wait()
+    assert studio.view._field is studio.session.field()
+
+
+def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None:
+    sent: list[Any] = []
+    studio.editor.send = lambda content, buffers=None: sent.append(content)  # what would go to the page
+    def fails(_change: Any) -> None:
+        raise ZeroDivisionError("of a cell")
+    studio.observe(fails, "deformation")
+    drag(studio, a_drag(studio))
+    said = studio._words.notice.value + str(sent)
+    assert "ZeroDivisionError" in said
+    studio.unobserve(fails, "deformation")
+
+
+def test_edits_of_a_followed_picture_send_the_view_nothing(studio: Studio) -> None:
+    hello = {"type": "hello", "view": "page", "largest": 2048, "renderer": "", "software": True}
+    studio.view._handle_custom_msg(hello, [])
+    drag(studio, a_drag(studio))
+    before = studio.view.stats()["field_bytes"]
+    for k in range(5):
+        drag(studio, a_drag(studio, 0.3 + 0.1 * k))
+    controls(studio)["Strength"].value = 1.5
+    controls(studio)["Kernel"].value = "gaussian"
+    studio.undo()
+    assert studio.view.stats()["field_bytes"] == before
+    shown = studio.view.still((60, 40))
+    controls(studio)["Extrusion"].value = "modulate"  # what the page cannot know
+    wait_for(lambda: studio.view.stats()["field_bytes"] > before)
+    assert not np.array_equal(studio.view.still((60, 40)), shown)
+
+
+# -- code in other cells -----------------------------------------------------------------------------------------------
+
+
+def test_a_document_can_be_set_and_undone(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    kept = studio.deformation
+    studio.save(tmp_path / "kept.json")
+    studio.session.reset()
+    assert not studio.session.points.displacement.any()
+    studio.deformation = kept
+    assert studio.editor.points == kept.steps[0].points
+    studio.undo()
+    assert not studio.editor.points.displacement.any()
+    studio.load(tmp_path / "kept.json")
+    assert studio.deformation.steps == kept.steps
+    with pytest.raises(DeformError):
+        studio.deformation = Deformation.in_space(studio.editor.points)
+
+
+def test_a_studio_opens_arrays_files_and_documents(tmp_path: Path, studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    studio.export(tmp_path / "ball.nrrd")
+    (tmp_path / "did.json").write_text(to_json(studio.deformation))
+    for given in (tmp_path / "ball.nrrd", str(tmp_path / "ball.nrrd"), studio.result().values):
+        other = Studio(given, tmp_path / "did.json")
+        assert other.deformation.steps == studio.deformation.steps
+        assert_array_equal(other.volume.values, studio.result().values)
+        other.close()
+    for wrong in (tmp_path / "none.nrrd", np.zeros(5), "x"):
+        with pytest.raises((DeformError, OSError)):
+            Studio(wrong)
+    with pytest.raises(DeformError, match="live"):
+        Studio(a_volume(), view="hologram")
+
+
+# -- controls ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
+    found = controls(studio)
+    for kernel in KERNELS:
+        found["Kernel"].value = kernel
+        assert (studio.session.step.kernel, studio.editor.kernel) == (kernel, kernel)
+        assert found["Trend"].value == studio.session.step.trend == studio.editor.trend
+        offered = {value for _, value in found["Trend"].options}
+        assert offered == {t.name for t in TRENDS.values() if t.order >= KERNELS[kernel].order}
+    found["Kernel"].value = "wendland_c2"
+    for trend in TRENDS:
+        found["Trend"].value = trend
+        assert studio.editor.trend == trend
+    assert {value for _, value in found["Side"].options} == set(VIEWS) == set(SIDES)
+    for method in PROJECTIONS:
+        found["Projection"].value = method
+        studio.wait()
+        assert studio.editor.picture.method == method
+    for shows in SHOWS:
+        found["Show"].value = shows
+        assert studio.view.shows == shows
+
+
+def test_turning_the_picture_replaces_picture_and_points_together(studio: Studio) -> None:
+    together: list[tuple[Any, Any]] = []
+    side = controls(studio)["Side"]
+    for view in VIEWS:
+        side.value = view
+        studio.wait()
+        together.append((studio.editor.picture.plane, studio.session.plane))
+        a0, a1, b0, b1 = studio.editor.picture.raster.box
+        inside = studio.editor.points.target
+        assert (inside >= [a0, b0]).all()
+        assert (inside <= [a1, b1]).all()
+    assert all(a == b for a, b in together)
+    assert len(studio.deformation.steps) == 1
+
+
+def test_an_edit_that_comes_after_the_picture_was_turned_is_dropped(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    late = a_drag(studio)
+    hold = threading.Event()
+    studio._worker.call(hold.wait)  # the new picture waits behind this
+    controls(studio)["Side"].value = next(v for v in VIEWS if v != studio.session.view)
+    count = len(studio.deformation.steps)
+    drag(studio, late)
+    hold.set()
+    studio.wait()
+    assert len(studio.deformation.steps) == count == 2
+    assert studio.editor.points == studio.session.points
+    assert not studio.session.points.displacement.any()
+    assert studio.stats()["late"] == 1
+
+
+def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    found = controls(studio)
+    found["Strength"].value = 2.5
+    assert studio.editor.strength == studio.session.step.strength == 2.5
+    found["automatic"].value = False
+    found["Support"].value = 12.0
+    assert studio.editor.support == pytest.approx(12.0)
+    found["Smoothing"].value = 0.5
+    assert studio.editor.smoothing == 0.5
+    found["Extrusion"].value = "modulate"
+    panel(studio, "Depth").curve.curve = "sin(pi*z)"
+    assert studio.session.step.curve == "sin(pi*z)"
+    found["Extrusion"].value = "interpolate"
+    keys = panel(studio, "Depth").keys
+    assert keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
+    message = {"kind": "select", "index": 2, "knots": [0.0, 0.5, 1.0], "selected": 2}
+    keys._handle_custom_msg({"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message}, [])
+    assert studio.session.key == 2
+    drag(studio, a_drag(studio, -3.0))
+    assert studio.session.step.maps[2] != studio.session.step.maps[0]
+    assert studio.view.editor_map == 2
+    found["automatic"].value = True
+    assert studio.session.step.support is None
+
+
+def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -> None:
+    support = controls(studio)["Support"]
+    exact = support.value
+    rounded = 10 ** (support.min + round((np.log10(exact) - support.min) / support.step) * support.step)
+    assert rounded != exact
+    support.set_state({"value": rounded})  # as ipywidgets' page does when it shows a slider for the first time
+    assert studio.session.history["undo"] == ""
+    assert studio.session.step.support is None
+    support.set_state({"value": 10 ** (np.log10(rounded) + support.step)})  # a hand that moves it by one step
+    assert studio.session.step.support == pytest.approx(10 ** (np.log10(rounded) + support.step))
+    studio.session.change(strength=0.123456)
+    controls(studio)["Strength"].set_state({"value": 0.12})
+    assert studio.session.step.strength == 0.123456
+
+
+def test_opacities_reach_session_and_view(studio: Studio) -> None:
+    before = studio.view.table
+    value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}
+    message = {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": value}
+    studio._opacity._handle_custom_msg(message, [])
+    assert studio.session.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
+    assert studio.view.table != before
+    studio.session.transfer = "bone"
+    assert studio._opacity.transfer == studio.session.transfer_function
+
+
+def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
+    for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support", "support")):
+        first = getattr(studio.session.step, field)
+        for value in (0.5, 1.0, 1.5):
+            controls(studio)[name].value = value * (20 if field == "support" else 1)
+            now += 2.0
+        studio.undo()
+        assert getattr(studio.session.step, field) == first
+    for kernel in ("gaussian", "cubic"):  # a menu has no way between
+        controls(studio)["Kernel"].value = kernel
+        now += 2.0
+    studio.undo()
+    assert studio.session.step.kernel == "gaussian"
+
+
+def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    words = SIDES[studio.session.view_of(studio.deformation.steps[0].plane) or ""].split(" (")[0]
+    steps = panel(studio, "Steps").items
+    assert [row["facts"] for row in steps.rows] == [[words, "5, 1 dragged", ""], ["from below", "5, 1 dragged", ""]]
+    assert [row["title"] for row in steps.rows] == [words, "from below"]
+    act(steps, "choose", 0)
+    studio.wait()
+    assert studio.session.index == 0
+    assert studio.view.editor is None  # points of an earlier step pass through the later ones, in Python
+    act(steps, "choose", 1)
+    studio.wait()
+    assert studio.view.editor is studio.editor
+    act(steps, "switch", 1, False)
+    assert not steps.rows[1]["on"]
+    assert_array_equal(studio.result().values, Deformation(studio.deformation.steps[:1]).apply(studio.volume).values)
+
+
+def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    assert "Step 2 begins" in studio._words.notice.value
+    for _ in range(3):  # each changes the words of the menu of steps
+        drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
+        drag(studio, a_drag(studio))
+        assert studio.session.index == 1
+        assert panel(studio, "Steps").items.chosen == 1
+    assert len(studio.deformation.steps) == 2
+
+
+def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    studio.view.set_camera((0, 1, 0))
+    studio.export_html(tmp_path / "last.html")
+    act(panel(studio, "Steps").items, "choose", 0)
+    studio.wait()
+    studio.view.set_camera((0, 1, 0))
+    studio.export_html(tmp_path / "first.html")
+    assert (tmp_path / "first.html").read_bytes() == (tmp_path / "last.html").read_bytes()
+
+
+def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
+    assert "corners" in studio._words.notice.value
+    studio._words.say("<img src=x onerror=alert(1)>", is_error=True)
+    assert "<img" not in studio._words.notice.value
+    drag(studio, a_drag(studio))
+    assert "img" not in studio._words.notice.value
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: Path) -> None:
+    drag(studio, a_drag(studio))
+    files = panel(studio, "Files")
+    for name in ("ball.nrrd", "ball.svg", "ball.py", "ball.json", "ball.html"):
+        files.name.value = name
+        files.write.click()
+        wait_for(lambda: not files.write.disabled)
+        assert (tmp_path / name).stat().st_size > 0, studio._words.notice.value
+        assert name in files.said.value
+    for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
+        files.name.value = wrong
+        files.write.click()
+        assert studio._words.notice.value
+        assert not files.write.disabled
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
+
+
+def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
+    files = panel(studio, "Files")
+    assert files.name.value == "ball_deformed.nii.gz"
+    (tmp_path / "ball.nrrd").write_bytes(b"the scan")
+    files.name.value = "ball.nrrd"
+    files.write.click()
+    assert "already there" in files.question.text.value
+    assert not files.write.disabled
+    assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
+    files.question.agree.click()
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+    files.write.click()  # its own file
+    wait_for(lambda: not files.write.disabled and files.said.value.startswith("Wrote"))
+
+
+def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
+    files = panel(studio, "Files")
+    files.name.value = "ball.gif"
+    files.write.click()
+    files.cancel.click()
+    wait_for(lambda: not files.write.disabled)
+    assert "Stopped" in files.said.value
+    wait_for(lambda: not list(tmp_path.iterdir()))  # the panel is free before the writer has ended
+
+
+def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    saved = to_json(studio.session.document()).encode()
+    studio.undo()
+    files = panel(studio, "Files")
+    files._open([{"name": "s.json", "content": memoryview(saved)}])
+    assert studio.session.points.displacement.any()
+    files._open([{"name": "s.json", "content": b"{nonsense"}])
+    assert "JSON" in studio._words.notice.value
+
+
+# -- display and the end -----------------------------------------------------------------------------------------------
+
+
+def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
+    still = studio.still(300)
+    assert still.shape[1] == 300
+    assert still[:, :150].std() > 5
+    assert still[:, 150:].std() > 5
+    data = studio._repr_mimebundle_()
+    assert (data[0] if isinstance(data, tuple) else data)["image/png"].startswith(b"\x89PNG")
+
+
+def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
+    Studio(a_volume()).close()  # what is made once for all
+    gc.collect()
+    widgets, threads = len(_instances()), threading.active_count()
+    for _ in range(5):
+        made = Studio(a_volume(), folder=tmp_path)
+        drag(made, a_drag(made))
+        reference = weakref.ref(made)
+        made.close()
+        del made
+        wait_for(lambda: gc.collect() >= 0 and reference() is None)  # what is being worked on ends first  # noqa: B023
+    wait_for(lambda: threading.active_count() <= threads)
+    assert len(_instances()) == widgets
+
+
+def _instances() -> dict[str, Any]:
+    from ipywidgets.widgets import widget
+
+    return dict(widget._instances)
+
+
+def test_a_cell_that_runs_again_closes_its_studios(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = ["cell", "1"]
+    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    closed: list[str] = []
+
+    class Shown:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def close(self) -> None:
+            closed.append(self.name)
+
+    a, b, c = Shown("a"), Shown("b"), Shown("c")
+    close_earlier_of_this_cell(a)
+    close_earlier_of_this_cell(b)  # a second one of the same run
+    assert closed == []
+    run[1] = "2"
+    close_earlier_of_this_cell(c)
+    assert closed == ["a", "b"]
+    run[0] = "other cell"
+    close_earlier_of_this_cell(Shown("d"))
+    assert closed == ["a", "b"]
+
+
+def test_the_studio_stands_in_boxes(studio: Studio) -> None:
+    box = ipw.HBox([studio, ipw.Label("beside")])
+    assert box.children[0] is studio
+    assert "24 x 20 x 16" in repr(studio)
+
+
+def test_the_notes_of_a_volume_are_said_beside_the_welcome() -> None:
+    values = np.random.default_rng(5).random((8, 9, 10))
+    values[2, 3, 4] = np.nan
+    studio = Studio(values)
+    said = studio._words.notice.value
+    assert "1 voxel is not finite, shown as background." in said
+    assert "Double-click" in said
+    assert studio.children[-1] is studio._words.box, "below everything: it moves no picture"
+    studio.close()

@@ -1,0 +1,342 @@
+"""What goes wrong in a studio: it is said in the page, nothing is lost by it, and one can go on."""
+
+from __future__ import annotations
+
+import gc
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import pytest
+from driven_studio import a_drag, a_volume, controls, drag, panel, wait_for
+from ipywidgets.widgets import widget as registry
+from traitlets import TraitError
+
+from deformnb.errors import DeformError
+from deformnb.session.session import Session
+from deformnb.widgets import LiveView, Studio
+from deformnb.widgets.studio.controls import Panel, fill
+from deformnb.widgets.studio.save_restore import SaveButton
+from deformnb.widgets.studio.studio import latency_text
+from deformnb.widgets.view.stills import PREVIEW_SIZE, from_png
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), folder=tmp_path)
+    made.wait()
+    yield made
+    made.close()
+
+
+# -- a studio that cannot be made --------------------------------------------------------------------------------------
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("wrong", [
+    {"view": "hologram"}, {"side": "+w"}, {"transfer": "no such preset"}, {"method": "cubist"},
+    {"deformation": "none.json"}, {"labels": np.zeros((3, 3, 3))},
+    {"target": np.zeros(7)},
+])
+def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(wrong: dict[str, Any], tmp_path: Path,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    run = ["cell", "1"]
+    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    good = Studio(a_volume(), folder=tmp_path)
+    good.wait()
+    gc.collect()
+    widgets, threads = set(registry._instances), threading.active_count()
+    run[1] = "2"
+    with pytest.raises((DeformError, OSError, TraitError)):
+        Studio(a_volume(), folder=tmp_path, **wrong)
+    assert set(registry._instances) == widgets
+    wait_for(lambda: threading.active_count() <= threads)
+    drag(good, a_drag(good))
+    assert good.stats()["edits"] == 1
+    run[1] = "3"
+    Studio(a_volume(), folder=tmp_path).close()
+    assert good._worker.is_closed
+
+
+def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = LiveView(a_volume())
+    gc.collect()
+    widgets, threads = set(registry._instances), threading.active_count()
+
+    def fails(*_given: Any, **_more: Any) -> None:
+        raise ZeroDivisionError("the last part")
+    monkeypatch.setattr(LiveView, "follow", fails)
+    for shown in ("live", view):
+        with pytest.raises(ZeroDivisionError, match="the last part"):
+            Studio(a_volume(), folder=tmp_path, view=shown)
+        assert set(registry._instances) == widgets  # the view of one's own among them, still open
+        wait_for(lambda: threading.active_count() <= threads)
+    assert view.comm is not None
+    view.close()
+
+
+def test_others_still_hear_of_widgets(tmp_path: Path) -> None:
+    heard: list[str] = []
+    ipw.Widget.on_widget_constructed(lambda made: heard.append(type(made).__name__))
+    try:
+        Studio(a_volume(), folder=tmp_path).close()
+        ipw.Label("after it").close()
+    finally:
+        ipw.Widget.on_widget_constructed(None)
+    assert "Studio" in heard
+    assert heard[-3:].count("Label") == 1
+
+
+def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = ["cell", "1"]
+    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    view = LiveView(a_volume())
+    first = Studio(a_volume(), folder=tmp_path, view=view)
+    run[1] = "2"
+    second = Studio(a_volume(), folder=tmp_path, view=view)
+    assert first._worker.is_closed
+    assert second.view is view
+    assert view.comm is not None
+    assert view.editor is second.editor
+    second.close()
+
+
+# -- a picture that cannot be made -------------------------------------------------------------------------------------
+
+
+def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    drag(studio, a_drag(studio))
+    before, (reason, again, back) = studio.session.view, studio._picture.ways_on.children
+    assert studio._picture.ways_on.layout.display == "none"
+    is_poor = [True]
+    make = Session.picture
+
+    def picture(session: Session, *given: Any) -> Any:
+        if is_poor[0]:
+            raise MemoryError("no room for a picture")
+        return make(session, *given)
+    monkeypatch.setattr(Session, "picture", picture)
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    assert "no room for a picture" in reason.value
+    assert "could not be made" in studio.editor.waiting  # no gesture on the old one
+    assert studio._picture.ways_on.layout.display == ""
+    assert studio.editor.picture.plane != studio.session.plane
+    again.click()  # it fails once more
+    studio.wait()
+    assert "no room" in reason.value
+    assert studio._picture.ways_on.layout.display == ""
+    back.click()  # to the picture that still stands there
+    studio.wait()
+    assert studio.session.view == before
+    assert "Undone" in studio._words.notice.value
+    assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
+    studio.redo()
+    studio.wait()
+    assert "no room" in reason.value
+    is_poor[0] = False
+    again.click()
+    studio.wait()
+    assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
+    assert reason.value == ""
+    assert studio.editor.picture.plane == studio.session.plane
+    count = studio.stats()["late"]
+    drag(studio, a_drag(studio))
+    assert studio.stats()["late"] == count
+    assert studio.session.points == studio.editor.points
+
+
+# -- what fails unseen -------------------------------------------------------------------------------------------------
+
+
+def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_given: Any) -> None:
+        raise FloatingPointError("of the status line")
+    with monkeypatch.context() as patched:
+        patched.setattr("deformnb.widgets.studio.studio.judgement_of", fails)
+        drag(studio, a_drag(studio))
+        studio.wait()
+        assert "FloatingPointError: of the status line" in studio._words.notice.value
+    with monkeypatch.context() as patched:
+        patched.setattr(type(studio._link), "_field_of", fails)
+        studio._link._moved(studio.session.points, "move")
+        wait_for(lambda: "of the status line" in studio._words.notice.value)
+    drag(studio, a_drag(studio, 1.0))  # and it goes on
+    studio.wait()
+    assert "of the status line" not in studio._words.notice.value
+    assert "5 points, 1 dragged" in studio._words.status.value
+
+
+def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
+    in_arrange, go_on = threading.Event(), threading.Event()
+    edits: list[str] = []
+
+    class Choosing(Panel):
+        slow = True
+
+        def arrange(self) -> None:
+            if threading.current_thread() is slow:
+                in_arrange.set()
+                assert go_on.wait(20)
+                fill(self.menu, [("a", "a"), ("b", "b"), ("c", "c")])  # chooses the first of them
+
+    panel = Choosing(studio.session, lambda action: action() or True)
+    panel.menu = panel.add(ipw.Dropdown(options=[("b", "b")], value="b"), lambda: "b", edits.append)
+    slow = threading.Thread(target=panel.refresh)
+    slow.start()
+    assert in_arrange.wait(20)
+    panel.refresh()  # another thread comes and is done
+    go_on.set()
+    slow.join(20)
+    assert edits == []
+    assert panel.menu.value == "b"
+    panel.menu.value = "c"  # a hand
+    assert edits == ["c"]
+
+
+# -- what is measured --------------------------------------------------------------------------------------------------
+
+
+def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> None:
+    assert studio.stats()["edit_ms"] is None
+    assert "edit" not in studio._words.status.value
+    drag(studio, a_drag(studio))
+    first = studio.stats()["edit_ms"]
+    studio.wait()
+    assert first > 0
+    assert latency_text(first, {}) in studio._words.status.value
+    controls(studio)["Strength"].value = 2.0
+    second = studio.stats()["edit_ms"]
+    assert second != first  # a slider edits as well
+    controls(studio)["Show"].value = "original"  # and this edits nothing
+    assert studio.stats()["edit_ms"] == second
+    stats = {"type": "stats", "view": "page", "drag_ms": 41.0, "full_ms": 300.0, "frames": 3}
+    studio.view._handle_custom_msg(stats, [])
+    wait_for(lambda: "volume 41 ms" in studio._words.status.value)  # in a moment of rest
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    assert studio.stats()["picture_ms"] > 0
+
+
+# -- the camera --------------------------------------------------------------------------------------------------------
+
+
+def test_the_volume_is_turned_with_the_picture_until_somebody_turns_it(studio: Studio) -> None:
+    side, view = controls(studio)["Side"], studio.view
+    first = view.camera["direction"]
+    side.value = "+z"
+    studio.wait()
+    assert view.camera["direction"] != first
+    studio.undo()
+    studio.wait()
+    assert view.camera["direction"] == first
+    view.camera = {**view.camera, "zoom": 2.0}  # nearer is not elsewhere
+    side.value = "+z"
+    studio.wait()
+    assert view.camera["direction"] != first
+    view.set_camera((1.0, 0.2, 0.3))  # as a hand would
+    mine = view.camera
+    studio.undo()
+    studio.wait()
+    side.value = "-y"
+    studio.wait()
+    assert view.camera == mine
+
+
+# -- controls ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_grid_can_be_as_fine_as_the_editor_draws_it(studio: Studio) -> None:
+    density = next(w for w in _all_of(studio) if getattr(w, "description", "") == "Grid")
+    studio.editor.density = 64
+    assert density.value == 64
+
+
+def _all_of(widget: Any) -> list[Any]:
+    return [widget, *(w for child in getattr(widget, "children", ()) for w in _all_of(child))]
+
+
+def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
+    files = panel(studio, "Files")
+    for name in ("ball.py", "ball.json", "ball.svg"):
+        (tmp_path / name).write_bytes(b"somebody's")
+        files.name.value = name
+        files.write.click()
+        assert f"{name} is already there. Write over it?" in files.question.text.value
+        assert not files.write.disabled
+        files.question.refuse.click()
+        assert (tmp_path / name).read_bytes() == b"somebody's"
+    files.name.value = "ball.py"
+    files.write.click()
+    files.question.agree.click()
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+    assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
+    files.said.value = ""
+    files.write.click()  # its own by now
+    wait_for(lambda: files.said.value.startswith("Wrote"))
+
+
+def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    drag(studio, a_drag(studio, 6.0))
+
+    def full(*_given: Any) -> None:
+        raise AssertionError("a picture of all voxels")
+    monkeypatch.setattr(LiveView, "still", full)
+    bundle = studio._repr_mimebundle_()
+    shown = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
+    assert shown.shape[1] == 2 * PREVIEW_SIZE[0]
+    for part in (shown[:, : PREVIEW_SIZE[0]], shown[:, PREVIEW_SIZE[0] :]):
+        assert part.std() > 8
+    studio.session.reset()
+    bundle = studio._repr_mimebundle_()
+    before = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
+    assert before.shape != shown.shape or np.abs(before.astype(int) - shown).max() > 60  # it shows what was dragged
+
+
+# -- saving ------------------------------------------------------------------------------------------------------------
+
+
+def save_button(studio: Studio) -> SaveButton:
+    return next(w for w in _all_of(studio) if isinstance(w, SaveButton))
+
+
+def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path) -> None:
+    button = save_button(studio)
+    (tmp_path / "ball.json").write_text("somebody's")
+    assert not button.unsaved
+    drag(studio, a_drag(studio))
+    assert button.unsaved
+    button._handle_custom_msg({"type": "save"}, [])
+    wait_for(lambda: "Saved ball-2.json." in studio._words.notice.value)
+    assert not button.unsaved
+    assert "ball-2.json" in button.tip
+    assert (tmp_path / "ball.json").read_text() == "somebody's"
+    first = (tmp_path / "ball-2.json").read_bytes()
+    drag(studio, a_drag(studio, 1.0))
+    button.press()
+    wait_for(lambda: not button.unsaved)
+    assert (tmp_path / "ball-2.json").read_bytes() != first  # the same one
+    studio.save(tmp_path / "mine.json")
+    assert "mine.json" in button.tip
+    (tmp_path / "mine.json").write_text("changed by someone")
+    drag(studio, a_drag(studio, 2.0))
+    button.press()
+    wait_for(lambda: "changed by someone else" in studio._words.notice.value)
+    assert button.unsaved
+    assert (tmp_path / "mine.json").read_text() == "changed by someone"
+    panel(studio, "Files")._open([{"name": "s.json", "content": memoryview(first)}])
+    assert not button.unsaved
+    button.press()  # what was opened from elsewhere goes over nobody's file
+    wait_for(lambda: "Saved ball-3.json." in studio._words.notice.value)
+
+
+def test_a_page_cannot_say_where_to_save(studio: Studio, tmp_path: Path) -> None:
+    button = save_button(studio)
+    for wrong in (None, "save", {"type": "delete"}, ["save"]):
+        button._handle_custom_msg(wrong, [])
+    button.set_state({"unsaved": True, "tip": "x"})
+    assert not button.unsaved
+    assert list(tmp_path.iterdir()) == []

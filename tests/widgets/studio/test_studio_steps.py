@@ -1,0 +1,325 @@
+"""Several steps, cuts, rigid parts and points in space in the studio: its panels, its editors, its page's messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+import pytest
+from driven_studio import a_drag, a_volume, act, controls, drag, page_says, panel
+from numpy.testing import assert_array_equal
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.io.formats import read_volume
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace, Polygon
+from deformnb.rbf.rigid import RigidPart
+from deformnb.widgets import Studio
+from deformnb.widgets.protocol import points_to_json
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Iterator[Studio]:
+    made = Studio(a_volume(), side="+y", folder=tmp_path)
+    made.wait()
+    yield made
+    made.close()
+
+
+# -- cuts, rigid parts, steps in space ---------------------------------------------------------------------------------
+
+
+def draws(studio: Studio, what: str, kind: str, *shapes: Any) -> None:
+    """As shapes drawn in the editor's page."""
+    page_says(studio, {"type": "shapes", "what": what, "kind": kind, "shapes": list(shapes)})
+
+
+def a_line(studio: Studio) -> dict[str, Any]:
+    """Down the middle of the picture."""
+    low, high = studio.editor.points.source[:4].min(axis=0), studio.editor.points.source[:4].max(axis=0)
+    a = float((low[0] + high[0]) / 2)
+    places = [[a, float(high[1])], [a, float(low[1])]]
+    return {"name": "", "enabled": True, "region": {"kind": "line", "vertices": places}}
+
+
+def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> None:
+    draws(studio, "cuts", "add cut", a_line(studio))
+    assert studio.session.history["undo"] == "add cut"
+    assert studio.editor.cuts == [a_line(studio)]
+    middle = studio.editor.points.source.mean(axis=0)
+    near, far = np.array([2.0, 0.0]), np.array([5.0, 0.0])
+    drag(studio, studio.editor.points.add(middle - near, middle - far).add(middle + near, middle + far))
+    expected = studio.deformation.apply(studio.volume)
+    assert_array_equal(studio.result().values, expected.values)
+    across = studio.result().values.max(axis=(0, 1)) if studio.session.view == "+y" else None
+    assert across is not None
+    assert (across[10:14] == 0).all()
+    assert across[:9].any()
+    assert across[15:].any()
+    items = panel(studio, "Cuts & parts").items
+    assert [(row["title"], row["facts"][:2]) for row in items.rows] == [("cut 1", ["cut", "line"])]
+    act(items, "switch", 0, False)
+    assert (studio.result().values.max(axis=(0, 1))[11:13] > 0).all()
+    assert not studio.editor.cuts[0]["enabled"]
+    for _ in range(3):
+        page_says(studio, {"type": "history", "way": "undo"})
+    assert studio.editor.cuts == []
+    assert_array_equal(studio.result().values, studio.volume.values)
+
+
+def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    (a, b) = studio.editor.points.source[-1].tolist()
+    corners = [[a - 2, b - 2], [a + 2, b - 2], [a + 2, b + 2], [a - 2, b + 2]]
+    around = {"name": "stone", "enabled": True, "motion": None, "weight": "saturated", "reach": None,
+              "region": {"kind": "polygon", "vertices": corners}}
+    draws(studio, "parts", "add part", around)
+    assert "stone" in studio._words.notice.value
+    assert studio.editor.parts == []
+    assert studio.session.step.parts == ()
+    assert studio.stats()["refused"] == 1
+    points = studio.editor.points
+    drag(studio, points.remove(points.ids[-1]))
+    draws(studio, "parts", "add part", around)
+    assert studio.session.step.parts[0].name == "stone"
+    page_says(studio, {"type": "shapes", "what": "parts", "kind": "x", "shapes": [{"region": {"kind": "no"}}]})
+    assert studio.session.step.parts[0].name == "stone"
+
+
+def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
+    cut = Cut(HalfSpace((12.0, 5.0), (1.0, 0.0)), "half")
+    part = RigidPart(HalfSpace((0.0, 14.0), (0.0, -1.0)), name="floor")
+    studio.session.edit_cuts([cut])
+    studio.session.edit_parts([part])
+    studio.session.set_cut_rule("paper")
+    assert studio.editor.cuts[0]["name"] == "half"
+    assert studio.editor.parts[0]["name"] == "floor"
+    assert studio.editor.cut_rule == "paper"
+    assert (studio.editor.step().cuts, studio.editor.step().parts) == ((cut,), (part,))
+    controls(studio)["Show matter"].value = "source"
+    assert studio.editor.cut_rule == studio.session.step.cut_rule == "source"
+    studio.session.add_step()
+    studio.wait()
+    assert studio.editor.cuts == studio.editor.parts == []
+
+
+def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
+    shapes = panel(studio, "Cuts & parts")
+    draws(studio, "parts", "add part", {"region": {"kind": "polygon", "vertices": [[4, 4], [10, 4], [10, 8], [4, 8]]}})
+    found = {c.widget.description: c.widget for c in shapes.part.controls}
+    assert found["Turn"].layout.display == "none"
+    found["Part"].value = "moved"
+    found["Turn"].value = 90.0
+    found["Shift right"].value = 2.0
+    part = studio.session.step.parts[0]
+    np.testing.assert_allclose(part.motion([[10.0, 6.0]]), [[9.0, 9.0]], atol=1e-9)  # turned about (7, 6), and 2 on
+    assert shapes.items.rows[0]["facts"] == ["rigid part", "closed line", "turned 90\N{DEGREE SIGN}, shifted 2.0, 0.0"]
+    assert studio.editor.parts[0]["motion"] is not None
+    x = studio.session.plane.from_plane(np.array([[9.0, 9.0, 3.0]]))
+    came_from = studio.session.plane.to_plane(x + studio.session.field().displacement(x))
+    np.testing.assert_allclose(came_from[0, :2], [10, 6], atol=1e-6)
+    found["Reach"].value = 6.0
+    assert studio.session.step.parts[0].reach == 6.0
+    found["Felt by"].value = "distance"
+    found["Part"].value = "fixed"
+    assert studio.session.step.parts[0].motion is None
+    assert found["Turn"].layout.display == "none"
+    act(shapes.items, "rename", 0, "knee")
+    assert studio.session.history["undo"] == "rename part 1"
+    act(shapes.items, "remove", 0)
+    assert studio.session.step.parts == ()
+    assert studio.session.history["undo"] == "remove knee"
+
+
+def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> None:
+    shapes, boxes = panel(studio, "Cuts & parts"), [[[a, 4], [a + 4, 4], [a + 4, 8], [a, 8]] for a in (2.0, 8.0, 14.0)]
+    studio.session.edit_parts([RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)])
+    assert shapes.items.chosen == -1
+    assert shapes.part.part is None
+
+    def names() -> tuple[str, str]:
+        """What the list shows as chosen and moves, and what the picture does."""
+        chosen, row = studio.editor.chosen_shape, shapes.items.chosen
+        moved = shapes.part.part.name if shapes.part.part else ""
+        assert moved == (shapes.items.rows[row]["name"] if row >= 0 else "")
+        return moved, studio.editor.parts[chosen["index"]]["name"] if chosen else ""
+
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    assert names() == ("b", "b")
+    act(shapes.items, "choose", 2)
+    assert names() == ("c", "c")
+    next(c.widget for c in shapes.part.controls if c.widget.description == "Part").value = "moved"
+    assert [part.motion is not None for part in studio.session.step.parts] == [False, False, True]
+    assert names() == ("c", "c")
+    studio.session.edit_parts(studio.session.step.parts[::-1], "reorder")
+    assert names() == ("c", "c")
+    studio.session.edit_parts(studio.session.step.parts[:-1], "remove a")
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    studio.undo()
+    assert names() == ("b", "b")
+    studio.undo()
+    assert names() == ("b", "b")
+    # The page says its choice before it hears that the list is another one: the shape counts, not its place.
+    page_says(studio, {"type": "choose", "what": "parts", "index": 2, "shape": studio.editor.parts[0]})
+    assert names() == ("a", "a")
+    act(shapes.items, "remove", 0)
+    assert names() == ("", "")  # and not the next one, which was not meant
+    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": {"name": "a"}})
+    assert names() == ("", "")
+    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": studio.editor.parts[0]})
+    page_says(studio, {"type": "choose", "what": None})
+    assert names() == ("b", "")  # a point is selected in the picture: the controls stay
+
+
+def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
+    volume = a_volume()
+    labels = np.zeros(volume.shape, np.uint8)
+    labels[6:10, 8:12, 4:9] = 7
+    labels[2:4, 2:4, 2:4] = 9
+    made = Studio(volume, side="+y", labels=labels, label_names={7: "femur"}, folder=tmp_path)
+    shapes = panel(made, "Cuts & parts")
+    assert [text for text, _ in shapes._label.options] == ["femur", "label 9"]
+    buttons = {b.description: b for b in shapes.box.children[1].children if isinstance(b, ipw.Button)}
+    buttons["Label as part"].click()
+    part = made.session.step.parts[0]
+    assert part.name == "femur"
+    flat = np.array([[6.0, 8.0], [1.0, 8.0]])  # +y: a is x, b is down from the top slice
+    assert (part.region.signed_distance(flat) < 0).tolist() == [True, False]
+    buttons["Ground"].click()
+    ground = made.session.step.parts[1].region
+    assert (ground.signed_distance([[5.0, 15.0], [5.0, 2.0]]) < 0).tolist() == [True, False]
+    made.session.add_step(in_space=True)
+    made.wait()
+    shapes._label.value = 9
+    buttons["Label as cut"].click()
+    inside = np.array([[3.0, 3.0, 3.0], [9.0, 9.0, 9.0]])
+    assert (made.session.step.cuts[0].region.signed_distance(inside) < 0).tolist() == [True, False]
+    made.close()
+    with pytest.raises(DeformError, match="shape"):
+        Studio(volume, labels=labels[1:])
+
+
+def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    flat = studio.editor
+    add = next(b for b in panel(studio, "Steps").box.children[1].children if b.description == "Add step in space")
+    add.click()
+    studio.wait()
+    space = studio.editor
+    assert space is not flat
+    assert studio._editors.box.children == (space,)
+    assert len(space.points) == 8
+    points = space.points.add([12.0, 10.0, 8.0], [15.0, 10.0, 8.0])
+    drag(studio, points)
+    assert studio.deformation.steps[1].points == points
+    assert_array_equal(studio.result().values, studio.deformation.apply(studio.volume).values)
+    assert space.history["undo"] == f"add point {points.ids[-1]}"
+    studio.undo()
+    assert len(space.points) == 8
+    drag_of_before = flat.points.add([3.0, 3.0])
+    drag(studio, drag_of_before, "add", flat)  # of a page that has gone
+    assert len(studio.deformation.steps[0].points) == 5
+    act(panel(studio, "Steps").items, "choose", 0)
+    studio.wait()
+    assert studio.editor is flat
+    assert studio._editors.box.children == (flat,)
+    assert flat.points == studio.session.points
+    assert controls(studio)["Side"].value == studio.session.view
+
+
+def test_a_studio_opens_with_a_step_in_space(tmp_path: Path) -> None:
+    points = ControlPoints.from_arrays([[2, 2, 2], [20, 3, 3], [4, 15, 4], [5, 5, 12]]).move(3, [5, 6, 12])
+    made = Studio(a_volume(), Deformation.in_space(points), folder=tmp_path)
+    made.wait()
+    assert made.editor.points == points
+    assert made.still(200).shape[1] == 200
+    made.close()
+
+
+def test_what_the_page_cannot_follow_is_previewed_by_python(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    assert not studio.editor.live  # the page follows by itself
+    act(panel(studio, "Steps").items, "choose", 0)
+    studio.wait()
+    assert studio.editor.live
+    moved = a_drag(studio, 3.0)
+    page_says(studio, {"type": "edit", "phase": "move", "kind": "move", "joins": False, "next_id": moved.next_id,
+                       "points": points_to_json(moved)})
+    studio.wait()
+    assert studio.stats()["previews"] == 1
+    wanted = studio.deformation.with_step(0, studio.session.step.with_points(moved)).field(studio.volume.grid)
+    x = np.array([[10.0, 9.0, 7.0], [12.0, 11.0, 9.0]])
+    assert_array_equal(studio.view._field.displacement(x), wanted.displacement(x))
+    drag(studio, moved)
+    assert studio.view._field is studio.session.field()
+    act(panel(studio, "Steps").items, "choose", 1)
+    studio.wait()
+    assert not studio.editor.live
+
+
+def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    controls(studio)["Side"].value = "+z"
+    studio.wait()
+    drag(studio, a_drag(studio))
+    items = panel(studio, "Steps").items
+    a, b = studio.deformation.steps
+    act(items, "rename", 0, "bend")
+    act(items, "down", 0)
+    studio.wait()
+    assert [row["name"] for row in items.rows] == ["", "bend"]
+    assert items.chosen == 0
+    assert_array_equal(studio.result().values, Deformation((b, a)).apply(studio.volume).values)
+    controls(studio)["Done"].value = "blend"
+    assert_array_equal(studio.result().values, Deformation((b, a), mode="blend").apply(studio.volume).values)
+    assert studio.view.editor is None  # a sum is not followed in the page
+    stale = {"type": "act", "what": "remove", "index": 0, "value": None, "version": items.version - 1}
+    items._handle_custom_msg(stale, [])
+    assert len(studio.deformation.steps) == 2
+    act(items, "double", 1)
+    act(items, "remove", 0)
+    studio.wait()
+    assert [row["name"] for row in items.rows] == ["bend", "bend"]
+    while studio.session.undo():
+        pass
+    studio.wait()
+    assert len(items.rows) == 1
+    assert_array_equal(studio.result().values, studio.volume.values)
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("how", ["cut", "space", "blend", "off"])
+def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path, how: str) -> None:
+    draws(studio, "cuts", "add cut", a_line(studio))
+    drag(studio, a_drag(studio, -1.5))
+    if how == "off":
+        act(panel(studio, "Steps").items, "switch", 0, False)
+    elif how != "cut":
+        studio.session.add_step(in_space=how == "space")
+        studio.wait()
+        drag(studio, studio.editor.points.add(studio.editor.points.source.mean(axis=0)))
+        drag(studio, a_drag(studio))
+    if how == "blend":
+        studio.session.set_mode("blend")
+    for name in ("a.html", "a.py", "a.json", "a.nrrd"):
+        studio.export(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 0
+    scope: dict[str, Any] = {"volume": studio.volume}
+    exec(studio.session.code("volume"), scope)
+    assert scope["deformation"] == studio.deformation
+    assert_array_equal(scope["deformed"].values, studio.result().values)
+    kept = studio.deformation
+    studio.session.reset()
+    studio.load(tmp_path / "a.json")
+    studio.wait()
+    assert studio.deformation.steps == kept.steps
+    assert studio.deformation.mode == kept.mode
+    assert_array_equal(read_volume(tmp_path / "a.nrrd").values, studio.result().values)

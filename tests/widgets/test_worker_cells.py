@@ -1,0 +1,180 @@
+"""Widgets of a cell that runs again: what earlier runs have made is closed, and leaves nothing."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+import weakref
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deformnb.errors import DeformError
+from deformnb.session.autosave import restore, saved_sessions
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets import Studio
+from deformnb.widgets import worker as cell_widgets
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.volume_view import VolumeView
+from deformnb.widgets.worker import parts_of_another
+
+GRID = Grid((8, 10, 12))
+
+
+def a_volume() -> Volume:
+    return Volume(np.indices(GRID.shape, np.uint8).sum(axis=0, dtype=np.uint8), GRID, "ramp")
+
+
+def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+class Cell:
+    """The cell that runs, and which run of it that is."""
+
+    def __init__(self) -> None:
+        self.name, self.count = "cell", 1
+
+    def again(self, name: str = "cell") -> None:
+        """This cell runs, with an id of its own as each run has."""
+        self.name, self.count = name, self.count + 1
+
+
+@pytest.fixture
+def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
+    running = Cell()
+    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: (running.name, str(running.count)))
+    monkeypatch.setattr(cell_widgets, "_SHOWN", defaultdict(cell_widgets._SHOWN.default_factory))
+    return running
+
+
+def a_volume_view() -> VolumeView:
+    made = VolumeView(a_volume(), method="core", width=64, height=64)
+    made.still((32, 24))  # a scene, and a thread
+    return made
+
+
+def a_live_view() -> LiveView:
+    made = LiveView(a_volume())
+    made._draw_here()  # for a page that cannot, by a scene of VTK's or the core's
+    return made
+
+
+def a_space_editor() -> SpaceEditor:
+    made = SpaceEditor(a_volume())
+    made._worker.call(lambda: None).result(60)
+    return made
+
+
+MAKERS = (a_volume_view, a_live_view, a_space_editor)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
+def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[], Any]) -> None:
+    first = make()
+    one = threading.active_count()
+    made = [first]
+    for _ in range(9):
+        cell.again()
+        made.append(make())
+    until(lambda: threading.active_count() <= one)
+    assert [widget.comm is None for widget in made] == [True] * 9 + [False]
+    gone = [weakref.ref(widget) for widget in made[:-1]]
+    last = made[-1]
+    del made, first
+    until(lambda: gc.collect() >= 0 and not any(reference() for reference in gone))
+    last.close()
+
+
+def test_widgets_of_one_run_and_of_other_cells_and_kinds_stay(cell: Cell) -> None:
+    a, b = LiveView(a_volume()), LiveView(a_volume())
+    editor = SpaceEditor(a_volume())
+    cell.again("another cell")
+    c = LiveView(a_volume())
+    cell.again()
+    assert [widget.comm is not None for widget in (a, b, c, editor)] == [True] * 4
+    d = LiveView(a_volume())
+    assert [widget.comm is not None for widget in (a, b, c, d, editor)] == [False, False, True, True, True]
+    for widget in (c, d, editor):
+        widget.close()
+
+
+def test_who_cannot_have_a_new_view_keeps_the_one_of_before(cell: Cell) -> None:
+    view = VolumeView(a_volume(), method="core")
+    cell.again()
+    with pytest.raises(DeformError, match="unknown transfer function"):
+        VolumeView(a_volume(), transfer="no")
+    assert view.comm is not None
+    view.close()
+
+
+def test_parts_are_closed_by_their_owner_alone(cell: Cell) -> None:
+    with parts_of_another():
+        part = LiveView(a_volume())
+    cell.again()
+    own = LiveView(a_volume())
+    assert part.comm is not None
+    part.close()
+    own.close()
+
+
+@pytest.mark.parametrize("kind", [LiveView, VolumeView])
+def test_a_view_that_a_studio_shows_stays_when_its_own_cell_runs_again(cell: Cell, kind: Any, tmp_path: Path) -> None:
+    cell.again("views")
+    view = kind(a_volume())
+    cell.again("studio")
+    studio = Studio(a_volume(), folder=tmp_path, view=view)
+    cell.again("views")
+    another = kind(a_volume())
+    assert view.comm is not None
+    cell.again("studio")
+    last = Studio(a_volume(), folder=tmp_path, view=another)
+    assert view.comm is None  # with the studio that showed it
+    assert another.comm is not None
+    last.close()
+    assert studio.comm is None
+
+
+@pytest.mark.parametrize("view", ["live", "vtk"])
+def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path, view: str) -> None:
+    before = threading.active_count()
+    studio = Studio(a_volume(), folder=tmp_path, view=view)
+    for _ in range(3):
+        cell.again()
+        studio = Studio(a_volume(), folder=tmp_path, view=view)
+    until(lambda: threading.active_count() <= before + 2)  # its own and that which writes sessions
+    studio.close()
+    until(lambda: threading.active_count() <= before)
+
+
+@pytest.mark.parametrize("view", ["live", "vtk"])
+def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written(
+        tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
+    volume, before = a_volume(), threading.active_count()
+    studio = Studio(volume, folder=tmp_path, view=view)
+    left = weakref.ref(studio)
+    studio.session.change(strength=0.5)
+    del studio
+    until(lambda: gc.collect() >= 0 and threading.active_count() <= before)
+    (entry,) = saved_sessions(volume, every=True)
+    assert (entry.state, restore(entry).steps[0].strength) == ("open", 0.5)
+    kept = left()  # by ipywidgets: a page may show it
+    assert kept is not None
+    kept.session.change(strength=0.25)
+    until(lambda: threading.active_count() <= before)
+    assert restore(entry).steps[0].strength == 0.25
+    kept.close()
+    del kept
+    until(lambda: gc.collect() >= 0 and left() is None)
+    until(lambda: threading.active_count() <= before)

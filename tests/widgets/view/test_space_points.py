@@ -1,0 +1,256 @@
+"""Points in space over a view, without a browser: what Python makes of them, and the rays of the page."""
+
+from __future__ import annotations
+
+import gc
+import time
+import weakref
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from scripts import run_script
+
+from deformnb.document.deformation import Deformation, Step
+from deformnb.rbf.extrusion import extrude, interpolate, replicate
+from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets import LiveView, SpaceEditor, VolumeView
+from deformnb.widgets.packed_volume import shown_volume
+from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.textures import card_maps
+from deformnb.widgets.view.space_points import QUICK_SIZE
+
+RAYS = ("elements.js", "volume_blocks.js", "camera.js", "edits.js", "handles.js", "space_edits.js", "space_rays.js")
+TURNED = ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
+GRID = Grid((30, 34, 38), (1.0, 1.25, 1.5), (4.0, -7.0, 11.0), TURNED)
+
+
+@pytest.fixture(scope="module")
+def volume() -> Volume:
+    values = np.zeros(GRID.shape, np.uint8)
+    values[8:22, 9:25, 10:28] = 200
+    return Volume(values, GRID, "block")
+
+
+@pytest.fixture
+def points() -> ControlPoints:
+    source = np.asarray(GRID.center) + np.array([[0, 0, 0], [8, 3, -4], [-7, -5, 6], [4, 8, 8]])
+    return ControlPoints.from_arrays(source, source + np.array([[3, 0, 0], [0, 1, 0], [0, 0, 0], [0, -1, 2.0]]))
+
+
+@pytest.fixture
+def editor(volume: Volume, points: ControlPoints) -> Iterator[SpaceEditor]:
+    made = SpaceEditor(volume, points)
+    yield made
+    made.close()
+
+
+def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
+    """A live view with a page that shows at once whatever it gets."""
+    view, fields = LiveView(volume), []
+
+    def send(content: Any, buffers: Any = None) -> None:
+        if content["type"] == "field":
+            fields.append(content)
+            if content["seq"]:
+                view._handle_custom_msg({"type": "seen", "view": "v", "seq": content["seq"]}, [])
+
+    view.send = send  # type: ignore[method-assign]
+    view._handle_custom_msg({"type": "hello", "view": "v", "largest": 2048}, [])
+    fields.clear()
+    return view, fields
+
+
+def told(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int) -> None:
+    editor._handle_custom_msg({"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move",
+                               "points": points_to_json(points)}, [])
+
+
+def test_a_view_follows_every_movement_coarsely_and_the_end_finely(volume: Volume, editor: SpaceEditor,
+                                                                   points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    assert view.points_editor is editor
+    assert max(fields[-1]["space"]["shape"]) == 64
+    moved = points.move(0, points.target[0] + np.array([5.0, 0, 0]))
+    told(editor, moved, "move", 1)
+    assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
+    x = points.target
+    np.testing.assert_allclose(view._field.displacement(x), fit_rbf(moved).displacement(x), atol=1e-12)
+    told(editor, moved, "end", 2)
+    assert max(fields[-1]["space"]["shape"]) == 64
+    editor.kernel = "gaussian"
+    np.testing.assert_allclose(view._field.displacement(x + 2), fit_rbf(moved, kernel="gaussian").displacement(x + 2),
+                               atol=1e-9)
+
+
+def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    told(editor, points, "move", 1)
+    until = time.monotonic() + 20
+    while max(fields[-1]["space"]["shape"]) != 64 and time.monotonic() < until:
+        time.sleep(0.02)
+    assert max(fields[-1]["space"]["shape"]) == 64
+
+
+def test_what_cannot_be_fitted_leaves_the_last_picture(volume: Volume, editor: SpaceEditor,
+                                                       points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    count, field = len(fields), view._field
+    told(editor, points.move(1, points.target[0]), "move", 1)
+    assert len(fields) == count
+    assert view._field is field
+
+
+def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
+    first = Step((ControlPoints.from_arrays([[5.0, 5]], [[9.0, 5]]),), Plane.along(GRID, "+y"))
+    document = Deformation((first, editor.step()))
+    view, _ = opened(volume)
+
+    def whole(given: ControlPoints) -> AbstractField:
+        return document.with_step(1, document.steps[1].with_points(given)).field(GRID)
+
+    view.edit_points(editor, whole)
+    moved = points.move(0, points.target[0] + np.array([0, 0, 4.0]))
+    told(editor, moved, "move", 1)
+    x = points.target
+    np.testing.assert_allclose(view._field.displacement(x), whole(moved).displacement(x))
+
+
+def test_an_end_of_it_ends_it(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    view.edit_points(None)
+    count = len(fields)
+    told(editor, points.move(0, [1.0, 2.0, 3.0]), "end", 1)
+    assert len(fields) == count
+    assert view.points_editor is None
+
+
+@pytest.mark.nightly
+def test_a_view_drawn_in_python_follows_too(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
+    view = VolumeView(volume, method="core", width=80, height=64)
+    before = view.still((80, 64))
+    view.edit_points(editor)
+    told(editor, points.move(0, points.target[0] + np.array([9.0, 0, 0])), "end", 1)
+    assert (view.still((80, 64)) != before).any()
+    view.close()
+
+
+def test_an_editor_keeps_no_view_alive(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
+    view = LiveView(volume)
+    view.edit_points(editor)
+    held = weakref.ref(view)
+    editor.points = points.move(0, [1.0, 2.0, 3.0])
+    view.edit_points(None)
+    view.close()
+    del view
+    gc.collect()
+    assert held() is None or held()._leave_points is None  # type: ignore[union-attr]
+
+
+# ---- rays of the page ------------------------------------------------------------------------------------------------
+
+CAMERA = """({ camera, bend, middle, box, places }) => {
+  const made = new Camera();
+  made.look(camera.direction, camera.up);
+  Object.assign(made, { pan: camera.pan, height: camera.height });
+  const seen = new SpaceCamera(made, bend, middle, box);
+  return places.map((place) => {
+    const { at, depth, scale } = seen.see(place), { start, ray } = seen.ray(at), way = seen.way(place, [7, -3]);
+    const there = seen.see(place.map((x, k) => x + way[k])).at;
+    return { at, depth, scale, start, ray, way, there, back: seen.toViewer(place),
+      along: [0, 1, 2].map((k) => seen.wayAlong(k, place, [7, -3])) };
+  });
+}"""
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.7])
+def test_pixels_and_places_belong_together(bend: float) -> None:
+    rng = np.random.default_rng(4)
+    places, direction = rng.uniform(-30, 30, (6, 3)), np.array([0.3, 0.9, -0.4])
+    camera = {"direction": direction.tolist(), "up": [0, 0, 1], "pan": [3, -2], "height": 80}
+    box = {"left": 40, "top": 0, "width": 300, "height": 200}
+    results = run_script(RAYS, CAMERA, {"camera": camera, "bend": bend, "middle": [1, 2, 3], "box": box,
+                                        "places": places.tolist()})
+    ahead = direction / np.linalg.norm(direction)
+    for place, r in zip(places, results, strict=True):
+        start, ray = np.array(r["start"]), np.array(r["ray"])
+        off = np.cross(place - start, ray)
+        assert np.linalg.norm(off) < 1e-9  # the ray of its pixel goes through it
+        np.testing.assert_allclose(r["there"], np.array(r["at"]) + np.array([7, -3]), atol=1e-9)
+        assert abs(np.dot(r["way"], ahead)) < 1e-9  # parallel to the screen
+        np.testing.assert_allclose(np.linalg.norm(r["way"]), np.hypot(7, 3) * r["scale"], rtol=1e-9)
+        assert np.linalg.norm(np.cross(r["back"], ray)) < 1e-9
+        assert np.dot(r["back"], ray) < 0
+        for k, way in enumerate(r["along"]):
+            assert np.abs(np.delete(way, k)).max() == 0
+    if bend == 0:
+        np.testing.assert_allclose(results[0]["scale"], 80 / 200)
+
+
+def test_an_axis_that_is_seen_from_its_end_stands_still() -> None:
+    camera = {"direction": [0, 1, 0], "up": [0, 0, 1], "pan": [0, 0], "height": 80}
+    box = {"left": 0, "top": 0, "width": 300, "height": 200}
+    (result,) = run_script(RAYS, CAMERA, {"camera": camera, "bend": 0, "middle": [0, 0, 0], "box": box,
+                                          "places": [[1, 2, 3]]})
+    along = np.array(result["along"])
+    np.testing.assert_allclose(along, [[7 * 0.4, 0, 0], [0, 0, 0], [0, 0, 3 * 0.4]], atol=1e-9)
+
+
+BODY = """({ info, field, values, table, unit, places, rays }) => {
+  const body = new Body({ values, info, field, table, unit });
+  return { origins: places.map((p) => body.origin(body.toFrame(p))), met: rays.map((ray) => body.surface(ray)) };
+}"""
+
+
+def page_body(volume: Volume, field: Any) -> dict[str, Any]:
+    """What the page of a live view holds."""
+    shown = shown_volume(volume, 10**6, 2048)
+    maps = card_maps(field, shown, None, 192, 64)
+    buffers = [np.frombuffer(b, "<f4").tolist() for b in maps.buffers]
+    content = {"box": maps.content["box"], "planar": None, "space": None}
+    if maps.content["planar"]:
+        content["planar"] = {**maps.content["planar"], "maps": buffers.pop(0), "weights": buffers.pop(0)}
+    if maps.content["space"]:
+        content["space"] = {**maps.content["space"], "values": buffers.pop(0)}
+    table = [[1, 1, 1, 1.0 if value > 100 else 0.0] for value in range(256)]
+    return {"info": shown.info(), "field": content, "values": shown.volume.values.ravel().tolist(),
+            "table": np.ravel(table).tolist(), "unit": 1.0}
+
+
+@pytest.mark.parametrize("kind", ["space", "replicated", "interpolated", "both"])
+def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPoints, kind: str) -> None:
+    plane = Plane.along(GRID, "+y")
+    flat = [fit_rbf(ControlPoints.from_arrays([[10, 8], [30, 9], [20, 20.0]], [[10 + k, 8], [30, 9 - k], [20, 22.0]]))
+            for k in (1, 3)]
+    in_space = fit_rbf(points)
+    fields = {"space": in_space, "replicated": extrude(plane, GRID, flat[:1], replicate()),
+              "interpolated": extrude(plane, GRID, flat, interpolate((0.0, 1.0)))}
+    fields["both"] = Deformation((Step((points,)), Step((ControlPoints.from_arrays([[10, 8.0]], [[13, 8.0]]),), plane)),
+                                 ).field(GRID)
+    places = GRID.index_to_point(np.random.default_rng(2).uniform(3, 26, (12, 3)))
+    result = run_script(RAYS, BODY, {**page_body(volume, fields[kind]), "places": places.tolist(), "rays": []})
+    turn = np.asarray(GRID.direction)
+    expected = (places + fields[kind].displacement(places) - np.asarray(GRID.origin)) @ turn
+    np.testing.assert_allclose(result["origins"], expected, atol=0.02)  # between samples a third of a voxel apart
+
+
+def test_a_ray_meets_the_front_of_the_body_and_of_a_deformed_one(volume: Volume) -> None:
+    to_y = np.asarray(GRID.direction)[:, 1]  # along the second axis of the voxels
+    start = GRID.index_to_point([18, -20, 15])
+    rays = [{"start": start.tolist(), "ray": to_y.tolist()},
+            {"start": GRID.index_to_point([2, -20, 15]).tolist(), "ray": to_y.tolist()}]
+    still, none = run_script(RAYS, BODY, {**page_body(volume, None), "places": [], "rays": rays})["met"]
+    assert none is None
+    np.testing.assert_allclose(GRID.point_to_index(still), [18, 8.5, 15], atol=1.01)
+    moved = DisplacementField(np.broadcast_to(-3.0 * 1.25 * to_y, (*GRID.shape, 3)).copy(), GRID)
+    (there, _) = run_script(RAYS, BODY, {**page_body(volume, moved), "places": [], "rays": rays})["met"]
+    np.testing.assert_allclose(np.array(there) - np.array(still), 3 * 1.25 * to_y, atol=1.3)

@@ -1,0 +1,76 @@
+"""What draws the pictures in files: as a view does, soon, and so that it can be stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deformnb.errors import Cancelled
+from deformnb.session.exports import Frozen, export
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.stills import CoreScene, StillAsSeen
+from deformnb.widgets.view.volume_view import VolumeView
+from deformnb.widgets.vtk.scene import VtkScene
+
+
+@pytest.fixture
+def session() -> Session:
+    z, y, x = np.mgrid[:12, :14, :20]
+    values = (200 * ((z - 6) ** 2 / 25 + (y - 7) ** 2 / 36 + (x - 10) ** 2 / 81 < 1)).astype(np.uint8)
+    made = Session(Volume(values, Grid((12, 14, 20), (1.0, 1.0, 2.0)), "egg"))
+    made.edit_points(made.points.add([8.0, 6.0], [11.0, 6.0]))
+    return made
+
+
+@pytest.mark.parametrize("view_class", [LiveView, pytest.param(VolumeView, marks=pytest.mark.needs_gl)])
+def test_a_rendering_tells_how_far_it_is_and_stops_in_between(session: Session, tmp_path: Path,
+                                                              view_class: type[LiveView] | type[VolumeView]) -> None:
+    view = view_class(session.volume)
+    shares: list[float] = []
+
+    def watch(share: float) -> None:
+        shares.append(share)
+        if share > 0.4 and is_stopped:
+            raise Cancelled("enough.")
+
+    is_stopped = False
+    export(session, tmp_path / "egg.png", seen=view.seen(), size=(160, 640), progress=watch)
+    assert shares == sorted(shares)
+    assert sum(0.1 < share < 0.85 for share in shares) >= 2
+    is_stopped = True
+    with pytest.raises(Cancelled):
+        export(session, tmp_path / "other.png", seen=view.seen(), size=(160, 640), progress=watch)
+    assert [p.name for p in tmp_path.iterdir()] == ["egg.png"]
+    view.close()
+
+
+def test_one_picture_of_a_live_view_is_the_cores_and_of_a_view_of_vtk_vtks(session: Session) -> None:
+    live, vtk = LiveView(session.volume), VolumeView(session.volume, method="core")
+    still = live.seen().still
+    assert still is StillAsSeen  # VTK without a graphics card takes five times as long, and ten seconds for its shader
+    assert vtk.seen().still is None
+    made = Frozen.of(session, live.seen()).scene((64, 48), once=True)
+    assert isinstance(made, StillAsSeen)
+    assert isinstance(made.scene, CoreScene)
+    made.close()
+    live.close()
+    vtk.close()
+
+
+@pytest.mark.needs_gl
+def test_one_picture_of_a_live_view_is_red_where_the_map_folds(session: Session) -> None:
+    middle = session.points.source.mean(axis=0)
+    session.edit_points(session.points.add(middle - 1, middle + 6).add(middle + 1, middle - 6))
+    live = LiveView(session.volume)
+    for is_shown, kind in ((True, VtkScene), (False, CoreScene)):
+        live.show_folds = is_shown
+        made = Frozen.of(session, live.seen()).scene((64, 48), once=True)
+        assert isinstance(made, StillAsSeen)
+        made.set_field(session.field())
+        assert isinstance(made.scene, kind)
+        made.close()
+    live.close()
