@@ -23,6 +23,7 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation, lone_support
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.picture import project
@@ -36,7 +37,6 @@ from deformnb.registration.similarity import MEASURES
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
-from deformnb.warping.planning import Progress
 from deformnb.warping.warper import warp, warp_picture
 from deformnb.widgets.studio.controls import Guard, Panel, button, row, slider
 from deformnb.widgets.view.stills import as_png
