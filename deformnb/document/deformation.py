@@ -2,7 +2,7 @@
 
 A :class:`Deformation` is a list of :class:`Step`, done one after the other (section 4.3 of the paper: deform on one
 plane, turn the volume, deform on another). An edit makes a new document, so undo is the list of old ones, and the same
-document can be applied to another volume. ``document.py`` turns it into JSON and back.
+document can be applied to another volume. ``document/json_format.py`` turns it into JSON and back.
 
 How time passes in an animation: between two key frames, and after the last one.
 """
