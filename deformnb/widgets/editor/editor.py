@@ -212,8 +212,6 @@ class Editor(EditedPoints):
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_net = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
-    mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
-    snap = traitlets.Float(0.0).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
     drag_net = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
@@ -399,10 +397,10 @@ class Editor(EditedPoints):
                               f"got {value}.")
         return value
 
-    @traitlets.validate("mirror", "snap", "brush_radius")
-    def _of_the_hand(self, proposal: Any) -> Any:
-        PAGE_TRAITS[proposal["trait"].name](proposal["value"])
-        return proposal["value"]
+    @traitlets.validate("brush_radius")
+    def _a_radius(self, proposal: Any) -> float:
+        PAGE_TRAITS["brush_radius"](proposal["value"])
+        return float(proposal["value"])
 
     # ---- display ----------------------------------------------------------------------------------------------------
 

@@ -88,18 +88,6 @@ SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap
 """The same for an editor in space."""
 
 
-class SpaceHandTraits(traitlets.HasTraits):
-    """How a hand works in space: the plane of its mirror, and the lattice to which targets keep."""
-
-    mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
-    snap = traitlets.Float(0.0).tag(sync=True)
-
-    @traitlets.validate("mirror", "snap")
-    def _of_the_hand(self, proposal: Any) -> Any:
-        SPACE_TRAITS[proposal["trait"].name](proposal["value"])
-        return proposal["value"]
-
-
 _LOG = logging.getLogger(__name__)
 
 # Windows that have shown an editor and may still have an edit on its way.
@@ -135,7 +123,14 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
 
 
 class EditedPoints(SyncedWidget):
-    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
+    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor.
+
+    Attributes
+    ----------
+    mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
+    snap : step of the lattice to which targets keep, 0 for none.
+    page_traits : what checks each trait that the page may change.
+    """
 
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
@@ -143,6 +138,8 @@ class EditedPoints(SyncedWidget):
     """Whether ``chosen_support`` follows the points; False where a session says what it is."""
 
     next_id = traitlets.Int(0).tag(sync=True)
+    mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
+    snap = traitlets.Float(0.0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
     history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
@@ -298,6 +295,11 @@ class EditedPoints(SyncedWidget):
         if value and (set(value) != {"undo", "redo"} or not all(isinstance(v, str) for v in value.values())):
             raise DeformError(f'the history must be {{}} or texts for "undo" and "redo", got {value}.')
         return value
+
+    @traitlets.validate("mirror", "snap")
+    def _of_the_hand(self, proposal: Any) -> Any:
+        self.page_traits[proposal["trait"].name](proposal["value"])
+        return proposal["value"]
 
     @traitlets.validate("smoothing", "strength")
     def _a_number(self, proposal: Any) -> float:

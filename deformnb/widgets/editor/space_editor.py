@@ -29,7 +29,7 @@ from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait, SpaceHandTraits
+from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
@@ -50,7 +50,7 @@ _PREVIEW_DPI = 80
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 
-class SpaceEditor(SpaceHandTraits, EditedPoints):
+class SpaceEditor(EditedPoints):
     """Control points in space, placed and dragged in three pictures at right angles.
 
     Parameters
@@ -90,6 +90,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
     points = PointsTrait(3)
     page_traits = SPACE_TRAITS
+    mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
