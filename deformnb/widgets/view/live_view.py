@@ -3,8 +3,6 @@
 The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
 of a ray, as the paper does on its graphics card.
 
-What a live view and its pages say to each other.
-
 Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, voxels if the card has been
 found to hold no more, renderer, background: the page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that
 field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
@@ -12,8 +10,6 @@ field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still
 :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor moves,
 and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: asks for one), and ``drawn``. What the
 page sends is checked and dropped if it is wrong.
-
-What a live view does to go through the moments of an animation by itself.
 """
 
 from __future__ import annotations
@@ -23,7 +19,6 @@ import itertools
 import logging
 import threading
 import weakref
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -56,55 +51,6 @@ from deformnb.widgets.worker import close_earlier_of_this_cell
 if TYPE_CHECKING:
     from deformnb.widgets.view.fallback import StandIn
 
-class AbstractMoments(traitlets.HasTraits):
-    """A part of a live view: the frames of an animation, and the player that says which of them is seen."""
-
-    player = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
-
-    _moments: TimeMaps | None = None
-
-    @abstractmethod
-    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None,
-              moments: TimeMaps | None = None) -> None:
-        """Show this from now on."""
-
-    @abstractmethod
-    def _offer(self) -> None:
-        """Send what is shown, as soon as a page is ready for it."""
-
-    @abstractmethod
-    def _tell_stand_in(self) -> None:
-        """Let whoever draws for pages that cannot draw what is shown now."""
-
-    def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
-        """Show the moments of an animation as a player in the same page goes through them.
-
-        Parameters
-        ----------
-        maps : of :meth:`~deformnb.document.animation.Animation.stack`.
-        player : a :class:`~deformnb.widgets.Player`.
-        output : its box is what can be seen; default is the volume's own.
-
-        Notes
-        -----
-        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
-        editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
-        """
-        self._hold(None, output, None, maps)
-        self.player = player
-        self._offer()
-        self._tell_stand_in()
-
-    @property
-    def moments(self) -> TimeMaps | None:
-        """What a player goes through now, if anything."""
-        return self._moments
-
-    def _at_present(self, field: AbstractField | None) -> AbstractField | None:
-        """What is seen now: the moment of the player, if it plays something, else a field."""
-        return field if self._moments is None else self._moments.field(self.player.time)
-
-
 _LOG = logging.getLogger(__name__)
 
 _ANY = 2**53  # a number of voxels that no card limits
@@ -112,223 +58,6 @@ _ANY = 2**53  # a number of voxels that no card limits
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
 """Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
-
-
-class AnswersPages(AbstractMoments):
-    """A part of a live view: what it sends to its pages, and what it does about their messages."""
-
-    is_quick: bool
-    editor: Any
-    send: Callable[..., None]
-    _limit: int
-    _map_size: int
-    _space_size: int
-    _volume: Volume | None = None
-    _window: tuple[float, float] | None = None
-    _pieces: Pieces | None = None
-    _field: AbstractField | None = None
-    _output: Grid | None = None
-    _followed: dict[str, Any] | None = None
-    _transfer: TransferFunction | None = None
-    _maps: CardMaps | None = None  # of the field, made when a page wants them
-    _stand_in: StandIn | None = None  # draws for the pages that cannot
-
-    def _meet_pages(self) -> None:
-        self._lock = threading.RLock()  # callbacks run in another thread than cells
-        self._largest = 2048  # along an axis of a texture, until a page says less
-        self._sent_cut: str | None = None  # whose distances all pages have
-        self._pacer = Pacer(self._send_field)
-        self._has_page = False
-        self._page_theme = "dark"
-        self._waiting: dict[int, Callable[[bytes], None]] = {}
-        self._numbers = itertools.count(1)
-        self._page_stats: dict[str, float] = {}
-        self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
-
-    @abstractmethod
-    def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
-             output: Grid | None, followed: dict[str, Any] | None) -> None:
-        """Show this from now on, with the voxels made ready anew."""
-
-    @abstractmethod
-    def still(self, size: tuple[int, int] | None = None) -> Image:
-        """The same picture rendered by the core."""
-
-    @property
-    def _shown(self) -> ShownVolume | None:
-        pieces = self._pieces
-        return None if pieces is None else pieces.shown
-
-    # -- to the pages --------------------------------------------------------------------------------------------------
-
-    async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
-
-        Parameters
-        ----------
-        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
-            while this is awaited, and the still is returned.
-        """
-        loop, number = asyncio.get_running_loop(), next(self._numbers)
-        answer: asyncio.Future[bytes] = loop.create_future()
-
-        def deliver(png: bytes) -> None:
-            loop.call_soon_threadsafe(_settle, answer, png)
-
-        self._waiting[number] = deliver
-        try:
-            self._post({"type": "screenshot", "id": number}, [])
-            return from_png(await asyncio.wait_for(answer, timeout))
-        except TimeoutError:
-            return self.still()
-        finally:
-            self._waiting.pop(number, None)
-
-    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
-        self._sent["messages"] += 1
-        self.send(content, buffers)
-
-    def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
-            self._pacer.offer()
-
-    def _send_field(self, number: int, view: str | None = None) -> None:
-        with self._lock:
-            shown, followed = self._shown, self._followed
-            if shown is None:
-                return
-            maps = self._maps = self._maps or self._made_maps(shown)
-        cut = (maps.content["planar"] or {}).get("cut")
-        if number and cut and cut["id"] == self._sent_cut:
-            maps = maps.without("distances")
-        elif view is None:
-            self._sent_cut = cut and cut["id"]
-        self._sent["field_bytes"] += maps.size
-        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
-
-    def _made_maps(self, shown: ShownVolume) -> CardMaps:
-        if self._moments is not None:
-            return card_frames(self._moments, shown, self._output, self._map_size)
-        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-        return card_maps(self._field, shown, self._output, self._map_size, nodes)
-
-    def _tell_stand_in(self) -> None:
-        """Let whoever draws for pages that cannot draw what is shown now."""
-        with self._lock:
-            if self._stand_in is None or self._volume is None:
-                return
-            moment = self._at_present(self._field)
-            is_followed = self._followed is not None and self._moments is None and self.editor is not None
-            followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
-            self._stand_in.show(self._volume, moment, self._output, followed)
-            if self._moments is not None:
-                self._stand_in.hear(self.player, self._tell_stand_in)
-
-    def _draw_here(self) -> StandIn:
-        """Whoever draws for pages that cannot."""
-        from deformnb.widgets.view.fallback import StandIn
-
-        with self._lock:
-            if self._stand_in is None:
-                self._stand_in = StandIn(self, self._post, transfer=self._transfer or "specimen",
-                                         map_size=self._map_size, space_size=self._space_size)
-                self._tell_stand_in()
-            return self._stand_in
-
-    def _draw_no_more(self) -> None:
-        with self._lock:
-            stand_in, self._stand_in = self._stand_in, None
-        if stand_in is not None:
-            stand_in.close()
-
-    # -- from the pages ------------------------------------------------------------------------------------------------
-
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
-        try:
-            kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content, buffers or [])
-        except (ValueError, TypeError, KeyError, DeformError) as error:
-            _LOG.warning("a message of the page was dropped: %s", error)
-
-    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
-        largest = whole(content.get("largest"), 0, 2**16)
-        self._take_theme(content)
-        if largest == 0:
-            return  # it cannot draw, and will ask to be drawn for
-        self._has_page = True
-        voxels = whole(content.get("voxels", _ANY), 1, _ANY)
-        if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
-            view = None  # for all pages: what they have is of a finer volume
-        self._send_field(0, view)
-
-    def _make_smaller(self, largest: int, voxels: int) -> bool:
-        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
-        with self._lock:
-            self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
-            size = None if self._shown is None else self._shown.volume.grid
-            if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
-                return False
-            self._put_again()
-        return True
-
-    def _put_again(self) -> None:
-        """Show the same, with the voxels made ready anew."""
-        assert self._volume is not None
-        moments = self._moments
-        self._put(self._volume, self._window, self._field, self._output, self._followed)
-        self._moments = moments
-
-    def _take_theme(self, content: dict[str, Any]) -> None:
-        if content.get("background") in ("dark", "light"):
-            self._page_theme = content["background"]
-
-    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
-
-    def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        pieces = self._pieces  # taken once: a cell may show another volume meanwhile
-        if pieces is None or content.get("id") != pieces.shown.id:
-            return  # of a volume that was shown before: the page will notice
-        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
-        start, packed = pieces[index]
-        self._sent["volume_bytes"] += len(packed)
-        self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
-
-    def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._take_theme(content)
-        if self._volume is not None:
-            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
-
-    def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        if self._volume is not None and not self._draw_here().receive(content.get("say")):
-            self._draw_no_more()
-
-    def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
-        if deliver is None:
-            raise ValueError("a picture that nobody waits for")
-        deliver(picture(buffers))
-
-    def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._page_stats = measured(content)
-
-
-_ANSWERS: dict[str, Callable[[AnswersPages, str, dict[str, Any], list[Any]], None]] = {
-    "hello": AnswersPages._hello, "chunk": AnswersPages._chunk, "still": AnswersPages._still,
-    "drawn": AnswersPages._drawn, "seen": AnswersPages._seen, "screenshot": AnswersPages._screenshot,
-    "stats": AnswersPages._stats,
-}
-"""What is done about each kind of message."""
-
-
-def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
-    if not answer.done():
-        answer.set_result(png)
-
 
 _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
           "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
@@ -340,7 +69,7 @@ _FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
 
 
-class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
+class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters
@@ -361,6 +90,11 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
     show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
+
+    Attributes
+    ----------
+    editor, editor_map : the editor that is followed, and which map of the deformation it moves.
+    player : whose moment of an animation is seen, while :attr:`moments` is something.
 
     Notes
     -----
@@ -394,12 +128,31 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
     show_folds = traitlets.Bool(True).tag(sync=True)
     target_ms = traitlets.Float(65.0, min=5.0, max=5000.0).tag(sync=True)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
+    player = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
     editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
     editor_map = traitlets.Int(0, min=0).tag(sync=True)
 
     def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
                  limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
-        self._meet_pages()
+        self._lock = threading.RLock()  # callbacks run in another thread than cells
+        self._volume: Volume | None = None
+        self._window: tuple[float, float] | None = None
+        self._pieces: Pieces | None = None
+        self._field: AbstractField | None = None
+        self._output: Grid | None = None
+        self._followed: dict[str, Any] | None = None
+        self._moments: TimeMaps | None = None
+        self._maps: CardMaps | None = None  # of the field, made when a page wants them
+        self._stand_in: StandIn | None = None  # draws for the pages that cannot
+        self._largest = 2048  # along an axis of a texture, until a page says less
+        self._sent_cut: str | None = None  # whose distances all pages have
+        self._pacer = Pacer(self._send_field)
+        self._has_page = False
+        self._page_theme = "dark"
+        self._waiting: dict[int, Callable[[bytes], None]] = {}
+        self._numbers = itertools.count(1)
+        self._page_stats: dict[str, float] = {}
+        self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
         self._preview: tuple[Scene, bytes] | None = None
         self._sharpener: threading.Timer | None = None
@@ -469,6 +222,11 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         with self._lock:
             if self._volume is not None and self._needs_other_levels():
                 self._put_again()
+
+    @property
+    def _shown(self) -> ShownVolume | None:
+        pieces = self._pieces
+        return None if pieces is None else pieces.shown
 
     @property
     def shown_output(self) -> Grid | None:
@@ -547,6 +305,181 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
                    zoom: float | None = None, *, perspective: bool | None = None) -> None:
         self.camera = turned(self.camera, direction, up, zoom, perspective)
 
+    def close(self) -> None:
+        """Leave the pages, and end what draws for those that cannot."""
+        if self._sharpener is not None:
+            self._sharpener.cancel()
+        self._draw_no_more()
+        super().close()
+
+    # -- an animation --------------------------------------------------------------------------------------------------
+
+    def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
+        """Show the moments of an animation as a player in the same page goes through them.
+
+        Parameters
+        ----------
+        maps : of :meth:`~deformnb.document.animation.Animation.stack`.
+        player : a :class:`~deformnb.widgets.Player`.
+        output : its box is what can be seen; default is the volume's own.
+
+        Notes
+        -----
+        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
+        editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
+        """
+        self._hold(None, output, None, maps)
+        self.player = player
+        self._offer()
+        self._tell_stand_in()
+
+    @property
+    def moments(self) -> TimeMaps | None:
+        """What a player goes through now, if anything."""
+        return self._moments
+
+    def _at_present(self, field: AbstractField | None) -> AbstractField | None:
+        """What is seen now: the moment of the player, if it plays something, else a field."""
+        return field if self._moments is None else self._moments.field(self.player.time)
+
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+        self._sent["messages"] += 1
+        self.send(content, buffers)
+
+    def _offer(self) -> None:
+        if self._has_page:  # a page that comes later asks
+            self._pacer.offer()
+
+    def _send_field(self, number: int, view: str | None = None) -> None:
+        with self._lock:
+            shown, followed = self._shown, self._followed
+            if shown is None:
+                return
+            maps = self._maps = self._maps or self._made_maps(shown)
+        cut = (maps.content["planar"] or {}).get("cut")
+        if number and cut and cut["id"] == self._sent_cut:
+            maps = maps.without("distances")
+        elif view is None:
+            self._sent_cut = cut and cut["id"]
+        self._sent["field_bytes"] += maps.size
+        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+
+    def _made_maps(self, shown: ShownVolume) -> CardMaps:
+        if self._moments is not None:
+            return card_frames(self._moments, shown, self._output, self._map_size)
+        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
+        return card_maps(self._field, shown, self._output, self._map_size, nodes)
+
+    def _tell_stand_in(self) -> None:
+        """Let whoever draws for pages that cannot draw what is shown now."""
+        with self._lock:
+            if self._stand_in is None or self._volume is None:
+                return
+            moment = self._at_present(self._field)
+            is_followed = self._followed is not None and self._moments is None and self.editor is not None
+            followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
+            self._stand_in.show(self._volume, moment, self._output, followed)
+            if self._moments is not None:
+                self._stand_in.hear(self.player, self._tell_stand_in)
+
+    def _draw_here(self) -> StandIn:
+        """Whoever draws for pages that cannot."""
+        from deformnb.widgets.view.fallback import StandIn
+
+        with self._lock:
+            if self._stand_in is None:
+                self._stand_in = StandIn(self, self._post, transfer=self._transfer or "specimen",
+                                         map_size=self._map_size, space_size=self._space_size)
+                self._tell_stand_in()
+            return self._stand_in
+
+    def _draw_no_more(self) -> None:
+        with self._lock:
+            stand_in, self._stand_in = self._stand_in, None
+        if stand_in is not None:
+            stand_in.close()
+
+    # -- from the pages ------------------------------------------------------------------------------------------------
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        take_traits(sync_data, OF_PAGE, super().set_state)
+
+    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        try:
+            kind = content.get("type") if isinstance(content, dict) else None
+            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            if answer is None:
+                raise ValueError("unknown kind")
+            answer(self, text(content.get("view")), content, buffers or [])
+        except (ValueError, TypeError, KeyError, DeformError) as error:
+            _LOG.warning("a message of the page was dropped: %s", error)
+
+    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
+        largest = whole(content.get("largest"), 0, 2**16)
+        self._take_theme(content)
+        if largest == 0:
+            return  # it cannot draw, and will ask to be drawn for
+        self._has_page = True
+        voxels = whole(content.get("voxels", _ANY), 1, _ANY)
+        if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
+            view = None  # for all pages: what they have is of a finer volume
+        self._send_field(0, view)
+
+    def _make_smaller(self, largest: int, voxels: int) -> bool:
+        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
+        with self._lock:
+            self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
+            size = None if self._shown is None else self._shown.volume.grid
+            if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
+                return False
+            self._put_again()
+        return True
+
+    def _put_again(self) -> None:
+        """Show the same, with the voxels made ready anew."""
+        assert self._volume is not None
+        moments = self._moments
+        self._put(self._volume, self._window, self._field, self._output, self._followed)
+        self._moments = moments
+
+    def _take_theme(self, content: dict[str, Any]) -> None:
+        if content.get("background") in ("dark", "light"):
+            self._page_theme = content["background"]
+
+    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
+
+    def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        pieces = self._pieces  # taken once: a cell may show another volume meanwhile
+        if pieces is None or content.get("id") != pieces.shown.id:
+            return  # of a volume that was shown before: the page will notice
+        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
+        start, packed = pieces[index]
+        self._sent["volume_bytes"] += len(packed)
+        self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
+
+    def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._take_theme(content)
+        if self._volume is not None:
+            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
+
+    def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        if self._volume is not None and not self._draw_here().receive(content.get("say")):
+            self._draw_no_more()
+
+    def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
+        if deliver is None:
+            raise ValueError("a picture that nobody waits for")
+        deliver(picture(buffers))
+
+    def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._page_stats = measured(content)
+
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def _shade(self) -> str:
@@ -563,6 +496,29 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))
+
+    async def screenshot(self, timeout: float = 10.0) -> Image:
+        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
+
+        Parameters
+        ----------
+        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
+            while this is awaited, and the still is returned.
+        """
+        loop, number = asyncio.get_running_loop(), next(self._numbers)
+        answer: asyncio.Future[bytes] = loop.create_future()
+
+        def deliver(png: bytes) -> None:
+            loop.call_soon_threadsafe(_settle, answer, png)
+
+        self._waiting[number] = deliver
+        try:
+            self._post({"type": "screenshot", "id": number}, [])
+            return from_png(await asyncio.wait_for(answer, timeout))
+        except TimeoutError:
+            return self.still()
+        finally:
+            self._waiting.pop(number, None)
 
     def preview_png(self) -> bytes:
         """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
@@ -588,16 +544,18 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
         return {**self._page_stats, **self._sent, **own, **drawn}
 
-    def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
-        take_traits(sync_data, OF_PAGE, super().set_state)
 
-    def close(self) -> None:
-        """Leave the pages, and end what draws for those that cannot."""
-        if self._sharpener is not None:
-            self._sharpener.cancel()
-        self._draw_no_more()
-        super().close()
+_ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
+    "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
+    "drawn": LiveView._drawn, "seen": LiveView._seen, "screenshot": LiveView._screenshot,
+    "stats": LiveView._stats,
+}
+"""What is done about each kind of message."""
+
+
+def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
+    if not answer.done():
+        answer.set_result(png)
 
 
 def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:

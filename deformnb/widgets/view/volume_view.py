@@ -1,20 +1,12 @@
 """The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
 
 One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
-stands; the newest of all changes is drawn, at most two pictures are on their way. The messages are described in
-:mod:`~deformnb.widgets.view.volume_view`.
-
-What the pages of a view drawn in Python say and get: sizes, cameras and confirmations; pictures, notices, badges.
+stands; the newest of all changes is drawn, at most two pictures are on their way.
 
 Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
-origin, for pictures by trame),
-``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera: the newest
-number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text), ``trame`` (view,
-url: where a frame gets the pictures instead).
-
-The pages that show one view: how large each of them is, whether they are dark, and what they must know.
-
-What a view drawn in Python says of folds: whether they shall be red, and the words for the corner of the picture.
+origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame``
+(seq, full, camera: the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and
+``badge`` (text), ``trame`` (view, url: where a frame gets the pictures instead).
 """
 
 from __future__ import annotations
@@ -127,158 +119,6 @@ def carrier(name: str) -> Any:
     return getattr(importlib.import_module(module), made)
 
 
-class ServesPages(traitlets.HasTraits):
-    """A view that sends pictures to its pages and takes what they say.
-
-    Attributes
-    ----------
-    badge : what stands in a corner of the pictures.
-    """
-
-    width: Any
-    height: Any
-    background: Any
-    badge: str
-    transport: Any
-    send: Callable[..., None]
-    _loop: SceneLoop | None
-    _change: Callable[..., None]
-
-    def __init__(self, *args: Any, **traits: Any) -> None:
-        self._pages = Pages()
-        self._frames = FrameSender()
-        self._notice = ""
-        self._carrier: Any = None  # of pictures that do not go the notebook's way
-        self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
-        super().__init__(*args, **traits)
-
-    def _left(self) -> None:
-        """The last page has gone."""
-        raise NotImplementedError
-
-    # -- to the pages --------------------------------------------------------------------------------------------------
-
-    def _deliver(self, frame: Frame) -> None:
-        view, number = self._shown_camera
-        message, pictures = self._frames.pack(frame, camera=number, by=view)
-        if self._carrier is None:
-            self.send(message, pictures)
-        else:
-            self._carrier.deliver(message, pictures, frame)
-
-    def _say(self, notice: str) -> None:
-        self._notice = notice
-        self.send({"type": "notice", "text": notice})
-
-    # -- from the pages ------------------------------------------------------------------------------------------------
-
-    def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
-        take_traits(sync_data, _OF_PAGE, super().set_state)  # type: ignore[misc]
-
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        with dropping("a message"):
-            kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content)
-
-    def _resized(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.put(view, content)
-        if self.transport != "comm" and content["type"] == "hello":
-            self._carry(view, content.get("origin"))
-        self._change_page()
-        for kind, words in (("notice", self._notice), ("badge", self.badge)):
-            if content["type"] == "hello" and words:
-                self.send({"type": kind, "text": words})
-
-    def _carry(self, view: str, origin: Any) -> None:
-        """Tell a page where its frame gets the pictures."""
-        if self._carrier is None:
-            self._carrier = carrier(self.transport)(self)
-        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
-
-    def draw_again(self) -> None:
-        """A page has come that was not there when the last picture was sent: none is on its way to it."""
-        self._frames.lost()
-        if self._loop is not None and self._pages:
-            self._loop.touch()
-
-    def _put_carrier_away(self) -> None:
-        carrier, self._carrier = self._carrier, None
-        if carrier is not None:
-            carrier.close()
-
-    def _bye(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.drop(view)
-        self._go_on(self._frames.left(view))
-        if not self._pages:
-            self._left()
-
-    def _camera(self, view: str, content: dict[str, Any]) -> None:
-        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
-
-        def turn(scene: Any) -> None:
-            scene.set_camera(camera)
-            self._shown_camera = (view, number)
-
-        self._change("camera", turn)
-
-    def _seen(self, view: str, content: dict[str, Any]) -> None:
-        self._go_on(self._frames.seen(whole(content.get("seq"), 1, 2**53), view))
-
-    def _go_on(self, is_free: bool) -> None:
-        """Draw what was held back while too many pictures were on their way."""
-        if is_free and self._loop is not None:
-            self._loop.touch()
-
-    # -- what the pictures take from them ------------------------------------------------------------------------------
-
-    def _shade(self) -> str:
-        return self._pages.theme if self.background == "auto" else str(self.background)
-
-    def _size(self) -> tuple[int, int]:
-        """The largest of what the pages show, or what the traits say."""
-        return self._pages.size((self.width, self.height))
-
-    def _change_page(self) -> None:
-        size, background = self._size(), self._shade()
-
-        def resize(scene: Any) -> None:
-            scene.set_size(size)
-            scene.set_background(background)
-
-        self._change("page", resize)
-
-
-_ANSWERS: dict[str, Callable[[ServesPages, str, dict[str, Any]], None]] = {
-    "hello": ServesPages._resized, "size": ServesPages._resized, "camera": ServesPages._camera,
-    "seen": ServesPages._seen, "bye": ServesPages._bye,
-}
-"""What is done about each kind of message."""
-
-
-class TellsFolds(traitlets.HasTraits):
-    """A view that paints red where the map folds, or else says that it folds."""
-
-    show_folds = traitlets.Bool(True).tag(sync=True)
-
-    badge = ""
-    """What stands in a corner of the pictures, or an empty text."""
-
-    shows: Any
-    send: Callable[..., None]
-
-    def _tell_folds(self, scene: Any) -> None:
-        """In the thread that renders, whenever something else is shown."""
-        scene.folding.show = self.show_folds
-        text = "" if self.shows == "original" else scene.folding.remark
-        if text != self.badge:
-            self.badge = text
-            self.send({"type": "badge", "text": text})
-
-
 _FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
           *POINT_FILES, "hands.js", "pictures_page.js", "volume_view.js")
 
@@ -287,7 +127,7 @@ _Result = TypeVar("_Result")
 _LOOK_EVERY = 0.02  # seconds between looks at whether the full picture has come
 
 
-class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters
@@ -308,6 +148,10 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
         first that works.
     map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
+
+    Attributes
+    ----------
+    badge : what stands in a corner of the pictures: that the map folds. Empty if nothing does.
 
     Notes
     -----
@@ -335,6 +179,8 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
     draws_by_vtk = True
 
+    badge = ""
+
     volume_info = traitlets.Dict().tag(sync=True)
     projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
     background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
@@ -345,6 +191,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
+    show_folds = traitlets.Bool(True).tag(sync=True)
     transport = traitlets.Enum([*TRANSPORTS], "comm", read_only=True).tag(sync=True)
     target_ms = traitlets.Float(160.0, min=5.0, max=5000.0)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
@@ -362,6 +209,11 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
         self._following: Following | None = None
+        self._pages = Pages()
+        self._frames = FrameSender()
+        self._notice = ""
+        self._carrier: Any = None  # of pictures that do not go the notebook's way
+        self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
         super().__init__(**traits)
         check_transport(transport)
         self.set_trait("transport", transport)
@@ -521,6 +373,14 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         scene.set_field(field(), output)
         self._tell_folds(scene)
 
+    def _tell_folds(self, scene: Any) -> None:
+        """In the thread that renders, whenever something else is shown."""
+        scene.folding.show = self.show_folds
+        text = "" if self.shows == "original" else scene.folding.remark
+        if text != self.badge:
+            self.badge = text
+            self.send({"type": "badge", "text": text})
+
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         if self._is_closed:  # a page's mouse may go on for a moment
             return
@@ -548,10 +408,6 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         elif loop is not None:
             setattr(loop, name, value)
 
-    def _left(self) -> None:
-        if not self._has_guests:
-            self._rest()
-
     def _rest(self) -> None:
         with self._lock:
             loop, self._loop = self._loop, None
@@ -567,6 +423,101 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         self._put_carrier_away()
         self._rest()
         super().close()
+
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    def _deliver(self, frame: Frame) -> None:
+        view, number = self._shown_camera
+        message, pictures = self._frames.pack(frame, camera=number, by=view)
+        if self._carrier is None:
+            self.send(message, pictures)
+        else:
+            self._carrier.deliver(message, pictures, frame)
+
+    def _say(self, notice: str) -> None:
+        self._notice = notice
+        self.send({"type": "notice", "text": notice})
+
+    # -- from the pages ------------------------------------------------------------------------------------------------
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take what the page says of its traits, as far as it is right."""
+        take_traits(sync_data, _OF_PAGE, super().set_state)
+
+    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+        with dropping("a message"):
+            kind = content.get("type") if isinstance(content, dict) else None
+            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            if answer is None:
+                raise ValueError("unknown kind")
+            answer(self, text(content.get("view")), content)
+
+    def _resized(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.put(view, content)
+        if self.transport != "comm" and content["type"] == "hello":
+            self._carry(view, content.get("origin"))
+        self._change_page()
+        for kind, words in (("notice", self._notice), ("badge", self.badge)):
+            if content["type"] == "hello" and words:
+                self.send({"type": kind, "text": words})
+
+    def _carry(self, view: str, origin: Any) -> None:
+        """Tell a page where its frame gets the pictures."""
+        if self._carrier is None:
+            self._carrier = carrier(self.transport)(self)
+        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
+
+    def draw_again(self) -> None:
+        """A page has come that was not there when the last picture was sent: none is on its way to it."""
+        self._frames.lost()
+        if self._loop is not None and self._pages:
+            self._loop.touch()
+
+    def _put_carrier_away(self) -> None:
+        carrier, self._carrier = self._carrier, None
+        if carrier is not None:
+            carrier.close()
+
+    def _bye(self, view: str, content: dict[str, Any]) -> None:
+        self._pages.drop(view)
+        self._go_on(self._frames.left(view))
+        if not self._pages and not self._has_guests:
+            self._rest()
+
+    def _camera(self, view: str, content: dict[str, Any]) -> None:
+        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
+
+        def turn(scene: Any) -> None:
+            scene.set_camera(camera)
+            self._shown_camera = (view, number)
+
+        self._change("camera", turn)
+
+    def _seen(self, view: str, content: dict[str, Any]) -> None:
+        self._go_on(self._frames.seen(whole(content.get("seq"), 1, 2**53), view))
+
+    def _go_on(self, is_free: bool) -> None:
+        """Draw what was held back while too many pictures were on their way."""
+        if is_free and self._loop is not None:
+            self._loop.touch()
+
+    # -- what the pictures take from them ------------------------------------------------------------------------------
+
+    def _shade(self) -> str:
+        return self._pages.theme if self.background == "auto" else str(self.background)
+
+    def _size(self) -> tuple[int, int]:
+        """The largest of what the pages show, or what the traits say."""
+        return self._pages.size((self.width, self.height))
+
+    def _change_page(self) -> None:
+        size, background = self._size(), self._shade()
+
+        def resize(scene: Any) -> None:
+            scene.set_size(size)
+            scene.set_background(background)
+
+        self._change("page", resize)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
@@ -615,6 +566,13 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
         return bundle if self._content is None else with_png(bundle, self.preview_png)
+
+
+_ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
+    "hello": VolumeView._resized, "size": VolumeView._resized, "camera": VolumeView._camera,
+    "seen": VolumeView._seen, "bye": VolumeView._bye,
+}
+"""What is done about each kind of message."""
 
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
