@@ -13,8 +13,9 @@ import aiohttp
 import msgpack
 
 from deformnb.app.desk import Desk
-from deformnb.app.server import AppServer
+from deformnb.app.launch import app_server
 from deformnb.session.session import Session
+from deformnb.widgets.web.server import PageServer
 
 PATIENCE = 30.0  # seconds, on a busy machine
 
@@ -28,11 +29,11 @@ class RunningApp:
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self.error: BaseException | None = None
-        self.server: AppServer
+        self.server: PageServer
 
     def _serve(self) -> None:
         async def run() -> None:
-            self.server = AppServer(self.desk, **self._options)
+            self.server = app_server(self.desk, **self._options)
             await self.server.run(lambda _: self._ready.set())
 
         try:

@@ -11,6 +11,7 @@ import json
 import logging
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from comm.base_comm import BaseComm
@@ -18,10 +19,12 @@ from comm.base_comm import BaseComm
 from deformnb.app.controls import ACTIONS, NUMBERED
 from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED
-from deformnb.app.guard import Answer
-from deformnb.app.remote import AREA
+from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.web.guard import Answer
+from deformnb.widgets.web.remote_area import for_area
+from deformnb.widgets.web.server import PageServer
 
 TOPIC = "deformnb.widget"
 """Under which pages hear of messages for their widgets."""
@@ -60,38 +63,40 @@ class Bridge:
     Parameters
     ----------
     desk : whose widgets are shown.
-    trame : trame's server, for its state and its triggers.
+    server : for the pages, and trame's state and triggers.
     """
 
-    def __init__(self, desk: Desk, trame: Any) -> None:
-        self.desk, self._trame = desk, trame
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._root: Any = None
+    def __init__(self, desk: Desk, server: PageServer) -> None:
+        self.desk, self._server = desk, server
         self._waiting = 0
-        self.others: Callable[[], list[str]] = list  # pages but for the one whose message is being answered
         self._newest: dict[str, int] = {}  # number of the last value that a page has set a control to
         self._done: dict[str, int] = {}  # and of the one that the desk has come to
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
         desk.changed = self._tell
-        self._remote = desk.volumes.serve(desk.fail, self._picture)
-        with trame.state as state:
+        self._remote = desk.volumes.serve(desk.fail, server.push_picture)
+        with server.trame.state as state:
             state.update(desk.state())
 
-    def attach(self, root: Any) -> None:
-        """Called by trame with the protocol of its server, in the thread of its event loop."""
-        self._root = root
-        self._loop = asyncio.get_running_loop()
-        self.desk.thread.call(self._tell)  # what has changed before there was a loop
+    # -- for the server ------------------------------------------------------------------------------------------------
 
-    def close(self) -> None:
-        """Say no more to the pages."""
-        self._root = None
+    def start(self) -> None:
+        """Tell the pages what has changed before there was a loop."""
+        self.desk.thread.call(self._tell)
 
-    def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
-        """Call a function in the server's thread, from any thread."""
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(function, *args)
+    def assets(self) -> dict[str, tuple[str, str]]:
+        """Scripts and styles of the widgets."""
+        sheets = dict.fromkeys(str(widget._css) for widget in WIDGETS.values())
+        return {**{f"/deformnb/{name}.js": (str(widget._esm), "text/javascript") for name, widget in WIDGETS.items()},
+                "/deformnb/widgets.css": ("\n".join(sheets), "text/css")}
+
+    def file(self, key: str) -> Path | None:
+        """A file that the desk has written for a page."""
+        return self.desk.files.path(key)
+
+    def left(self) -> None:
+        """A page has gone: what it was dragging is given up."""
+        self.desk.thread.call(self.desk.give_up)
 
     # -- to the pages --------------------------------------------------------------------------------------------------
 
@@ -103,23 +108,16 @@ class Bridge:
             message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
         else:
             return
-        self.in_loop(self._publish, message)
-
-    def _publish(self, message: dict[str, Any]) -> None:
-        if self._root is not None:
-            self._root.publish(TOPIC, message)
+        self._server.in_loop(self._server.publish, TOPIC, message)
 
     def _tell(self) -> None:
         """The desk's values to the pages, but for those that a page has set anew meanwhile."""
-        self.in_loop(self._push, self.desk.state())
+        self._server.in_loop(self._push, self.desk.state())
 
     def _push(self, values: dict[str, Any]) -> None:
-        with self._trame.state as state:
+        with self._server.trame.state as state:
             state.update({name: value for name, value in values.items()
                           if self._newest.get(name) == self._done.get(name)})
-
-    def _picture(self, data: bytes, about: dict[str, Any]) -> None:
-        self.in_loop(lambda: self._root and self._trame.protocol_call("trame.rca.push", AREA, about, data))
 
     # -- from a page ---------------------------------------------------------------------------------------------------
 
@@ -127,7 +125,8 @@ class Bridge:
         """What a page may call, by name; each checks what it is given."""
         return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
                 "trame.state.update": self._set, "trame.trigger": self._trigger,
-                "trame.rca.size": self._size, "trame.rca.event": self._event, "deformnb.seen": self._seen,
+                "trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
+                "deformnb.seen": for_area(self._remote.seen),
                 "deformnb.look": self.desk.volumes.look,
                 "deformnb.write": self._write, "deformnb.take": self._take}
 
@@ -141,23 +140,14 @@ class Bridge:
             raise DeformError("a saved session is text.")
         self._later(lambda: self.desk.open(document))
 
-    def _size(self, area: str, origin: str, size: dict[str, Any]) -> None:
-        if area != AREA:
-            raise DeformError("there is no such area.")
+    def _size(self, origin: str, size: dict[str, Any]) -> None:
         is_first = not self._remote.is_used
         self._remote.update_size(size)
         if is_first:
             self._later(self.desk.volumes.wake)
 
-    def _event(self, area: str, origin: str, event: dict[str, Any]) -> None:
-        if area != AREA:
-            raise DeformError("there is no such area.")
+    def _event(self, origin: str, event: dict[str, Any]) -> None:
         self._remote.on_event(event)
-
-    def _seen(self, area: str, number: int, page: str) -> None:
-        if area != AREA:
-            raise DeformError("there is no such area.")
-        self._remote.seen(number, page)
 
     async def _open(self, name: str) -> dict[str, Any]:
         """All that a page must know of a widget to show it."""
@@ -186,7 +176,7 @@ class Bridge:
                 self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
             finally:  # taken or refused: the page of origin goes before what we say of these traits until it hears this
                 now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
-                self.in_loop(self._publish, {"widget": name, "state": now, "origin": page})
+                self._server.in_loop(self._server.publish, TOPIC, {"widget": name, "state": now, "origin": page})
 
         self._later(take)
 
@@ -203,10 +193,10 @@ class Bridge:
             self._later(partial(self._set_one, name, value, number))
             # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
             # who has spoken last when it sends, not now, and may so leave out another: hence twice.
-            self._root.push_state_change({name: value}, skip_last_active_client=True)
-            for client in self.others():
-                self._root.publish("trame.state.topic", {name: value}, client_id=client)
-            with self._trame.state as state:
+            self._server.root.push_state_change({name: value}, skip_last_active_client=True)
+            for client in self._server.others():
+                self._server.publish("trame.state.topic", {name: value}, client_id=client)
+            with self._server.trame.state as state:
                 state[name] = value
 
     def _set_one(self, name: str, value: Any, number: int) -> None:
@@ -242,7 +232,7 @@ class Bridge:
             except Exception:
                 _LOG.exception("a message of the page could not be answered")
             finally:
-                self.in_loop(self._one_less)
+                self._server.in_loop(self._one_less)
 
         self.desk.thread.call(done)
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from deformnb.app import IDLE_MINUTES
+from deformnb.app.bridge import Bridge
 from deformnb.app.desk import Desk
-from deformnb.app.guard import checked_host, is_loopback
-from deformnb.app.server import AppServer
+from deformnb.app.page import build_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -24,6 +24,8 @@ from deformnb.session.inputs import best_view
 from deformnb.session.session import Session
 from deformnb.volume.plane import VIEWS
 from deformnb.volume.volume import Volume
+from deformnb.widgets.web.guard import checked_host, is_loopback
+from deformnb.widgets.web.server import PageServer
 
 
 def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:
@@ -41,6 +43,16 @@ def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES
     if not (idle >= 0 and math.isfinite(idle)):
         raise DeformError(f"--idle takes minutes, 0 for never, got {idle:g}.")
     return checked_host(host)
+
+
+def app_server(desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES) -> PageServer:
+    """A server of the page with this desk; see :class:`~deformnb.widgets.web.server.PageServer`."""
+    def make(server: PageServer) -> Bridge:
+        bridge = Bridge(desk, server)
+        build_page(server.trame, desk)
+        return bridge
+
+    return PageServer(make, host=host, port=port, idle=idle)
 
 
 def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
@@ -72,7 +84,7 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
         _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
     desk = Desk(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
     try:
-        server = AppServer(desk, host=host, port=port, idle=60 * idle)
+        server = app_server(desk, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
             asyncio.run(server.run(lambda url: _announce(url, idle, stack if browser else None)))
     except OSError as error:

@@ -15,8 +15,8 @@ from deformnb.app.page_parts import (
     settings_part,
     trust_part,
 )
-from deformnb.app.remote import AREA
 from deformnb.widgets.studio.panels.files import LARGER
+from deformnb.widgets.web.remote_area import AREA
 
 _TABS = (("settings", "Settings", settings_part), ("look", "Look", look_part), ("points", "Points", points_part),
          ("trust", "Trust", trust_part), ("history", "History", history_part))

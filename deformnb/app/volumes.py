@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from deformnb.app.remote import RemoteView, dragged
+from deformnb.app.remote import RemoteView
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
@@ -20,6 +20,7 @@ from deformnb.widgets.view.base import Following, Refit
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import make_scene
 from deformnb.widgets.view.volume_view import about
+from deformnb.widgets.web.remote_area import dragged
 
 _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been dragged so far
 

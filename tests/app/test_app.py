@@ -347,14 +347,14 @@ def test_a_saved_session_is_a_document(app: RunningApp) -> None:
 def test_a_name_that_is_html_stays_text() -> None:
     volume = Volume.from_array(np.zeros((6, 6, 6), np.uint8) + np.arange(6, dtype=np.uint8), name="<b>{{ 1+1 }}.nii")
     with RunningApp(Session(volume, view="+y")) as app:
-        state = app.server._trame.state
+        state = app.server.trame.state
         assert state["dnb_name"] == "<b>{{ 1+1 }}.nii"  # shown by Vue as text
         assert "<b>" not in state["trame__template_main"]
         assert state["dnb_document"] == "-b----1-1----session.json"
 
 
 def test_the_page_has_every_control_and_action(app: RunningApp) -> None:
-    page = app.server._trame.state["trame__template_main"]
+    page = app.server.trame.state["trame__template_main"]
     for name in app.desk.controls:
         assert f'="{name}"' in page, name
     for name in ("undo", "redo", "reset", "save", "front"):

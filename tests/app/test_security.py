@@ -20,11 +20,12 @@ import pytest
 from running_app import PATIENCE, RunningApp, connected, framed, status_of
 
 from deformnb.app.desk import Desk
-from deformnb.app.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, Doorkeeper, checked_host, own_names
-from deformnb.app.server import AppServer
+from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
+from deformnb.widgets.web.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, Doorkeeper, checked_host, own_names
+from deformnb.widgets.web.server import PageServer
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def _refused(app: RunningApp, **how: Any) -> int:
 
 
 def test_it_listens_at_this_machine_only(app: RunningApp) -> None:
-    assert [site.name for site in app.server._trame._server.runner.sites] == [f"http://127.0.0.1:{app.server.port}"]
+    assert [site.name for site in app.server.trame._server.runner.sites] == [f"http://127.0.0.1:{app.server.port}"]
 
 
 def test_two_starts_have_different_passwords(app: RunningApp) -> None:
@@ -234,7 +235,7 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
     monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
     with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as app:
-        assert [site.name for site in app.server._trame._server.runner.sites] == [f"http://{app.name}"]
+        assert [site.name for site in app.server.trame._server.runner.sites] == [f"http://{app.name}"]
         test_other_passwords_are_refused(app, "known")
     assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
 
@@ -442,7 +443,7 @@ def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
 
 
 def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.app.guard.time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
     door, now = Doorkeeper("secret"), 100.0
     door.onConnect(None, "early")
     now = 104.0
@@ -457,7 +458,7 @@ def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPat
 
 
 def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.app.guard.LOGIN_SECONDS", 0.2)
+    monkeypatch.setattr("deformnb.widgets.web.guard.LOGIN_SECONDS", 0.2)
 
     async def loiter() -> int | None:
         async with connected(app, secret=None) as page:
@@ -525,7 +526,7 @@ def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
 
 def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
     desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = AppServer(desk)
+    server = app_server(desk)
     server.stop("asked early")
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
     desk.close()
@@ -533,15 +534,15 @@ def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
 
 
 def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    configured = AppServer._configure
+    configured = PageServer._configure
 
-    def stop_first(server: AppServer, root: Any) -> None:
+    def stop_first(server: PageServer, root: Any) -> None:
         server.stop("asked early")  # before its bridge has a loop
         configured(server, root)
 
-    monkeypatch.setattr(AppServer, "_configure", stop_first)
+    monkeypatch.setattr(PageServer, "_configure", stop_first)
     desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = AppServer(desk)
+    server = app_server(desk)
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
     desk.close()
     assert server.reason == "asked early"

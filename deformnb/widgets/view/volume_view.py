@@ -12,7 +12,6 @@ origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``b
 from __future__ import annotations
 
 import asyncio
-import importlib
 import importlib.util
 import threading
 import time
@@ -100,8 +99,14 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
 _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})
 
 
-TRANSPORTS = {"comm": "", "trame": "deformnb.app.notebook:TrameFrames"}
-"""How pictures reach a page, by name: over the notebook's own channel, or by what is imported once it is asked for."""
+def _trame_frames(view: VolumeView) -> Any:
+    from deformnb.widgets.web.frames import TrameFrames
+
+    return TrameFrames(view)
+
+
+TRANSPORTS: dict[str, Callable[[VolumeView], Any] | None] = {"comm": None, "trame": _trame_frames}
+"""How pictures reach a page, by name: over the notebook's own channel, or by what is made of the view."""
 
 
 def check_transport(name: str) -> None:
@@ -111,12 +116,6 @@ def check_transport(name: str) -> None:
     if name == "trame" and importlib.util.find_spec("trame_rca") is None:
         raise DeformError('pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use '
                           'transport="comm".')
-
-
-def carrier(name: str) -> Any:
-    """The class that carries pictures."""
-    module, _, made = TRANSPORTS[name].partition(":")
-    return getattr(importlib.import_module(module), made)
 
 
 _FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
@@ -454,7 +453,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _resized(self, view: str, content: dict[str, Any]) -> None:
         self._pages.put(view, content)
-        if self.transport != "comm" and content["type"] == "hello":
+        if content["type"] == "hello":
             self._carry(view, content.get("origin"))
         self._change_page()
         for kind, words in (("notice", self._notice), ("badge", self.badge)):
@@ -462,9 +461,11 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 self.send({"type": kind, "text": words})
 
     def _carry(self, view: str, origin: Any) -> None:
-        """Tell a page where its frame gets the pictures."""
-        if self._carrier is None:
-            self._carrier = carrier(self.transport)(self)
+        """Tell a page where its frame gets the pictures, if they do not go the notebook's way."""
+        make = TRANSPORTS[self.transport]
+        if make is None:
+            return
+        self._carrier = self._carrier or make(self)
         self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
 
     def draw_again(self) -> None:

@@ -30,7 +30,7 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.protocol import EditMessage
 from deformnb.widgets.view.base import AbstractView, Refit
 from deformnb.widgets.view.stills import CoreScene
-from deformnb.widgets.view.volume_view import VolumeView
+from deformnb.widgets.view.volume_view import TRANSPORTS, VolumeView
 
 GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0))
 PLANE = Plane.along(GRID, "+y")
@@ -549,7 +549,7 @@ class Carrier:
 
 def test_pictures_go_by_the_transport_and_the_page_hears_where(opened: Any, monkeypatch: pytest.MonkeyPatch,
                                                               caplog: pytest.LogCaptureFixture) -> None:
-    monkeypatch.setattr("deformnb.widgets.view.volume_view.carrier", lambda name: Carrier)
+    monkeypatch.setitem(TRANSPORTS, "trame", Carrier)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
     view = opened(method="core", transport="trame")
     view.say(type="hello", **PAGE, origin="http://nb:1")

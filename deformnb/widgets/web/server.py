@@ -1,4 +1,4 @@
-"""The server: trame's, with its doors shut, for the pages of one session."""
+"""trame's server with its doors shut, for the pages of one session or one view."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 from aiohttp import web
 
-from deformnb.app import IDLE_MINUTES
-from deformnb.app.bridge import Bridge
-from deformnb.app.desk import Desk
-from deformnb.app.guard import (
+from deformnb.errors import DeformError
+from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.web.guard import (
     FAREWELL_SECONDS,
     LONGEST_MESSAGE,
     Answer,
@@ -30,10 +30,7 @@ from deformnb.app.guard import (
     own_names,
     part_from,
 )
-from deformnb.app.page import build_page
-from deformnb.app.parts import WIDGETS
-from deformnb.errors import DeformError
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.web.remote_area import AREA
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
@@ -46,30 +43,52 @@ _LONG = frozenset({"deformnb.message", "deformnb.take"})  # edits with many poin
 _LOG = logging.getLogger(__name__)
 
 
-class AppServer:
-    """Serves a desk to browsers that know this start's password.
+class Content(Protocol):
+    """What a server's pages show, and what is done about what they say."""
+
+    def start(self) -> None:
+        """Begin: pages can be told things from now on. Called in the thread of the server's event loop."""
+
+    def answers(self) -> dict[str, Answer]:
+        """What a page may call, by name; each checks what it is given."""
+
+    def assets(self) -> dict[str, tuple[str, str]]:
+        """What else the page loads: text and content type by path."""
+
+    def file(self, key: str) -> Path | None:
+        """A file that was written for a page, which alone has heard of this key; None if there is none."""
+
+    def left(self) -> None:
+        """A page has gone."""
+
+
+class PageServer:
+    """Serves pages to browsers that know this start's password.
 
     Parameters
     ----------
-    desk : what the page shows and changes.
+    make : makes the content for this server, and gives :attr:`trame` its page.
     host, port : where to listen; port 0 takes a free one.
-    page : gives trame's server its page.
     framed_by : the one origin whose pages may show ours in a frame; else nobody's may.
     idle : seconds without a page after which the server ends; 0 never does.
 
     Attributes
     ----------
+    trame : trame's own server, for its state and its page.
+    root : the protocol by which pages hear of things, while there is one; see :meth:`publish`.
+    content : what was made.
     url : where the page is, with its password; empty before the server runs.
     reason : why it ended.
     """
 
-    def __init__(self, desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES,
-                 page: Callable[[Any, Any], None] = build_page, framed_by: str = "'none'") -> None:
+    def __init__(self, make: Callable[[PageServer], Content], *, idle: float, host: str = "127.0.0.1", port: int = 0,
+                 framed_by: str = "'none'") -> None:
         from trame.app import get_server
 
-        self.desk, self.host, self.idle = desk, host, idle or math.inf
+        self.host, self.idle = host, idle or math.inf
         self.url, self.reason = "", ""
         self.token = secrets.token_urlsafe(32)
+        self.root: Any = None
         self._wanted_port, self._framed_by = port, framed_by
         self._parent = None if _outlives_its_terminal() else os.getppid()
         self._guards: list[MessageGuard] = []
@@ -78,17 +97,16 @@ class AppServer:
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._web: Any = None  # wslink's server
-        self._trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3",
-                                 ws_max_msg_size=LONGEST_MESSAGE)
-        self.bridge = Bridge(desk, self._trame)
-        self._trame.add_protocol_to_configure(self._configure)
-        self._trame.controller.on_server_bind.add(self._bind)
-        page(self._trame, desk)
+        self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3",
+                                ws_max_msg_size=LONGEST_MESSAGE)
+        self.trame.add_protocol_to_configure(self._configure)
+        self.trame.controller.on_server_bind.add(self._bind)
+        self.content = make(self)
 
     @property
     def port(self) -> int:
         """The port that is listened at."""
-        return int(self._trame.port)
+        return int(self.trame.port)
 
     @property
     def dropped(self) -> int:
@@ -109,7 +127,7 @@ class AppServer:
             return
         with _quiet(), self._signals():
             serving = asyncio.ensure_future(self._start())
-            started = asyncio.ensure_future(self._trame.ready)
+            started = asyncio.ensure_future(self.trame.ready)
             await asyncio.wait({serving, started}, return_when=asyncio.FIRST_COMPLETED)
             if serving.done():
                 started.cancel()
@@ -122,21 +140,19 @@ class AppServer:
                     ready(self.url)
                 await self._watch(serving)
             finally:
-                self.bridge.close()
+                self.root = None
                 await self._shut()
                 await serving
 
     def stop(self, reason: str = "asked to") -> None:
         """End the server; may be called from any thread."""
         self.reason = self.reason or reason
-        if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # it has ended, and its loop with it
-                self._loop.call_soon_threadsafe(self._end.set)
+        self.in_loop(self._end.set)
 
     async def _shut(self) -> None:
         """Stop listening and leave everyone: who does not answer, or does not read, cannot hold up the end."""
         server = self._web.runner.server
-        ending = asyncio.ensure_future(self._trame.stop())
+        ending = asyncio.ensure_future(self.trame.stop())
         await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
         for connection in list(server.connections):
             if connection.transport is not None:
@@ -145,7 +161,7 @@ class AppServer:
 
     def _start(self) -> Any:
         with _no_arguments():  # trame reads the command line, where it would find options of ours
-            return self._trame.start(port=self._wanted_port, host=self.host, thread=True, open_browser=False,
+            return self.trame.start(port=self._wanted_port, host=self.host, thread=True, open_browser=False,
                                      show_connection_info=False, disable_logging=True, backend="aiohttp",
                                      exec_mode="coroutine", timeout=0)
 
@@ -157,7 +173,7 @@ class AppServer:
             known = {client for handler in self._handlers for client in handler.authentified_client_ids}
             last = time.monotonic() if known else last
             if before - known:
-                self.desk.thread.call(self.desk.give_up)
+                self.content.left()
             before = known
             if time.monotonic() - last > self.idle:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
@@ -184,36 +200,56 @@ class AppServer:
             for number in caught:
                 loop.remove_signal_handler(number)
 
+    # -- to the pages --------------------------------------------------------------------------------------------------
+
+    def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
+        """Call a function in the server's thread, from any thread."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended, and its loop with it
+                self._loop.call_soon_threadsafe(function, *args)
+
+    def publish(self, topic: str, message: dict[str, Any], **options: Any) -> None:
+        """Send a message to all pages, or by wslink's ``client_id`` to one; in the server's thread."""
+        if self.root is not None:
+            self.root.publish(topic, message, **options)
+
+    def push_picture(self, jpeg: bytes, about: dict[str, Any]) -> None:
+        """Send a picture to trame's remote controlled area, from any thread."""
+        self.in_loop(lambda: self.root and self.trame.protocol_call("trame.rca.push", AREA, about, jpeg))
+
+    def others(self) -> list[str]:
+        """Names of the pages, but for the one whose message is being answered."""
+        return [client for handler in self._handlers for client in handler.authentified_client_ids
+                if client != self._web.last_active_client_id]
+
     # -- trame's own server, made narrow -------------------------------------------------------------------------------
 
     def _configure(self, root: Any) -> None:
         root.registerLinkProtocol(self._doorkeeper)
-        self.bridge.attach(root)
+        self.root = root
+        self.content.start()
 
     def _bind(self, served: Any) -> None:
         """Called by trame when its web server is made and has not begun to listen."""
         self._web = served
-        self._trame.protocol.updateSecret(self.token)
+        self.trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
         self._handlers = list(served._ws_handlers)
         self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG)
                         for handler in self._handlers]
-        self.bridge.others = lambda: [client for handler in self._handlers for client in handler.authentified_client_ids
-                                      if client != served.last_active_client_id]
         served.app.middlewares.append(gate(lambda: own_names(self.host, self.port), self._handlers, self._framed_by))
-        pages = _assets()
+        pages = {**_assets(), **self.content.assets()}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
         served.app.router.add_get("/deformnb/file/{key}", self._file)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
-        """A file that was written for a page, which alone has heard of this address."""
-        path = self.desk.files.path(request.match_info["key"])
+        path = self.content.file(request.match_info["key"])
         if path is None:
             return web.Response(status=404, text="there is no such file any more\n")
         return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{path.name}"'})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
-        """What the page may call: trame's state, our bridge, the remote view's size and mouse."""
+        """What the page may call: trame's state, and what the content takes."""
         state, state_of = offered["trame.state.get"]
 
         def life(name: str) -> None:
@@ -224,7 +260,7 @@ class AppServer:
             _LOG.error("the page reports: %.300s", " ".join(str(message).split()))
 
         return {"trame.state.get": lambda: state_of(state), "trame.lifecycle.update": life,
-                "trame.error.client": failed, **self.bridge.answers()}
+                "trame.error.client": failed, **self.content.answers()}
 
 
 def _outlives_its_terminal() -> bool:
@@ -240,7 +276,7 @@ def _serve(text: str, kind: str) -> Callable[[web.Request], Any]:
 
 
 def _assets() -> dict[str, tuple[str, str]]:
-    """Our part of the page by its path: text and content type."""
+    """Our part of every page by its path: text and content type."""
     script, sheet = "text/javascript", "text/css"
     page = (files("trame_client.module") / "vue3-www" / "index.html").read_text(encoding="utf-8")
     own, found = page.replace("<head>", '<head><script src="deformnb/door.js"></script>'), page.count("<head>")
@@ -254,8 +290,6 @@ def _assets() -> dict[str, tuple[str, str]]:
         "/deformnb/door.js": (joined("app_door.js"), script),
         "/deformnb/app.js": (f"(() => {{\n{joined(*_SCRIPTS)}\n}})();", script),  # its names are its own
         "/deformnb/app.css": (style("app.css"), sheet),
-        **{f"/deformnb/{name}.js": (str(widget._esm), script) for name, widget in WIDGETS.items()},
-        "/deformnb/widgets.css": ("\n".join(dict.fromkeys(str(w._css) for w in WIDGETS.values())), sheet),
     }
 
 

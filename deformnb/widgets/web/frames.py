@@ -1,0 +1,240 @@
+"""A volume view's pictures by trame: a page of trame's remote controlled area in a frame of the notebook.
+
+The server is the application's, with the same doors: this machine only, a password made for this view, and of other
+pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some minutes
+after the last page has gone. Pictures and the mouse go this way; all else stays with the notebook's own channel.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from deformnb.errors import DeformError
+from deformnb.widgets.bundle import style
+from deformnb.widgets.camera import checked_camera
+from deformnb.widgets.protocol import text, whole
+from deformnb.widgets.vtk.render_loop import Frame
+from deformnb.widgets.web.guard import Answer, checked_origin
+from deformnb.widgets.web.remote_area import AREA, MouseCamera, Pictures, for_area
+from deformnb.widgets.web.server import PageServer
+
+_NAME = "trame"  # of the frame among the view's pages
+_IDLE = 300.0  # seconds without a page, after which the server ends
+_LONGEST_END = 5.0
+
+_LOG = logging.getLogger(__name__)
+
+
+class TrameFrames:
+    """Carries a view's pictures to a frame in its page; :meth:`open` starts a server where none runs.
+
+    Parameters
+    ----------
+    view : a :class:`~deformnb.widgets.VolumeView`.
+    """
+
+    def __init__(self, view: Any) -> None:
+        self._view = weakref.ref(view)
+        self._lock = threading.Lock()
+        self._served: dict[str, _Served] = {}
+
+    def open(self, origin: Any, tell: Callable[[str], None]) -> None:
+        """A page of this origin wants the pictures.
+
+        Parameters
+        ----------
+        tell : called with the frame's address, once it can be opened and from any thread.
+
+        Raises
+        ------
+        DeformError
+            If that is no origin.
+        """
+        allowed = checked_origin(origin)
+        with self._lock:
+            self._served = {name: one for name, one in self._served.items() if one.is_alive}
+            view = self._view()
+            if view is None:
+                return
+            served = self._served.get(allowed)
+            if served is None:
+                served = self._served[allowed] = _Served(view, allowed)
+        served.when_ready(tell)
+
+    def deliver(self, message: dict[str, Any], pictures: list[bytes], frame: Frame) -> None:
+        """A picture, by the thread that draws."""
+        for served in list(self._served.values()):
+            served.area.deliver(message, pictures, frame)
+
+    def close(self) -> None:
+        """End all servers."""
+        with self._lock:
+            served, self._served = list(self._served.values()), {}
+        for one in served:
+            one.close()
+
+
+class _Served:
+    """One server in a thread of its own, for pages that are framed by those of one origin."""
+
+    def __init__(self, view: Any, origin: str) -> None:
+        self.area = _ViewArea(view)
+        self._origin = origin
+        self._ready = threading.Event()
+        self._server: PageServer | None = None
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._run, name="deformnb-trame", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_alive(self) -> bool:
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        async def serve() -> None:
+            self._server = PageServer(self.area.serve, idle=_IDLE, framed_by=self._origin)
+            if self._is_closed:
+                return
+            await self._server.run(lambda _: self._ready.set())
+
+        try:
+            asyncio.run(serve())
+        except Exception:
+            _LOG.exception("the server of a view has failed")
+        finally:
+            self._ready.set()
+            self.area.close()
+
+    def when_ready(self, tell: Callable[[str], None]) -> None:
+        """Call ``tell(address)`` once pages can come, in a thread that may wait for it."""
+        def wait() -> None:
+            self._ready.wait(60)
+            if self._server is not None and self._server.url:
+                tell(self._server.url)
+
+        threading.Thread(target=wait, name="deformnb-trame-ready", daemon=True).start()
+
+    def close(self) -> None:
+        """End the server; takes a moment at most."""
+        self._is_closed = True  # if the server is not made yet
+        if self._server is not None:
+            self._server.stop()
+        self._thread.join(_LONGEST_END)
+
+
+class _ViewArea:
+    """A page that is the picture of one view and nothing else; the content of a :class:`PageServer`.
+
+    Parameters
+    ----------
+    view : a :class:`~deformnb.widgets.VolumeView`, held weakly.
+    """
+
+    def __init__(self, view: Any) -> None:
+        self._view = weakref.ref(view)
+        self._sides: dict[str, Any] = view.volume_info.get("views", {})
+        self._mouse = MouseCamera(self._look, self._at_rest)
+        self._pictures = Pictures(self._push)
+        self._server: PageServer | None = None
+        self._camera = view.camera
+        self._number = 0
+
+    # -- for the server ------------------------------------------------------------------------------------------------
+
+    def serve(self, server: PageServer) -> _ViewArea:
+        """Be the content of this server."""
+        from trame.ui.html import DivLayout
+        from trame.widgets import html
+        from trame_client.widgets.core import AbstractElement
+        from trame_rca.widgets import rca
+
+        self._server = server
+        server.trame.enable_module({"scripts": ["deformnb/app.js"], "vue_use": ["deformnb_app"],
+                                    "styles": ["deformnb/app.css", "deformnb/widgets.css"]})
+        server.trame.state.trame__title = "deformnb"
+        server.trame.state.dnb_views = self._sides
+        with DivLayout(server.trame), html.Div(classes="dnb-app-fill dnb-app-remote"):
+            html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
+            rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
+            AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))._attr_names.extend(["area", "views"])
+        return self
+
+    def start(self) -> None:
+        """Wait for a page."""
+
+    def answers(self) -> dict[str, Answer]:
+        """What a page may call: size and mouse of the area, the cube beside it, and confirmations."""
+        return {"trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
+                "deformnb.seen": for_area(self._seen), "deformnb.look": self._look_from}
+
+    def assets(self) -> dict[str, tuple[str, str]]:
+        """Styles of what stands over the picture."""
+        return {"/deformnb/widgets.css": (style("live_view.css", "volume_view.css"), "text/css")}
+
+    def file(self, key: str) -> None:
+        """No file is offered."""
+
+    def left(self) -> None:
+        """A page has gone; it held nothing but the mouse."""
+
+    def _size(self, origin: str, size: Any) -> None:
+        """A page is there. How large the pictures shall be is said by the view's own page around it."""
+        view = self._view()
+        if view is not None:
+            view.draw_again()
+
+    def _event(self, origin: str, event: Any) -> None:
+        view = self._view()
+        if view is None:
+            return
+        if not self._mouse.is_held:
+            self._camera = view.camera  # Python may have turned it
+        self._mouse.on_event(event, view.shown_box, view.shows)
+
+    def _seen(self, number: Any, page: Any = "") -> None:
+        self._say({"type": "seen", "seq": whole(number, 1, 2**53)}, text(page))
+
+    def _look_from(self, side: Any) -> None:
+        """Look from a side, by its name."""
+        view = self._view()
+        if not isinstance(side, str) or side not in self._sides or view is None:
+            raise DeformError("there is no such side.")
+        view.camera = self._camera = checked_camera(self._sides[side])
+
+    def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        self._camera = change(self._camera)
+        self._number += 1
+        self._say({"type": "camera", "camera": self._camera, "number": self._number}, _NAME)
+
+    def _at_rest(self) -> None:
+        view = self._view()
+        if view is not None:
+            view.camera = self._camera
+
+    def _say(self, content: dict[str, Any], page: str) -> None:
+        view = self._view()
+        if view is not None:
+            view._receive(view, {**content, "view": page}, [])
+
+    # -- for the view --------------------------------------------------------------------------------------------------
+
+    def deliver(self, message: dict[str, Any], pictures: list[bytes], frame: Frame) -> None:
+        """A picture of the view, or two that are shown in turn; called by the thread that draws."""
+        view = self._view()
+        if view is not None:
+            camera = self._camera if self._mouse.is_held else view.camera
+            self._pictures.show(frame.images, pictures, camera, {
+                "n": message["seq"], "full": frame.is_full, "shows": view.shows, "badge": view.badge})
+
+    def _push(self, jpeg: bytes, about: dict[str, Any]) -> None:
+        if self._server is not None:
+            self._server.push_picture(jpeg, about)
+
+    def close(self) -> None:
+        """End its thread."""
+        self._pictures.close()
