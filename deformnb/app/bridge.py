@@ -14,14 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from comm.base_comm import BaseComm
-
 from deformnb.app.controls import ACTIONS, NUMBERED
 from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED
 from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.synced import PageComm
 from deformnb.widgets.web.guard import Answer
 from deformnb.widgets.web.remote_area import for_area
 from deformnb.widgets.web.server import PageServer
@@ -36,25 +35,6 @@ _LONGEST_NAME = 64
 _OTHERS = ("layout", "tabbable", "tooltip", "comm")
 
 _LOG = logging.getLogger(__name__)
-
-
-class PageComm(BaseComm):
-    """A comm without a kernel: what is sent is given to a function.
-
-    Parameters
-    ----------
-    post : called with the message's data and its buffers.
-    """
-
-    def __init__(self, post: Callable[[dict[str, Any], list[bytes]], None]) -> None:
-        self._post = post
-        super().__init__(target_name="deformnb.app")
-
-    def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
-                    **keys: Any) -> None:
-        """What ipywidgets sends: of its own life, its traits, and messages."""
-        if msg_type == "comm_msg" and data:
-            self._post(data, [bytes(buffer) for buffer in buffers or []])
 
 
 class Bridge:

@@ -10,13 +10,33 @@ ipywidgets expects one thread. Studios compute in another, and the two rules tha
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import anywidget
+from comm.base_comm import BaseComm
 
-__all__ = ["SyncedWidget"]
+__all__ = ["PageComm", "SyncedWidget"]
+
+
+class PageComm(BaseComm):
+    """A comm without a kernel: what is sent is given to a function.
+
+    Parameters
+    ----------
+    post : called with the message's data and its buffers.
+    """
+
+    def __init__(self, post: Callable[[dict[str, Any], list[bytes]], None]) -> None:
+        self._post = post
+        super().__init__(target_name="deformnb.page")
+
+    def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
+                    **keys: Any) -> None:
+        """What ipywidgets sends: of its own life, its traits, and messages."""
+        if msg_type == "comm_msg" and data:
+            self._post(data, [bytes(buffer) for buffer in buffers or []])
 
 
 class SyncedWidget(anywidget.AnyWidget):

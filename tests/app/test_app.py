@@ -129,7 +129,7 @@ def test_a_slice_goes_from_front_to_back(desk: Desk) -> None:
 
 
 def test_a_drag_in_the_page_is_an_edit_that_can_be_undone(desk: Desk) -> None:
-    from deformnb.app.bridge import PageComm
+    from deformnb.widgets.synced import PageComm
 
     desk.editor.comm = PageComm(lambda data, buffers: None)
     desk.receive("editor", {"method": "custom", "content": edit_of(_dragged_points(desk))})

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from running_app import PATIENCE
 
-from deformnb.app.bridge import PageComm
 from deformnb.app.desk import Desk
 from deformnb.app.parts import WIDGETS
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.json_format import to_json
 from deformnb.session.session import Session
 from deformnb.volume.transfer import preset
+from deformnb.widgets.synced import PageComm
 
 TENT = [[0.0, 1.0], [0.5, 1.0], [1.0, 0.0]]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from running_app import PATIENCE, edit_of
 
-from deformnb.app.bridge import PageComm
 from deformnb.app.desk import Desk
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.session.session import Session
 from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.synced import PageComm
 from deformnb.widgets.vtk.folds import Folding
 
 SIZE = {"w": 64, "h": 48, "p": 1}

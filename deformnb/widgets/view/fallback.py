@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import traitlets
@@ -17,6 +18,7 @@ import traitlets
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.synced import PageComm
 from deformnb.widgets.view.volume_view import VolumeView
 from deformnb.widgets.worker import parts_of_another
 
@@ -39,7 +41,8 @@ class StandIn:
 
     def __init__(self, view: traitlets.HasTraits, say: Say, **options: Any) -> None:
         with parts_of_another():
-            self._view = _Unseen(weakref.WeakMethod(say), **options)
+            self._view = VolumeView(comm=PageComm(partial(_pass_on, weakref.WeakMethod(say))), **options)
+        self._view.observe(lambda change: self._view.send({"type": "info", "info": change["new"]}), "volume_info")
         shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
         self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
         self._volume: Volume | None = None
@@ -109,21 +112,8 @@ class StandIn:
         self._view.close()
 
 
-class _Unseen(VolumeView):
-    """A volume view whose pages are those of another widget: it has no line of its own to the front end."""
-
-    def __init__(self, say: weakref.WeakMethod[Say], **options: Any) -> None:
-        self._to_pages = say
-        super().__init__(**options)
-
-    def open(self) -> None:
-        """Open no line."""
-
-    @traitlets.observe("volume_info")
-    def _tell_box(self, change: Any) -> None:
-        self.send({"type": "info", "info": change["new"]})
-
-    def send(self, content: Any, buffers: Any = None) -> None:
-        say = self._to_pages()
-        if say is not None:
-            say(content, list(buffers or []))
+def _pass_on(say: weakref.WeakMethod[Say], data: dict[str, Any], buffers: list[bytes]) -> None:
+    """Send a message of the view that draws to the other view's pages; its traits concern no page."""
+    send = say()
+    if send is not None and data.get("method") == "custom":
+        send(data["content"], buffers)
