@@ -197,6 +197,54 @@ def test_imports_point_one_way() -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+# Bases with one subclass or none here that others may subclass, and why.
+EXTENSION_POINTS: dict[str, str] = {}
+
+
+def _modules() -> dict[str, ast.Module]:
+    """All modules of the package by dotted name."""
+    paths = {path: path.relative_to(ROOT).with_suffix("") for path in PACKAGE.rglob("*.py")}
+    return {".".join(name.parts).removesuffix(".__init__"): ast.parse(path.read_text(encoding="utf-8"))
+            for path, name in paths.items()}
+
+
+def _named_here(module: str, tree: ast.Module) -> dict[str, str]:
+    """What a name at the top of a module is in full, for classes of it and what it imports from others."""
+    named = {node.name: f"{module}.{node.name}" for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            named |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+    return named
+
+
+def test_a_class_with_heirs_has_two() -> None:
+    heirs: dict[str, set[str]] = {}
+    for module, tree in _modules().items():
+        named = _named_here(module, tree)
+        for node in ast.walk(tree):
+            for base in node.bases if isinstance(node, ast.ClassDef) else ():
+                name = ast.unparse(base.value if isinstance(base, ast.Subscript) else base)
+                heirs.setdefault(named.get(name, name), set()).add(f"{module}.{node.name}")  # type: ignore[attr-defined]
+    assert len(heirs["deformnb.rbf.fields.AbstractField"]) > 5  # or it looks for the wrong names
+    alone = {base for base, found in heirs.items() if base.startswith("deformnb.") and len(found) == 1}
+    assert alone == set(EXTENSION_POINTS), "make one class of it, or write down who else may subclass it"
+
+
+def test_no_module_imports_another_by_string() -> None:
+    modules = _modules()
+    assert "deformnb.volume.volume" in modules
+    for module, tree in modules.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in (
+                    "import_module", "__import__"):
+                assert not ast.unparse(node.args[0]).strip("'\"").startswith("deformnb"), f"{module}:{node.lineno}"
+            # A table of such names would be imported elsewhere. Packages may be named, for the files that lie in them.
+            text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+            name, colon, _ = text.partition(":")
+            is_module = name in modules and (bool(colon) or not (ROOT / name.replace(".", "/")).is_dir())
+            assert name in ("deformnb", module) or not is_module, f"{module}:{node.lineno}: {text}"  # type: ignore[attr-defined]
+
+
 def test_package_imports_no_pickle() -> None:
     forbidden = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
     for path in PACKAGE.rglob("*.py"):
