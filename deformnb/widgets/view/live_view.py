@@ -18,7 +18,6 @@ import asyncio
 import itertools
 import logging
 import threading
-import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -29,6 +28,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
+from deformnb._weak import weakly
 from deformnb.document.animation import TimeMaps
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -205,7 +205,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if timer is not None:
             timer.cancel()
         if self._needs_other_levels():
-            self._sharpener = threading.Timer(_REST, _weakly(self, LiveView._sharpen))
+            self._sharpener = threading.Timer(_REST, weakly(self, LiveView._sharpen))
             self._sharpener.daemon = True
             self._sharpener.start()
 
@@ -560,15 +560,3 @@ def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
 
 def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:
     return preset(transfer, volume) if isinstance(transfer, str) else transfer
-
-
-def _weakly(view: LiveView, method: Callable[[LiveView], None]) -> Callable[[], None]:
-    """Calls a method of a view that is still there: a timer keeps none alive."""
-    held = weakref.ref(view)
-
-    def call() -> None:
-        alive = held()
-        if alive is not None:
-            method(alive)
-
-    return call
