@@ -1,9 +1,9 @@
-"""The field of view: how large a box deformed matter needs, and on which sides it leaves the box it has.
+"""Field of view: the size of the box that the deformed foreground needs, and the sides on which it leaves its box.
 
-The volume's box is where matter was, not where it goes: what is dragged out of it is cut off, unless the result gets a
-larger grid. Where matter goes is asked both ways. Forwards, the corners of small boxes around all matter at the surface
-are followed through the map, which is exact. Backwards, the nodes of a lattice around what was found are looked up in
-the matter: they find what a fold shows a second time.
+The volume's box is where the foreground was, not where it goes: voxels that are dragged out of it are cut off, unless
+the result gets a larger grid. The extent is found in both directions. Forwards, the corners of small boxes around all
+foreground at the surface are followed through the map, which is exact. Backwards, the nodes of a lattice around that
+extent are looked up in the foreground: they find the second copy of the tissue that a fold shows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Where a map folds: the determinant of its derivative, and how far one may go before it does.
+"""Folds of a map: the determinant of its derivative, and the largest drag that stays free of them.
 
 ``output(x) = input(x + D(x))``. With ``J = 1 + dD/dx`` a small piece at x shows ``det J`` times its own size of the
-input: 1 keeps areas (volumes in space), 2 shows matter shrunk to a half, 1/2 matter grown to twice its size. Where
-``det J <= 0`` the map folds: matter is seen twice, and mirrored. The forward map has the determinant ``1 / det J``, see
+input: 1 keeps areas (volumes in space), 2 shows tissue shrunk to a half, 1/2 tissue grown to twice its size. Where
+``det J <= 0`` the map folds: tissue is seen twice, and mirrored. The forward map has the determinant ``1 / det J``, see
 :mod:`deformnb.analysis.strain`.
 """
 

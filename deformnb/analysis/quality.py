@@ -1,8 +1,8 @@
-r"""How well a fit agrees with itself: residuals, leave-one-out errors, who disagrees, and how much the map bends.
+"""Goodness of fit: residuals, leave-one-out errors, possible outliers, and bending energy.
 
-Leave-one-out asks of every control point what the others would have done with it. No fit is made for that. With C of
-:mod:`uncertainty`, leaving point i out of the system changes C by ``C_i C_i^T / C_ii``, and the others' prediction
-misses its displacement by
+The leave-one-out error of a control point is the distance between its displacement and the prediction of the others.
+No fit is made for that. With C of :mod:`deformnb.analysis.uncertainty`, leaving point i out of the system changes C by
+``C_i C_i^T / C_ii``, and the others' prediction misses its displacement by
 
     e_i = [C (d - X A_i^T)]_i / C_ii
 

@@ -1,4 +1,4 @@
-r"""The linear system of a fit turned round: what each control point weighs, and how sure the map is between them.
+"""Kriging uncertainty of a fit: the inverse of its linear system, weights of control points, variance between them.
 
 An interpolant of radial functions is the mean of a Gaussian process with the same kernel ("kriging"), its trend a mean
 of unknown parameters. With K = Phi + diag(lambda / w), P the polynomials that the system itself carries (ones; for

@@ -1,7 +1,7 @@
-"""The tool as a web page of its own, without Jupyter: ``deformnb app FILE SESSION``.
+"""Web application without Jupyter, served by trame: ``deformnb app FILE SESSION``.
 
-A picture with points to drag, the volume beside it, and what a session has to choose from, served by trame to the
-browsers of this machine. What is edited and remembered is a :class:`Session`, as in a notebook.
+A picture with points to drag, the volume beside it, and the settings of a session, served by trame to the
+browsers of this machine. The edits and the state are those of a :class:`Session`, as in a notebook.
 """
 
 from __future__ import annotations

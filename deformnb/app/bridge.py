@@ -1,7 +1,8 @@
-"""Carries the widgets' conversations with their pages over trame's socket, and the page's controls to the desk.
+"""Bridge between the widgets' comms and trame's socket, and from the client's controls to the desk.
 
-A widget speaks to its page through its comm. Here the comm is one of ours: what the widget sends is published to all
-connected pages, and what a page sends is handed to the comm in the desk's thread. To the widget nothing is different.
+A widget exchanges messages with its front end through its comm. Here the comm is one of ours: the messages that the
+widget sends are published to all connected clients, and those that a client sends are passed to the comm in the desk's
+thread. To the widget nothing is different.
 """
 
 from __future__ import annotations

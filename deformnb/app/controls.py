@@ -1,6 +1,6 @@
-"""What a page may set, as a table: of each control its kind, what it may be set to, and how it is called.
+"""Table of the controls of the application: the kind, the range or choices, and the label of each.
 
-The page's layout is made from this table and messages of the page are checked against it.
+The layout of the client is made from this table, and messages of the client are checked against it.
 """
 
 from __future__ import annotations

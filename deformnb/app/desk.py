@@ -1,4 +1,4 @@
-"""The model side of the application: a session with the widgets that show it, and no server.
+"""Model of the application: a session with the widgets that show it, and no server.
 
 Everything here is called in one thread, the desk's own (:attr:`Desk.thread`), so that an edit that takes a second
 never keeps the server from answering.

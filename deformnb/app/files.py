@@ -1,7 +1,7 @@
-"""What a page takes home and brings along: files written here and handed to its downloads, and saved sessions.
+"""Downloads and uploads of the application: files written here and sent to a client, and saved sessions.
 
-A file is written in a thread of its own into a folder that only this user may read. A page gets it by an address that
-was never said before and is told to pages of this session alone; the next file, and the end, take it away.
+A file is written in a thread of its own into a folder that only this user may read. A client gets it by an address that
+was never used before and is sent to clients of this session alone; the next file, and the end, remove it.
 """
 
 from __future__ import annotations

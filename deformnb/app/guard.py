@@ -1,9 +1,9 @@
-"""Who may talk to the application's server, and what may be said to it.
+"""Access control of the application's server: origins, hosts, passwords, and allowed remote procedures.
 
-trame's server alone answers every page of the browser and everyone on the machine: its password is public, it asks
-neither where a page came from nor by which name it was called, and a message may have 4 GB. So each start makes a
+trame's server alone answers every page of the browser and everyone on the machine: its password is public, it checks
+neither the origin of a request nor the host name in it, and a message may have 4 GB. So each start makes a
 password of its own, requests that carry another name or origin get 403, and of the remote procedures only those in a
-table remain, each with a check of its arguments. What is wrong is logged, without its content, and dropped.
+table remain, each with a check of its arguments. A wrong message is logged, without its content, and dropped.
 """
 
 from __future__ import annotations

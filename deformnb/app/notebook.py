@@ -1,8 +1,9 @@
-"""A volume view's pictures by trame: a page of trame's remote controlled area in a frame of the notebook.
+"""Notebook display of a volume view's pictures by trame: a remote controlled area in an inline frame.
 
-The server is the application's, with the same doors: this machine only, a password made for this view, and of other
-pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some minutes
-after the last page has gone. Pictures and the mouse go this way; all else stays with the notebook's own channel.
+The server is the application's, with the same access control: this machine only, a password made for this view, and of
+other pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some
+minutes after the last client has gone. Pictures and mouse events use this connection; all else stays with the
+notebook's own channel.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The page's layout: a bar, the picture, the volume, the controls of the table, and a line of facts below."""
+"""Layout of the client: a bar, the picture, the volume, the controls of the table, and a status line below."""
 
 from __future__ import annotations
 

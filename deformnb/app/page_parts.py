@@ -1,4 +1,4 @@
-"""Parts of the page's drawer: single controls, settings, looks, points, what is to be trusted, and the history."""
+"""Sections of the client's drawer: single controls, settings, looks, points, diagnostics, and the history."""
 
 from __future__ import annotations
 

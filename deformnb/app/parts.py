@@ -1,5 +1,7 @@
-"""The smaller widgets of the page, which are the studio's own: the curve and the keys of the depth, colours and
-opacities, what is cut open, the list of steps and the table of points.
+"""Small widgets of the client that the studio has too.
+
+These are the curve and the key pictures of the depth, colours and opacities, clipping, the list of steps and the table
+of points.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The volume drawn by VTK here and sent to the page as pictures, for browsers that cannot draw it themselves.
+"""Server-side rendering: the volume drawn by VTK here, for clients that cannot draw it themselves.
 
-trame's remote controlled area shows the pictures and sends sizes and mouse; in between is a loop that draws a scene in
-a thread of its own, for OpenGL belongs to the thread that began with it. While something moves, pictures are small and
-coarse, the newest wish takes the place of older ones, and no more pictures are on their way than the page has said to
-have received; the full picture is drawn once all is at rest.
+trame's remote controlled area shows the pictures and sends sizes and mouse events; in between is a loop that draws a
+scene in a thread of its own, because an OpenGL context belongs to the thread that made it. While something moves,
+pictures are small and coarse, the newest request replaces older ones, and no more pictures are under way than the
+client's confirmations allow; the full picture is drawn once all is at rest.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class RemoteView(MouseLooks):
 
     @property
     def camera(self) -> dict[str, Any]:
-        """Where the viewer stands, as in :class:`~deformnb.widgets.view.base.CameraTrait`."""
+        """Where the viewer stands, as in :class:`~deformnb.widgets.camera.CameraTrait`."""
         return self._camera
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
@@ -159,7 +159,7 @@ class RemoteView(MouseLooks):
         self._loop.change(key, function, draw=self.is_used)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
+        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self._shows = shows
         self._loop.set_shows(shows)
         self.change("shows", lambda scene: scene.set_shows(shows))

@@ -1,4 +1,4 @@
-"""The server: trame's, with its doors shut, for the pages of one session."""
+"""Web server of one session: trame's, with its access restricted by the guard."""
 
 from __future__ import annotations
 

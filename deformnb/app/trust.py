@@ -1,8 +1,7 @@
-"""What the application says of the map being edited: figures, points that disagree, a haze over the picture, and what
-of the matter leaves the box.
+"""Diagnostics of the map being edited: figures, possible outliers, an uncertainty overlay, cut-off tissue.
 
-It is found in a thread of its own after an edit, the newest first, so that no edit waits for it, and shown by the
-desk's thread.
+The tissue counted as cut off is that which leaves the box. All is computed in a thread of its own after an edit, the
+newest first, so that no edit waits for it, and shown by the desk's thread.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The volume as the pages of a desk show it: rendered by each page itself, by VTK here, or both, as one view."""
+"""Volume display of a desk: rendered by each client itself, by VTK on the server, or both, as one view."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Volumes:
         self._change("projection", lambda scene: scene.set_projection(projection))
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
+        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self.live.shows = shows
         if self.remote is not None:
             self.remote.set_shows(shows)

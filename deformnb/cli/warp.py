@@ -1,8 +1,7 @@
-"""The command ``deformnb warp``: a session applied to a volume, and to what belongs to it.
+"""Commands ``deformnb warp`` and ``deformnb replay``: a session applied to one volume, or to many files.
 
-The command ``deformnb replay``: a session applied to many files, with progress, resume and a summary.
-
-What the commands tell while they work: notes, and how far a piece of work has come.
+``warp`` deforms a volume, and the labels, meshes and landmarks that belong to it. ``replay`` applies the session to
+many files, with progress, resume and a summary. Both report notes and the progress of each piece of work.
 """
 
 from __future__ import annotations

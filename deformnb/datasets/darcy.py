@@ -1,8 +1,8 @@
-"""D'Arcy Thompson's grids: one fish turned into another by bending the net it is drawn on (figure 3 of the paper).
+"""D'Arcy Thompson's grids: one fish turned into another by bending the grid it is drawn on (figure 3 of the paper).
 
 The nodes were read from the scans of *On Growth and Form* (1917), which are in the public domain. In all eight figures
-the head points left. The grids of a pair have their own drawing scale and place on the page; how they are brought
-together is said at :func:`thompson_map`.
+the head points left. The grids of a pair have their own drawing scale and place on the page; their alignment is
+described at :func:`thompson_map`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Real volumes: where they come from, whose they are, and a download that is checked and kept.
+"""Real volumes: their sources, their licences, and a download that is checked and cached.
 
 Nothing here ships with the package and nothing is downloaded at import. A file that is already there is used without
 a network: in ``folder``, else in the folder that the environment variable ``DEFORMNB_DATA`` names, else in the user's

@@ -1,11 +1,10 @@
-"""Animations: key frames of a document, and what lies between them.
+"""Animations: key frames of a document, and the frames between them.
 
 Between two key frames the control points move as rigidly as they can and the displacement is solved for again: a blend
 of the two displacements themselves would shrink what turns, by cos(angle / 2) halfway.
 
-All moments of an animation in one array whose third axis is time (section 5 of the paper, Fig. 5).
-
-A displacement in space for every time step would be expensive. Each comes from one over a plane by replication, so the
+All moments of an animation can be stored in one array whose third axis is time (section 5 of the paper, Fig. 5). A
+displacement in space for every time step would be expensive. Each comes from one over a plane by replication, so the
 maps of all time steps are stored one behind the other, as ONE map of three dimensions, and time is looked up in it as a
 depth would be.
 """
@@ -145,8 +144,9 @@ class Animation:
 
     Notes
     -----
-    Steps are matched by their place in the list and points by their ids; see :mod:`motion_paths` for what only
-    one of two key frames has. :attr:`notes` says what switches because there is nothing between.
+    Steps are matched by their place in the list and points by their ids; see
+    :mod:`deformnb.document.motion_paths` for those that only one of two key frames has. :attr:`notes` names the
+    settings that switch because there is nothing between.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""The document: everything a user did to a volume, immutable, independent of any volume's voxels.
+"""Deformation document: all edits of a volume, immutable, independent of any volume's voxels.
 
 A :class:`Deformation` is a list of :class:`Step`, done one after the other (section 4.3 of the paper: deform on one
 plane, turn the volume, deform on another). An edit makes a new document, so undo is the list of old ones, and the same
-document can be applied to another volume. ``document.py`` turns it into JSON and back.
+document can be applied to another volume. :mod:`deformnb.document.json_format` turns it into JSON and back.
 
-How time passes in an animation: between two key frames, and after the last one.
+It also holds the easing of an animation: the course of time between two key frames, and after the last one.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ class Step:
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which matter comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
-    stages : in how many equal parts the points go their way, one map after the other; see :mod:`stages`. On a
-        plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
+    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
+        On a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
     chosen_support : what :func:`choose_support` found for these points while ``support`` is None, and
         for which kernel; None for points at one place. It is kept while points are dragged, so that the map does not
         jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so

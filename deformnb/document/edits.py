@@ -1,9 +1,10 @@
-"""What one change brings along: a kernel its trend, a rule of extrusion its points, a turn of the picture a step.
+"""Edits of a document with their consequences, and edits of its key frames.
 
-Edits of the key frames of a document: each returns the next document, or refuses and says why.
+A new kernel brings its trend, an extrusion rule its points, a turned picture a new step. Each edit of the key frames
+returns the next document, or refuses with the reason.
 
 A key frame keeps the steps of the document as they were when it was made. The document itself goes on: a key frame is
-changed by going to it (:func:`at_key`), editing, and taking what has become of it (:func:`update_key`).
+changed by going to it (:func:`at_key`), editing, and storing the result in it (:func:`update_key`).
 """
 
 from __future__ import annotations

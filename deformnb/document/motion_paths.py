@@ -1,6 +1,6 @@
-"""The way of one step from a key frame to the next: its points go as rigidly as they can, its numbers evenly.
+"""Motion paths of a step between two key frames: as-rigid-as-possible for its points, even for its numbers.
 
-What the two keys do not share:
+Differences between the two keys:
 
 - A point that only one key has, or that is switched on at one only, is at the other where that key's own deformation
   takes it. So a point that was added later changes nothing before.
@@ -9,15 +9,14 @@ What the two keys do not share:
 - A kernel, a trend, a rule of extrusion, cuts and the places of rigid parts have nothing between them: those of the
   earlier key hold until the later one. ``notes`` says so.
 
-Ways of control points between two key frames that neither shrink nor shear what turns.
+The paths of control points neither shrink nor shear what turns. A straight path for every point makes a limb that
+turns by an angle shorter by cos(angle / 2) halfway. So it is the edges between neighbouring points that are
+interpolated: each turns at an even pace and its length changes evenly. The places are those that fit the edges best, as
+in Alexa, Cohen-Or, Levin, "As-rigid-as-possible shape interpolation" (2000), with the neighbours of a point in the
+place of triangles.
 
-A straight way for every point makes a limb that turns by an angle shorter by cos(angle / 2) halfway. So it is the edges
-between neighbouring points that are interpolated: each turns at an even pace and its length changes evenly. The places
-are those that fit the edges best, as in Alexa, Cohen-Or, Levin, "As-rigid-as-possible shape interpolation" (2000),
-with the neighbours of a point in the place of triangles.
-
-What an angle counts is seen in the turn of all edges around a point at once; two neighbours turn by almost the same, so
-that a tail that curls by more than half a turn goes round and not back.
+The number of full turns in an angle follows from the turn of all edges around a point at once; two neighbours turn by
+almost the same, so that a tail that curls by more than half a turn goes round and not back.
 """
 
 from __future__ import annotations

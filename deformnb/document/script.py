@@ -1,6 +1,6 @@
-"""A deformation as a short Python script that makes the same document: every gesture is code.
+"""Deformation as a short Python script that makes the same document: every edit is code.
 
-Numbers are written so that reading them gives the same bits; what has its default value is left out.
+Numbers are written so that reading them gives the same bits; arguments with their default value are left out.
 """
 
 from __future__ import annotations

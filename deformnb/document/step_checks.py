@@ -1,8 +1,8 @@
-r"""Whether a step of a document can be believed: folds, stages, safe drags, quality of its fit, uncertainty.
+"""Diagnostics of a step of a document: folds, stages, safe drags, quality of its fit, uncertainty.
 
-Folds are looked for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
+Folds are searched for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
 same step along the other, on one slice where every slice is alike and on 9 of them otherwise; for points in space 33
-along the longest side. What is narrower than a cell of it, a hundredth of the picture, can be missed.
+along the longest side. A fold narrower than a cell of it, a hundredth of the picture, can be missed.
 """
 
 from __future__ import annotations

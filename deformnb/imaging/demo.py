@@ -1,4 +1,4 @@
-"""The demonstration: a fish turned into another one the way D'Arcy Thompson drew it, from volume to pictures.
+"""Demonstration: a fish turned into another one after D'Arcy Thompson, from volume to pictures.
 
 It is also the shortest complete example of the package: load, project, place points, fit, warp, render, save.
 """

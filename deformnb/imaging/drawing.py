@@ -1,4 +1,4 @@
-"""Pictures with nets, control points and titles, as one wants to print them: matplotlib without its global state."""
+"""Plots of pictures with grids, control points and titles for print, by Matplotlib without its global state."""
 
 from __future__ import annotations
 

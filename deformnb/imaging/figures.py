@@ -1,4 +1,4 @@
-"""Figures of several panels, arranged and lettered as in the paper: pictures, nets, points, cuts, rendered volumes."""
+"""Figures of several panels, arranged and lettered as in the paper: pictures, grids, points, cuts, rendered volumes."""
 
 from __future__ import annotations
 

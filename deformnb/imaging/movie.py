@@ -1,6 +1,6 @@
-"""Movies: a deformation that comes and goes, or the animation of key frames.
+"""Movies of a deformation that comes and goes, or of an animation of key frames.
 
-Frames are made by the renderer one by one, files are what any browser or slide shows.
+Frames are made by the renderer one by one; the files are in formats that any browser or slide show plays.
 """
 
 from __future__ import annotations

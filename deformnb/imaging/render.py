@@ -1,4 +1,4 @@
-"""Shaded pictures of the volume in space, for stills: by VTK where OpenGL works, by this package itself elsewhere."""
+"""Shaded renderings of a volume in space, for stills: by VTK where OpenGL works, by this package itself elsewhere."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""Two grids side by side, as D'Arcy Thompson drew them: the picture on a regular net, and what became of both.
+"""Figure of two grids side by side, as D'Arcy Thompson drew them: a picture on a regular grid, and both deformed.
 
-Area expansion and principal strains can be laid over the second one. The figure is for print: saved as SVG or PDF the
-nets, arrows and words stay vectors and text, and only the pictures are pixels.
+The module makes the grids as numbers (the regular one, the deformed positions of its lines and nodes, magnified drags)
+and draws them on a sheet: panels to one scale, grids, colours of areas, crosses of strain, captions.
 
-The nets of a Thompson figure as numbers: the regular one, where its lines and nodes go, and magnified drags.
-
-The sheet on which two grids are drawn: panels to one scale, nets, colours of areas, crosses of strain, words.
+Area expansion and principal strains can be laid over the second grid. The figure is for print: saved as SVG or PDF the
+grids, arrows and captions stay vectors and text, and only the pictures are pixels.
 """
 
 from __future__ import annotations

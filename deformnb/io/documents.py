@@ -1,4 +1,4 @@
-"""Reading and writing deformations as JSON files."""
+"""Deformation documents as JSON files: reading, writing and description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading and writing volumes: one registry of formats, one way in, one way out."""
+"""Registry of volume formats: one function to read, one to write."""
 
 from __future__ import annotations
 

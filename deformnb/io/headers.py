@@ -1,7 +1,7 @@
-"""What a file says about its voxels, before any voxel is read.
+"""Headers of volume files: shape, type and place of the voxels, before any voxel is read.
 
 Headers are read by this package's own short parsers with bounds on everything, because common readers crash, hang or
-load garbage in silence when a header lies. Text of a header is only ever text.
+load garbage in silence when a header is wrong. Text of a header is only ever text.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How much memory there is, and how much a volume needs, before it is asked for."""
+"""Memory checks: the free memory of the machine and the size of a volume, compared before allocation."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
 """Surface files: PLY, STL, OBJ and VTP.
 
-None of them says in which directions its axes point. Coordinates are taken as they are: LPS, as volumes have.
+None of the formats states the directions of its axes. Coordinates are taken as they are: LPS, as volumes have.
 
-Parsers of PLY, STL, OBJ and VTP: short ones with bounds on everything, for VTK's end the process on damaged files.
-
-Each returns corners (N, 3) and polygons: for each face its number of corners, then all corners' numbers in one array.
+The parsers are short ones with bounds on everything, because VTK's end the process on damaged files. Each returns
+corners (N, 3) and polygons: for each face its number of corners, then all corners' numbers in one array.
 """
 
 from __future__ import annotations

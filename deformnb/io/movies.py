@@ -1,4 +1,4 @@
-"""Movies as files: GIF, MP4, WebP, or a numbered series of PNG; written whole or not at all."""
+"""Movie files: GIF, MP4, WebP, or a numbered series of PNG; written completely or not at all."""
 
 from __future__ import annotations
 

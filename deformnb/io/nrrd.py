@@ -1,6 +1,6 @@
 """NRRD, attached (.nrrd) and detached (.nhdr).
 
-Space LPS, RAS and LAS are told apart; without a space the axes are taken as LPS.
+The spaces LPS, RAS and LAS are distinguished; without a space the axes are taken as LPS.
 Source: the definition of the NRRD file format of the Teem library.
 """
 

@@ -1,4 +1,4 @@
-"""NumPy arrays (.npy) and plain voxels (.raw), with a side file that says the rest.
+"""NumPy arrays (.npy) and raw voxels (.raw), with a JSON side file for the rest of the header.
 
 ``name.raw`` needs ``name.raw.json``; ``name.npy`` may have ``name.npy.json``, and without it has spacing 1. The side
 file is JSON::

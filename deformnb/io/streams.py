@@ -1,6 +1,6 @@
-"""Voxels as a stream of bytes: exact counts, bounded inflating, whole slices at a time.
+"""Streams of voxels: exact byte counts, bounded decompression, whole slices at a time.
 
-Writing voxels slab by slab: packed or plain, with progress, never a second copy of the volume.
+Voxels are written slab by slab: compressed or plain, with progress, never with a second copy of the volume.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""VTK's XML files: their tags and the numbers of their arrays, for images (.vti) and surfaces (.vtp).
+"""VTK XML files: their tags and the numbers of their arrays, for images (.vti) and surfaces (.vtp).
 
 VTK's own readers end the whole process or hang on damaged files, so the XML is read here: only its tags, one at a time,
-without entities or document types, and numbers only where the tags say they are and as many as are asked for.
+without entities or document types, and numbers only at the places that the tags name and as many as are requested.
 Source: the VTK XML file formats, chapter "VTK File Formats" of the VTK user's guide.
 """
 

@@ -1,7 +1,7 @@
-"""What is done with sets of control points that a plain fit would get wrong, silently, in other systems.
+"""Degenerate sets of control points, which a plain fit would get wrong in silence: detection and treatment.
 
 =================================  ==================================================================================
-set of active points               what is done
+set of active points               treatment
 =================================  ==================================================================================
 none                               the identity
 one                                a translation (trend "none": one bump)

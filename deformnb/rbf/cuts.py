@@ -1,13 +1,14 @@
-r"""Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
+"""Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
 
 A cut divides the picture, or space, into its inside and its outside; several cuts divide it into as many regions as
 there are combinations. Every region has a fit of its own, of the control points whose sources lie in it (Eq. 7); a
-region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: which
-one holds is decided at every sample anew.
+region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: the
+fit that holds is chosen at every sample anew.
 
-Two rules say what is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k would show:
+Two rules choose the region that is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k
+would show:
 
-- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Matter
+- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Tissue
   never crosses the line, so moving both sides together leaves a false gap.
 - "source", the default: the field of any region k whose s_k lies in region k, the region of x first. It contains
   Eq. 8 wherever that shows something.

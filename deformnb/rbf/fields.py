@@ -1,6 +1,6 @@
-"""Everything that displaces: a field maps points to backward displacements.
+"""Displacement fields: maps from points to backward displacements.
 
-``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to where the value comes from.
+``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to the source of the value.
 """
 
 from __future__ import annotations

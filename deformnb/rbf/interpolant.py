@@ -1,19 +1,19 @@
-"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected in :mod:`trend`.
+"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected by the trends.
 
 The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with centres x_j at the *targets* and
 ``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
 are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
-digits, and evaluation can run in float32.
+digits, and evaluation can run in float32. The linear part A, t is the trend; :mod:`deformnb.rbf.trends` has the
+correction of Eq. 5.
 
 Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so nothing is
 known of its definiteness and there is no energy to make least: the trend is that of least squares (all points count
 alike), what is left is solved by elimination, and a system that comes out nearly singular is refused.
 
-Evaluation of a radial basis function sum at many points, compiled: the inner loop of everything interactive.
-
-The sum runs in a loop over the centres with the accumulators in registers, tile by tile: writing it as one reduction
-over (points x centres) took 24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it.
-The loop's length is a run-time number, so one compiled function serves every number of points up to its capacity.
+Evaluation of the sum at many points is compiled: it is the inner loop of everything interactive. It runs in a loop over
+the centres with the accumulators in registers, tile by tile: writing it as one reduction over (points x centres) took
+24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it. The loop's length is a
+run-time number, so one compiled function serves every number of points up to its capacity.
 """
 
 from __future__ import annotations

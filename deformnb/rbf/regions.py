@@ -1,9 +1,10 @@
-"""Places in a picture or in space with a signed distance: what rigid parts and cuts are made of; masks are next door.
+"""Regions of a picture or of space with a signed distance, from which rigid parts and cuts are made.
 
 Distances are physical, exact for straight boundaries, and negative inside. In a picture the coordinates are (a, b) of
 its plane, in space (x, y, z).
 
-Regions made of pixels or voxels: labels of a segmentation, and their silhouettes on a picture.
+Besides half-spaces, polygons and lines there are masks: regions made of pixels or voxels, such as labels of a
+segmentation, and their silhouettes on a picture.
 """
 
 from __future__ import annotations

@@ -1,29 +1,24 @@
-"""Turns and shifts: the known motions of rigid parts.
+"""Rigid parts in a deformation that bends around them: Eq. 6 of the paper, after Little, Hill and Hawkes.
 
-Parts that stay rigid while all around them bends: Eq. 6 of the paper, after Little, Hill and Hawkes.
-
-The displacement is ``D(x) = (L(x) - x) + w(x) g(x)``. L is the known backward motion of the parts, the identity where
-they are fixed; w vanishes within the parts; g is the plain fit of what the control points ask for beyond L,
-``(d_i - (L(x_i) - x_i)) / w(x_i)``. The paper's factor w(x_i) in ``phi_R(x, x_i) = w(x) w(x_i) phi`` only rescales the
-coefficients, so this is its Eq. 6. Two things are done otherwise:
+The known motions of the parts are rotations and translations. The displacement is ``D(x) = (L(x) - x) + w(x) g(x)``.
+L is the known backward motion of the parts, the identity where they are fixed; w vanishes within the parts; g is the
+plain fit of the displacements that the control points require beyond L, ``(d_i - (L(x_i) - x_i)) / w(x_i)``. The
+paper's factor w(x_i) in ``phi_R(x, x_i) = w(x) w(x_i) phi`` only rescales the coefficients, so this is its Eq. 6. Two
+things are done otherwise:
 
 - The free polynomial of Eq. 2 would move the parts. Here the trend is weighted by w too.
 - The paper's w is the distance itself. It overshoots: with a control point 1/10 of the support away from the part the
   displacement between grows to 3.8 times the drag, and it has a kink on the part's surface. The default is a smooth
   step of the distance that has reached 1 at the nearest control point; ``weight="distance"`` is the paper's.
 
-With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance is
-measured where it has moved to.
+With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance ``d_k``
+is measured where it has moved to; its weight is ``W(d_k / s_k)`` and its share of the motion
+``d_k^-2 / sum_j d_j^-2``. Weights and shares come with their derivatives.
 
-Three things follow that one may not expect. A part that moves takes all along with it where neither a fixed part nor a
+Three consequences may be unexpected. A part that moves takes all along with it where neither a fixed part nor a
 control point holds the rest. A control point very near a part makes the weight rise over that short way, and a long
-drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some matter is
+drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some tissue is
 seen twice.
-
-The weights and shares of rigid parts, functions of the distances to them, and their derivatives.
-
-With the distance ``d_k`` of a part, measured where it has moved to, its weight is ``W(d_k / s_k)`` and its share of the
-motion ``d_k^-2 / sum_j d_j^-2``; see :mod:`deformnb.rbf.rigid`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A large drag in equal parts, one small map after the other: as free of folds as its parts are.
+"""Staged deformation: a large drag split into a composition of small maps, each as free of folds as its parts.
 
 An interpolant that takes its points far in one go may fold between them. In n stages the points go a part of their way
 at a time, ``p_j = source + j/n (target - source)``; stage j is fitted to ``p_{j-1} -> p_j`` and the maps follow one

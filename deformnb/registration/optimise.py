@@ -1,11 +1,11 @@
-"""Targets found by the pictures themselves: one by one by correlation, or all together by climbing a likeness.
+"""Optimisation of targets from pictures: one by one by correlation, or all together by a multiscale fit.
 
-Both take two pictures, a moving one that the points deform and a fixed one that it shall look like, in the same
-coordinates; or two volumes, for points in space. What comes out are ordinary control points.
+Both take two pictures, a moving one that the points deform and a fixed one that it shall match, in the same
+coordinates; or two volumes, for points in space. The result is ordinary control points. Pictures and volumes are
+compared as grey values that can be sampled anywhere.
 
-The climb of a likeness, coarse to fine: scenes of two pictures at each level, and the best targets so far.
-
-Pictures and volumes as grey values that can be read anywhere: what is compared when targets are found.
+The multiscale fit ascends a measure of similarity, coarse to fine: at each level it makes scenes of two pictures and
+keeps the best targets so far.
 """
 
 from __future__ import annotations

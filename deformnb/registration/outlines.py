@@ -1,6 +1,6 @@
-"""Outlines of what a picture shows, and points that slide along them: semi-landmarks.
+"""Outlines of the foreground of a picture, and points that slide along them: semi-landmarks.
 
-On a smooth outline there is nothing to say which place of one is which of another. Points are put along both by arc
+On a smooth outline nothing determines which place of one is which of another. Points are put along both by arc
 length to begin with, and then slide along the target's outline to where the thin-plate spline of all points bends
 least (F. L. Bookstein, Medical Image Analysis 1 (1997) 225-243). The sources stay, so that the bending energy is a
 quadratic form of the targets: the best shifts along the tangents come from one linear system. They are walked along the

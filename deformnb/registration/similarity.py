@@ -1,8 +1,8 @@
-"""How alike a deformed picture and another one are, as a differentiable function of the targets of control points.
+"""Similarity of a deformed picture and a fixed one, as a differentiable function of the targets of control points.
 
 All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
-it makes, the moving picture read there, a measure of likeness, the energy of the fit, and det J on a lattice. The
-targets are the variables. What makes scenes of pictures, and what climbs, is in :mod:`deformnb.registration.optimise`.
+it makes, the moving picture sampled there, a measure of similarity, the energy of the fit, and det J on a lattice. The
+targets are the variables. The scenes of pictures and the optimiser are in :mod:`deformnb.registration.optimise`.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""What is being edited is written by itself, a second after each edit, into a folder of the user.
+"""Autosave of a session, a second after each edit, into a folder of the user, and recovery from it.
 
 An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
-that knows the session no more, and that ends when nothing waits: a session that nobody closes, such as that of a widget
-whose variable was deleted, has no thread while nobody edits it. Trouble is told once and never stops an edit.
+that holds no reference to the session, and that ends when nothing waits: a session that nobody closes, such as that of
+a widget whose variable was deleted, has no thread while nobody edits it. A failure is reported once and never stops an
+edit.
 
-What is offered to who opens a volume on which something was lost, and what becomes of it.
-
-The same for the notebook's studio and the application, which only show it.
+Recovery is offered to a user who opens a volume on which something was lost, and records the answer. It is the same for
+the notebook's studio and the application, which only show it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""One document applied to many files: what is done stays done, what fails is told, and a second run goes on.
+"""Batch replay of one document on many files: finished results are kept, failures reported, and a second run resumes.
 
-The folder of the results holds ``deformnb-replay.json``, which says of each result which document, options and input it
-was made of. A run that was stopped, or to whose inputs others have come, does only what is missing or out of date.
+The folder of the results holds ``deformnb-replay.json``, which names for each result the document, options and input it
+was made of. After an interruption, or with further inputs, a run does only the results that are missing or out of date.
 """
 
 from __future__ import annotations

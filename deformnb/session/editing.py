@@ -1,11 +1,10 @@
-"""The document being edited: each edit makes the next immutable one, or raises and leaves everything as it was.
+"""Editing of a document: each edit makes the next immutable one, or raises and leaves everything as it was.
 
-Undo goes along a tree of old documents. What is edited is one step of the document and one of its sets of points; both
+Undo goes along a tree of old documents. The selection is one step of the document and one of its sets of points; both
 go along with undo. It may be called from any thread; observers are called in the thread of the edit.
 
-Edits of the list of steps, and of what lies on a step besides its points: cuts, rigid parts, key pictures.
-
-The step that is edited goes on being edited wherever it is moved.
+There are edits of the points, of the list of steps, and of everything else that lies on a step: cuts, rigid parts, key
+pictures. The step that is edited goes on being edited wherever it is moved.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What can be made of a session as a file: volume, rendering, drawing, movie, script, document.
+"""Exports of a session to files: volume, rendering, drawing, movie, script, document.
 
 Each export works on the document of the moment at which it began; edits that come meanwhile do not touch it.
 """
@@ -67,7 +67,7 @@ class Seen:
     ----------
     camera : direction, up, zoom, pan and perspective, as a view's ``camera``.
     projection : "shaded", "composite" or "mip".
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     background : "dark" or "light".
     clip : the part of the box that is seen, as a view's ``clip``.
     show_folds : whether matter is red where the map folds.

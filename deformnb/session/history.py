@@ -1,7 +1,7 @@
-"""Undo and redo as a tree of old states: an edit after an undo begins a branch, and what was undone can be reached.
+"""Undo and redo as a tree of states: an edit after an undo begins a branch, and undone states stay reachable.
 
-States are immutable and share what no edit changed. What the tree weighs is an estimate of what it holds: each shared
-part counts once, however many states have it (:func:`weigh_part` says how much).
+States are immutable and share the parts that no edit changed. The memory of the tree is an estimate: each shared part
+counts once, however many states have it (:func:`weigh_part` estimates its size).
 """
 
 from __future__ import annotations

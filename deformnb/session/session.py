@@ -1,4 +1,4 @@
-"""What one person does to one volume: the document being edited, its history, and how it is looked at.
+"""Session of one person with one volume: the edited document, its history, and the view state.
 
 A session knows no widget and no thread: the notebook's studio and the application are thin front ends of it. Every
 edit makes the next immutable document, or raises and leaves everything as it was; undo is a tree of old documents.

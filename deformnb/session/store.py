@@ -1,8 +1,8 @@
-"""Sessions that were written by themselves, in a folder of the user: which there are, which are lost, what is in them.
+"""Store of autosaved sessions in a folder of the user: the list, the lost ones, and their contents.
 
 Each is a file of two parts: a line of facts, and the document. Beside the file of a session that is running lies an
-empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system lets go of it, and
-what was not saved counts as lost.
+empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system releases it, and
+the edits that were not saved count as lost.
 """
 
 from __future__ import annotations

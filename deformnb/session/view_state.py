@@ -1,4 +1,4 @@
-"""How a volume was looked at, kept in a document beside what was done to it: projection, slice, colours, opacities.
+"""View state of a volume, kept in a document beside its edits: projection, slice, colours, opacities.
 
 A document has it in a field of its own, ``look``, since version 1.4. It is no part of the deformation: it is not undone
 with an edit, and two documents that only look different are the same.

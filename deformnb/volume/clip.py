@@ -1,4 +1,4 @@
-"""Parts of a volume along its axes: what is cut away so that one sees inside."""
+"""Clipping of a volume along its axes, so that its inside can be seen."""
 
 from __future__ import annotations
 

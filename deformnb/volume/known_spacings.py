@@ -1,8 +1,8 @@
-"""Public volumes whose files state a wrong voxel spacing, and what is right.
+"""Corrections of voxel spacing for public volumes whose files state a wrong one.
 
-The table is data, ``known_spacings.json`` beside this file. A row names a volume by what any copy of it has, whatever
-its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z), and
-``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
+The table is data, ``known_spacings.json`` beside this file. A row names a volume by properties that any copy of it has,
+whatever its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z),
+and ``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
 hashed, so that the rule costs nothing for any other.
 """
 

@@ -1,4 +1,4 @@
-"""Transfer functions: the colour and opacity of a voxel of some value, and presets that fit themselves to a volume."""
+"""Transfer functions: the colour and opacity of a voxel value, and presets that adapt to a volume."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""A volume and the grid it lives on.
+"""Volume and grid: an array of voxels with a place in space.
 
 Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
 ``point = origin + direction @ (spacing * index)`` with index (i, j, k) along x, y, z. This is ITK's convention.
 
-Which arrays become voxels: the cast table, what is refused by name, and where other packages keep theirs.
-
-Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
+Arrays become voxels by a cast table: some are refused by name, and images of other packages are read with their own
+metadata. Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""The whole map backwards: where everything goes, at all nodes of a lattice, with a certificate at each of them.
+"""Inverse of a whole map at all nodes of a lattice, with a certificate at each of them.
 
-A backward field D tells each place y of the result where its value comes from, ``x = y + D(y)``. Its inverse F tells
-each place x of the input where its matter goes, ``y = x + F(x)``. Every node is solved on its own by Newton's method
-(:mod:`deformnb.warping.points`) to a residual ``|y + D(y) - x|`` that is measured at the very value handed over.
+A backward field D gives for each place y of the result the source of its value, ``x = y + D(y)``. Its inverse F gives
+for each place x of the input the destination of its tissue, ``y = x + F(x)``. Every node is solved on its own by
+Newton's method (:mod:`deformnb.warping.points`) to a residual ``|y + D(y) - x|`` that is measured at the very value
+returned.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Surfaces: triangle meshes, the volumes they become, and how they follow a deformation.
+"""Triangle meshes: conversion to volumes and back, and deformation of their vertices.
 
 A mesh is made a volume by its signed distance (section 5 of the paper: the horse of figure 6), deformed like any other
 volume, and found again as an isosurface. It may also be moved directly: its vertices go where the field takes them.

@@ -1,7 +1,7 @@
-"""Deciding how a volume is warped: what the options allow, where each output voxel lies in the input, which of three
-kernels may be used, and in which parts the work is done.
+"""Planning of a warp: checks of options, the input place of each output voxel, the kernel, and the blocks of work.
 
-All of this is small (tables along axes, maps of one picture) and is computed on the host in float64.
+There are three kernels to choose from. All of this is small (tables along axes, maps of one picture) and is computed on
+the host in float64.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Points move forwards: where the matter of a place goes, found by inverting the backward map.
+"""Forward mapping of points and landmarks, by inverting the backward map.
 
 Damped Newton on the map's own derivative: ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error
 falls. Near a solution the error is squared at every turn. Where the start matters, several are tried.
 
-Landmarks: named places that follow a deformation, and the pairs of them that make one.
+Landmarks are named places that follow a deformation; pairs of landmarks define one.
 """
 
 from __future__ import annotations

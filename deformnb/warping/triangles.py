@@ -1,4 +1,4 @@
-"""Distances from the voxels of a lattice to triangles, and which voxels lie inside them.
+"""Distances from the voxels of a lattice to triangles, and the test of voxels for lying inside them.
 
 Triangles are given by index coordinates (i, j, k) of their corners; distances are physical. Only voxels near a triangle
 are compared with it, which is exact; every other voxel takes the point of the surface that the nearest of those found.

@@ -1,4 +1,4 @@
-"""The camera of a view, and the settings that every view of a volume has: what is shown, clipping, background."""
+"""Camera of a view, and the settings that every view of a volume has: contents, clipping, background."""
 
 from __future__ import annotations
 

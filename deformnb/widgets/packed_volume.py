@@ -1,6 +1,7 @@
-"""A volume made ready for a graphics card: small enough, one byte a voxel, in packed pieces.
+"""Volumes packed for the GPU: small enough, one byte a voxel, in compressed pieces.
 
-Which values a graphics card tells apart with its 256 bytes: finer where a transfer function looks closely.
+The 256 levels of a byte cover a window of values, which is narrower, and so finer, where a transfer function changes
+within a small part of it.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
-"""Control points as the plain JSON that the page holds, and back, with everything checked.
+"""Messages about points and shapes between editors and their front ends: plain JSON, with everything checked.
 
-``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0, "locked": false,
-"radius": null}, ...]``
+Control points are ``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0,
+"locked": false, "radius": null}, ...]``. Points in space have three coordinates each. A radius of null is the one that
+all points have.
 
-Points in space have three coordinates each. A radius of null is the one that all points have.
-
-Cuts and rigid parts of a picture as plain data: what an editor's traits hold and what its page says of them.
-
-Messages by the page:
+Cuts and rigid parts of a picture are plain data in an editor's traits and in the messages of its front end:
 
 - ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
   the shapes of that sort, as :mod:`deformnb.document.json_format` writes them, and ``points`` where the same edit has
@@ -15,7 +12,7 @@ Messages by the page:
 - ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
   with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
 
-Checks of what a page says to a view: each returns what it was given, or raises ValueError.
+For views there are checks of single values of a message: each returns its argument, or raises ValueError.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""One HTML file in which a volume still deforms: no kernel, no server, no network.
+"""Export of one HTML file in which a volume still deforms: no kernel, no server, no network.
 
-The file holds the pages of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
-are, the packed voxels, and a script that says to both what Python would have said (standalone.js). The page fits and
+The file holds the front ends of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
+are, the packed voxels, and a script that sends to both the messages of Python (standalone.js). The front end fits and
 warps by itself, so nothing is missing but the kernel. A policy in the file forbids every access to the network, and
 knows each script by its digest: no text of a volume or a title can become one.
 """

@@ -1,10 +1,10 @@
-"""What all our widgets have in common: traits that the page, the kernel's messages and other threads set at once.
+"""Base of all widgets: traits that the front end, the kernel's messages and other threads set at once.
 
 ipywidgets expects one thread. Studios compute in another, and the two rules that follow are held here for all widgets:
 
-1. What is set while traits are held back (``hold_sync``) reaches the page, whichever thread sets it.
-2. Where Python and the page set a trait at once, the value that Python holds in the end is told last. ipywidgets
-   answers a page before it takes the page's value: what another thread tells between the two would stay in the page.
+1. A trait that is set while traits are held back (``hold_sync``) reaches the front end, whichever thread sets it.
+2. Where Python and the front end set a trait at once, the value that Python holds in the end is sent last. ipywidgets
+   answers a front end before it takes its value: a value that another thread sends between the two would stay there.
 """
 
 from __future__ import annotations

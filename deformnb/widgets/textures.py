@@ -1,21 +1,17 @@
-"""A displacement field as a graphics card reads it: maps over a plane, weighted along its normal, or samples in space.
+"""Displacement fields as textures of the GPU: maps over a plane, weighted along its normal, or samples in space.
 
-What an extrusion says is sent as it is, K small maps, those of every region if it is cut; anything else is sampled
+An extrusion is sent as it is, K small maps, those of every region if it is cut; anything else is sampled
 coarsely in space. Of a composition the last step is kept apart if it is an extrusion, since that is the one being
-edited.
+edited. All moments of an animation are sent as maps over one plane, one behind the other.
 
-Cuts as a graphics card reads them: for every region between cuts its own maps, and how far it is to each cut.
+At cuts every region has its own maps, with its distance to each cut. A map is never interpolated across a cut. The GPU
+decides at every sample anew which region is seen there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
+control points are sent as such, with no displacement.
 
-A map is never interpolated across a cut. The card decides at every sample anew which region is seen there, by the rule
-of :mod:`deformnb.rbf.cuts`; regions without control points are sent as such, with no displacement.
-
-All moments of an animation as a page reads them: maps over one plane, one behind the other.
-
-A composition in which one step has cuts as a graphics card reads it: samples in space, each region by itself.
-
-What lies beside the cut is smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated:
-the displacement of all steps together, how deep the place that it leads to lies within the region, and how deep the
-sample itself does. The card chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
+A composition in which one step has cuts is sent as samples in space, each region by itself. The field beside the cut is
+smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated: the displacement of all
+steps together, the depth within the region of the place that it leads to, and the depth of the sample itself. The GPU
+chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""A thread of one's own, for what takes time, and for VTK, whose OpenGL context belongs to the thread that made it.
+"""Worker threads for slow work and for VTK, and the widgets of a notebook's cell.
 
-Callbacks of widgets come from whatever thread a front end likes. What they want done is queued here: calls in the
-order in which they came, then the newest job of each name, then what waits for a rest.
+VTK needs a thread of its own, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
+from whatever thread a front end likes. The work that they request is queued here: calls in the order in which they
+came, then the newest job of each name, then jobs that wait for a rest.
 
-Widgets of a notebook's cell: a cell that runs again closes what it showed before.
-
-ipywidgets keeps every widget until it is closed. A studio or a view that is made again with each run of its cell would
-leave its volume, its threads, its windows and its servers behind each time.
+A cell that runs again closes the widgets that it showed before. ipywidgets keeps every widget until it is closed. A
+studio or a view that is made again with each run of its cell would leave its volume, its threads, its windows and its
+servers behind each time.
 """
 
 from __future__ import annotations

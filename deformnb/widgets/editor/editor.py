@@ -1,11 +1,11 @@
-"""The editor: control points dragged on a picture that follows them while the mouse moves.
+"""Editor of control points on a picture that deforms while a point is dragged.
 
-The page fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
+The front end fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
 
 Messages are those of :mod:`~deformnb.widgets.editor.points` and :mod:`~deformnb.widgets.protocol`.
 
-Pictures of an editor: as the page gets them, and as a still where there is no page.
+The pictures of an editor are made here too: as the front end gets them, and as a still where there is no front end.
 """
 
 from __future__ import annotations

@@ -1,19 +1,19 @@
-"""What the editors of control points have in common: the points and their settings, callbacks, and talk with the page.
+"""Base of the editors of control points: points and their settings, callbacks, and messages with the front end.
 
-Messages by the page:
+Messages of the front end:
 
-- ``{"type": "greet", "sender": id, "seq": 0}`` when a page opens, for the answer
+- ``{"type": "greet", "sender": id, "seq": 0}`` when a front end opens, for the answer
 - ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
   "points": [...]}``
 - ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
 
-Messages to the page: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
+Messages to the front end: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
 ``{"type": "error", "message": text}``.
 
-Points go to Python by these messages alone and to the page by the trait alone; the trait ``seen`` tells each window
-which of its messages the points include (see sender.js).
+Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
+window the number of its last message that the points include (see sender.js).
 
-Traits by which the page of an editor keeps how a hand works: its mirror, its grid, its brush.
+Further traits keep the pointer settings of a front end: its mirror, its grid, its brush.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The editor in space: control points with three coordinates, in three linked pictures of the volume (Eq. 9).
+"""Editor of control points in space, with three coordinates, in three linked slices of the volume (Eq. 9).
 
-The page draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and sent
-as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others by the page, each with
-``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the page:
-``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: what is said below
+The front end draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and
+sent as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others of the front end, each
+with ``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the front
+end: ``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: the text below
 them), with the pixels of each and, of projections, the depths.
 """
 

@@ -1,7 +1,8 @@
-"""Three pictures of a deformed volume at right angles, and what a page must know to draw points in them.
+"""Orthogonal slices of a deformed volume, with the geometry that a front end needs to draw points in them.
 
-A slice of a deformation in space takes its voxels from other slices, so the pictures are made here, each by warping the
-volume onto the lattice of that one slice: a few milliseconds, and the same voxels as in the whole deformed volume.
+A slice of a deformation in space takes its voxels from other slices, so the three pictures are made here, each by
+warping the volume onto the lattice of that one slice: a few milliseconds, and the same voxels as in the whole deformed
+volume.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What the small widgets have in common whose value a hand changes in the page: messages, callbacks, checks.
+"""Base of the small widgets whose value the user changes in the front end: messages, callbacks, checks.
 
-Python says what is shown in one trait, ``shown``; the page never writes traits.
+Python sends the contents of the widget in one trait, ``shown``; the front end never writes traits.
 
-Messages by the page: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages to
-the page: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``. What is
-wrong in a message is said in the page, logged, and changes nothing.
+Messages of the front end: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages
+to the front end: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``.
+An error in a message is shown in the front end, logged, and changes nothing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sliders that cut away parts of what a view shows, moved in the page: a live view follows them without the kernel."""
+"""Clipping sliders of a view, moved in the front end: a live view follows them without the kernel."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The curve editor: f(z) of the extrusion rule "modulate", drawn by hand or given as a formula.
+"""Curve editor: f(z) of the extrusion rule "modulate", drawn with the pointer or given as a formula.
 
-Values of its messages (see :mod:`base`): ``{"nodes": [[z, f], ...], "smooth": true | false}`` or
-``{"formula": text}``.
+Values of its messages (see :mod:`deformnb.widgets.inputs.base`): ``{"nodes": [[z, f], ...], "smooth": true | false}``
+or ``{"formula": text}``.
 
-Curves over [0, 1] through nodes: their values, and the nodes that draw a given curve.
+Curves over [0, 1] pass through nodes; the module has their values, and the nodes that draw a given curve.
 """
 
 from __future__ import annotations

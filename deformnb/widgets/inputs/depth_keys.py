@@ -1,7 +1,7 @@
 """Depths of the key pictures of the extrusion rule "interpolate", as marks on a bar.
 
-Values of its messages (see :mod:`base`): ``{"kind": "move" | "add" | "remove" | "select", "index":
-k, "knots": [...], "selected": k}``.
+Values of its messages (see :mod:`deformnb.widgets.inputs.base`): ``{"kind": "move" | "add" | "remove" | "select",
+"index": k, "knots": [...], "selected": k}``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Hands a text to the clipboard, or a file to the browser's downloads: what only the page can do."""
+"""Transfer of a text to the clipboard, or of a file to the browser's downloads, which only the front end can do."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""A list in the page of things with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
+"""List of items with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 
-Python owns the list and the page asks for what shall be done: ``{"type": "act", "what": "switch", "index": 1,
-"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. What was meant for rows as they were
-before is dropped: another row may be at its place now.
+Python owns the list and the front end requests actions: ``{"type": "act", "what": "switch", "index": 1,
+"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. A request for an earlier version of
+the rows is dropped: another row may be at its place now.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""A player for animations: play and pause, a bar with the key frames, speed and loop.
+"""Player for animations: play and pause, a bar with the key frames, speed and loop.
 
-The clock runs in the page. A live view that has the frames (:meth:`~deformnb.widgets.LiveView.play`) follows it there,
-and nothing is sent. Python hears of the time a few times a second while it plays, and exactly where it rests; the page
-may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
+The clock runs in the front end. A live view that has the frames (:meth:`~deformnb.widgets.LiveView.play`) follows it
+there, and nothing is sent. Python receives the time a few times a second while it plays, and exactly where it rests;
+the front end may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
 
-What a view shows while a player plays the key frames of a document.
-
-A view that can go through frames by itself gets them once, as maps over time. Any other view, and a document whose
-moments are no maps, is shown moment by moment, the newest first.
+While a player plays the key frames of a document, a view that can go through frames by itself gets them once, as maps
+over time. Any other view, and a document whose moments are no maps, is shown moment by moment, the newest first.
 """
 
 from __future__ import annotations

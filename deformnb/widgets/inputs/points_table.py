@@ -1,10 +1,10 @@
-"""A table in the page of control points: names, switches, locks, coordinates that can be written.
+"""Table of control points: names, switches, locks, coordinates that can be edited.
 
-Python owns the points; the page asks for what shall be done: ``{"type": "act", "view": name, "seq": n, "what": "cell",
+Python owns the points; the front end requests actions: ``{"type": "act", "view": name, "seq": n, "what": "cell",
 "ids": [3], "field": "target", "axis": 0, "value": "12.5"}``. Each of these is answered by ``{"type": "done", "view":
-name, "seq": n, "ok": true, "text": ""}``. The page sets the trait ``selected``.
+name, "seq": n, "ok": true, "text": ""}``. The front end sets the trait ``selected``.
 
-Points go to the page as arrays, and only while somebody sees the table.
+Points go to the front end as arrays, and only while the table is visible in one.
 """
 
 from __future__ import annotations

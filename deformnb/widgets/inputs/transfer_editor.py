@@ -1,4 +1,4 @@
-"""The transfer editor: opacity as a curve over the histogram of a volume, below it colours and the window of both.
+"""Transfer function editor: opacity as a curve over the histogram of a volume, colours and window below it.
 
 Values of its messages (see :mod:`~deformnb.widgets.inputs.base`): ``{"nodes": [[value, alpha], ...]}``, ``{"colors":
 [[value, "#rrggbb"], ...]}``, ``{"window": [low, high]}`` or ``{"preset": name}``.

@@ -1,7 +1,7 @@
-"""The controls of the studio: sliders and menus made from the registries, each bound to one thing of the session.
+"""Controls of the studio: sliders and menus made from the registries, each bound to one setting of the session.
 
-A control writes what its user chose and shows what the session holds; when the two are equal nothing happens, so an
-edit never comes back as another one.
+A control writes the choice of its user and shows the value of the session; when the two are equal nothing happens, so
+an edit never comes back as another one.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""What is to be said of the step that a session edits: folds, round trip, how its points agree. No widgets here.
+"""Diagnostics of the edited step, and actions against its folds, for the studio and the application.
 
-Makes the step that a session edits safe, for the studio's panel and for the application. No widgets here.
-
-What it does is said in the session's notice. It may be called from any thread.
+The figures are folds, the round trip, and the agreement of its points. An action makes the step that a session edits
+fold-free and reports its changes in the session's notice; it may be called from any thread. There are no widgets here.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""The studio's two editors, one for points on a picture and one for points in space, and the place they share.
+"""Editors of the studio, one for points on a picture and one for points in space, and their shared place.
 
-Whatever the session says is shown in the one that the step being edited needs.
-
-What becomes of the edits that come from the page of a studio's editor: edits of the session, or a way back.
-
-Which picture a studio's editor stands on, and the making of the next one in the studio's thread.
+Every change of the session is shown in the editor that the step being edited needs. Edits that come from the front end
+of an editor become edits of the session, or are taken back. The next picture of an editor is made in the studio's
+thread; a key records the one that it shows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""An edit of control points in words, for the history of a studio or an application.
-
-The states of a history in the words of a list, for the studio's panel and for the application. No widgets here.
-"""
+"""Labels of edits and rows of the history list, for the studio and the application, without widgets."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""A bar at the top of the studio: what was lost when a kernel died, and that it has died just now.
+"""Save button and restore bar of the studio.
 
-Python tells what it offers and when the session was last written by itself. The page asks for one of three things:
-``{"type": "act", "what": "restore", "version": 3}``; what was meant for an offer of before is dropped.
+The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
+now. Python sends its offer and the time of the last autosave. The front end requests one of three actions:
+``{"type": "act", "what": "restore", "version": 3}``; a request for an earlier offer is dropped.
 
-The studio's button "Save", which Ctrl+S presses anywhere in the studio: the session goes into one file of its own.
-
-The page sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S stays what it was where it works; in the
+The button "Save", which Ctrl+S presses anywhere in the studio, writes the session into one file of its own. The front
+end sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S is unchanged where it works; in the
 editor it never did, for the keys there are the editor's.
 """
 

@@ -1,4 +1,4 @@
-"""What a studio says: a line of facts that always stands there, and beside it what has just happened or gone wrong."""
+"""Status of a studio: a permanent line of facts, and beside it the last event or error."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""The studio: picture with its control points, the volume that follows them, and the controls, in one line of a cell.
+"""Studio: a picture with its control points, the volume that follows them, and the controls, in one line of a cell.
 
-The studio wires and decides nothing: the :class:`Session` holds the document, the editor's page
-fits and warps while the mouse moves, and the view's page follows it. Python hears of the end of an edit, makes the next
-document, and does whatever takes time in one thread of its own, the newest first.
+The studio wires and decides nothing: the :class:`Session` holds the document, the editor's front end
+fits and warps while the mouse moves, and the view's front end follows it. Python receives the end of an edit, makes the
+next document, and does slow work in one thread of its own, the newest first.
 
-What a studio is put together from: its view, the arrangement of its widgets, its status line, its still.
+The module also builds the parts of a studio: its view, the layout of its widgets, its status line, its still.
 """
 
 from __future__ import annotations

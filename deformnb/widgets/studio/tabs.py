@@ -1,4 +1,4 @@
-"""The panels of a studio in the order of their tabs; the first is the strip below the pictures."""
+"""Tabs of a studio: its panels in order; the first is the strip below the pictures."""
 
 from __future__ import annotations
 

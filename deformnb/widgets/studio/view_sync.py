@@ -1,7 +1,7 @@
-"""What the studio's view shows: the displacement of the session, and what a hand is doing to it.
+"""Synchronisation of the studio's view with the displacement of the session and with a drag in progress.
 
-While a point of the last step on a picture is dragged, the view's page follows the editor's page by itself. What it
-cannot know there (a drag in an earlier step, in space, or of steps that are added up) is shown by Python, coarsely:
+While a point of the last step on a picture is dragged, the view's front end follows the editor's by itself. Drags that
+it cannot know there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
 the newest movement, whenever the one before is done.
 """
 

@@ -1,6 +1,6 @@
-"""What all views of a volume have in common, so that one can take another's place.
+"""Base of all views of a volume, through which one can take another's place.
 
-What an editor's points make of a deformation while they move: one map of it fitted anew, by the core.
+Views that follow an editor get its deformation while its points move: one map is fitted anew, by the core.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What draws a live view's volume in Python for the pages whose browser cannot: a volume view without pages of its own.
+"""Server-side fallback of a live view for browsers that cannot draw it: a volume view without front ends of its own.
 
-Messages by such a page: ``still`` (it cannot draw, and asks to be drawn for) and ``drawn`` (say: what the page of a
-volume view would say, see :mod:`volume_view`). Messages to it: ``drawn`` (somebody draws), ``info``
-(of the box that is seen, as the trait ``volume_info`` of a volume view; ``drawn`` has it too), and what a volume view
-says to its pages.
+Messages of such a front end: ``still`` (it cannot draw, and requests a server renderer) and ``drawn`` (say: the message
+that the front end of a volume view would send, see :mod:`deformnb.widgets.view.volume_view`). Messages to it: ``drawn``
+(a server renderer is there), ``info`` (of the box that is seen, as the trait ``volume_info`` of a volume view;
+``drawn`` has it too), and those of a volume view to its front ends.
 """
 
 from __future__ import annotations

@@ -1,19 +1,16 @@
-"""The live view: a volume in the browser, turned and deformed without sending it again.
+"""Live view: a volume rendered by WebGL in the browser, rotated and deformed without sending it again.
 
-The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
-of a ray, as the paper does on its graphics card.
+The front end gets the voxels once, in packed pieces that it requests, and then displacements only: it warps at every
+sample of a ray, as the paper does on its graphics card. A live view can also play the moments of an animation by
+itself.
 
-What a live view and its pages say to each other.
-
-Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, voxels if the card has been
-found to hold no more, renderer, background: the page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that
-field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
-:mod:`~deformnb.widgets.view.fallback`). Messages to the page: ``chunk`` (id, index, start, with gzip), ``field`` (see
-:mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor moves,
-and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: asks for one), and ``drawn``. What the
-page sends is checked and dropped if it is wrong.
-
-What a live view does to go through the moments of an animation by itself.
+Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
+has been found to hold no more, renderer, background: the page's), ``chunk`` (id, index: requests a piece), ``seen``
+(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
+:mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip), ``field``
+(see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor
+moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and ``drawn``.
+Messages of the front end are checked and dropped if they are wrong.
 """
 
 from __future__ import annotations
@@ -348,8 +345,8 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
     background : "auto" follows the page, "dark" and "light" do not.
-    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.view.base.SHOWS`.
-    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.view.base.CameraTrait`. The page
+    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.camera.SHOWS`.
+    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The page
         writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     limit : voxels sent to the page at most; a larger volume is averaged and the view says so.

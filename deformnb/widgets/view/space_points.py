@@ -1,4 +1,4 @@
-"""Control points in space over a view of the volume: which editor's, and what they make of the volume at once."""
+"""Control points in space over a view of the volume: their editor, and the deformation that they make at once."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""A live view's picture rendered by the core: for browsers without WebGL2, for scripts and for tests.
+"""Still pictures of a view, rendered by the core: for browsers without WebGL2, for scripts and for tests.
 
-The picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
-
-A scene for machines without OpenGL, which the package itself draws, and the choice between it and VTK's.
+A still is also the picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
+For machines without OpenGL there is a scene that the package itself draws, and the choice between it and VTK's.
 """
 
 from __future__ import annotations
@@ -49,9 +48,9 @@ class Scene:
     ----------
     shown : what is shown, before the deformation.
     output : grid whose box is seen.
-    camera : as in :class:`~deformnb.widgets.view.base.CameraTrait`.
+    camera : as in :class:`~deformnb.widgets.camera.CameraTrait`.
     background : a name of :data:`BACKGROUNDS`.
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen.
     """
 

@@ -1,6 +1,6 @@
-"""Pictures on their way to pages: JPEG, numbered, and not more of them than pages have confirmed.
+"""Flow control of pictures sent to front ends: JPEG, numbered, as many under way as confirmations allow.
 
-When the newest of many states may go to a page: not before it has shown the one before, and not never.
+Of many states the newest is sent: not before the front end has shown the one before, and not never.
 """
 
 from __future__ import annotations

@@ -1,20 +1,13 @@
-"""The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
+"""Volume view: a volume drawn by VTK in Python, for browsers that are weak and for features of VTK.
 
-One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
-stands; the newest of all changes is drawn, at most two pictures are on their way. The messages are described in
-:mod:`~deformnb.widgets.view.volume_view`.
+One thread makes the window and does every call of VTK. The front end gets pictures as JPEG and sends the viewer's
+position; the newest of all changes is drawn, at most two pictures are under way. The view knows of each of its front
+ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
 
-What the pages of a view drawn in Python say and get: sizes, cameras and confirmations; pictures, notices, badges.
-
-Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
-origin, for pictures by trame),
-``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame`` (seq, full, camera: the newest
-number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and ``badge`` (text), ``trame`` (view,
-url: where a frame gets the pictures instead).
-
-The pages that show one view: how large each of them is, whether they are dark, and what they must know.
-
-What a view drawn in Python says of folds: whether they shall be red, and the words for the corner of the picture.
+Messages of a front end (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
+origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the front end:
+``frame`` (seq, full, camera: the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice``
+and ``badge`` (text), ``trame`` (view, url: where a frame gets the pictures instead).
 """
 
 from __future__ import annotations
@@ -295,7 +288,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
     background : "dark", "light" or "auto", which is the page's.
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.

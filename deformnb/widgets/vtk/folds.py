@@ -1,7 +1,7 @@
-"""Folds in VTK's own volume shader: matter that a map turns over is red with stripes, as in the live view.
+"""Folds in VTK's own volume shader: tissue that a map inverts is red with stripes, as in the live view.
 
-The text is in the shader only while the maps that it looks up turn over a cell, which is asked of them here: what does
-not fold is drawn by the same shader as ever.
+The text is in the shader only while the maps that it looks up invert a cell, which is checked here: a deformation
+without folds is drawn by the same shader as ever.
 """
 
 from __future__ import annotations

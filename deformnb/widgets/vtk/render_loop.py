@@ -1,4 +1,4 @@
-"""When a scene is drawn: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
+"""Render loop of a scene: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
 
 The scene is made, drawn and closed by one thread. Changes may come from any thread and faster than pictures: of each
 kind the newest is kept, and the last is always drawn.
@@ -115,7 +115,7 @@ class SceneLoop:
             self.touch()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`; "flicker" delivers two. Draws nothing."""
+        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`; "flicker" delivers two. Draws nothing."""
         self._shows = shows
 
     def touch(self) -> None:

@@ -1,14 +1,12 @@
-"""A volume, its deformation, a camera and colours as a scene of VTK, without a widget: for views, servers and movies.
+"""VTK scene of a volume, its deformation, a camera and colours, without a widget: for views, servers and movies.
 
-All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.worker`). The voxels go
-to the card once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
+All calls must come from one thread, which OpenGL requires (see :mod:`~deformnb.widgets.worker`). The voxels go
+to the GPU once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
 of VTK cannot, the core warps the voxels and they are written over the old ones in place.
 
-A window of VTK that nobody sees, and its pixels.
-
-What a scene of VTK must know of a volume: its voxels as far as can be seen, its frame, and what is white.
-
-A small volume and a deformation that show whether a shader deforms rightly: every part has a visible effect.
+The scene draws in an off-screen window. It takes from a volume its voxels within the visible box, its frame, and its
+white value. A small volume and a deformation of which every part has a visible effect check that a shader deforms
+rightly.
 """
 
 from __future__ import annotations

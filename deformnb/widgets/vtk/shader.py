@@ -1,21 +1,19 @@
-"""The deformation inside VTK's own volume shader: each sample of a ray is looked up where it came from.
+"""Deformation inside VTK's own volume shader: each sample of a ray is looked up backwards.
 
 The maps of :mod:`~deformnb.widgets.textures` become textures, and replacements in the text of VTK's shader let every
-look-up of the volume, those for the slope included, go through them. An edit sends the maps only, some 100 kB.
+look-up of the volume, those for the gradient included, go through them. An edit sends the maps only, some 100 kB.
 
 This depends on the words of VTK's shader, which no version promises to keep: whoever uses it compares a picture first.
 
-Cuts in VTK's own volume shader: text that decides at every sample which region is seen, as deformnb.rbf.cuts does.
+At cuts the text chooses at every sample the region that is seen, as :mod:`deformnb.rbf.cuts` does. The regions are
+written out one after the other, since Mesa's software renderer executes both sides of every branch anyway. Points and
+cuts that move change textures only; the text is another one for other regions or another rule.
 
-The regions are written out one after the other, since Mesa's software renderer executes both sides of every branch
-anyway. Points and cuts that move change textures only; the text is another one for other regions or another rule.
-
-Empty space in VTK's own volume shader: a ray goes on to its next sample that is seen before it asks for a slope.
-
-Mesa's software renderer executes both sides of a branch, so VTK's shader pays for slope and light, six look-ups and
-their displacements, also where nothing is. A loop is left for good by each ray, though: the loop here has one look-up
-for a sample, and what comes behind it is executed only as often as the busiest of a few neighbours meets something. The
-samples are the same, and so is the picture.
+Empty space is skipped: a ray goes on to its next visible sample before it computes a gradient. Because Mesa's software
+renderer executes both sides of a branch, VTK's shader pays for gradient and light, six look-ups and their
+displacements, also in empty space. A loop is left for good by each ray, though: the loop here has one look-up for a
+sample, and the code behind it is executed only as often as the busiest of a few neighbours meets something. The samples
+are the same, and so is the picture.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Key frames in the studio: a list of moments, a player, and movies of them."""
+"""Animation panel: a list of key frames, a player, and movies of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the picture into depth: the rule of extrusion, its curve, its key pictures."""
+"""Depth panel: the rule of extrusion from the picture into depth, its curve, its key pictures."""
 
 from __future__ import annotations
 

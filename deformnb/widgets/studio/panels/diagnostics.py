@@ -1,7 +1,7 @@
-"""Whether the deformation can be believed, in the studio: figures, points that disagree, and what to do about folds.
+"""Diagnostics panel: figures of the deformation, possible outliers among its points, and actions against folds.
 
-What takes time is done in the studio's thread after an edit, the newest first, and never while something is dragged:
-Python hears of a drag at its end.
+Slow figures are computed in the studio's thread after an edit, the newest first, and never during a drag: Python
+receives a drag at its end.
 """
 
 from __future__ import annotations

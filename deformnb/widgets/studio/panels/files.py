@@ -1,10 +1,9 @@
-"""Saving, opening and exporting in the studio: files by plain names in one folder, with progress and a way to stop.
+"""Files panel: saving, opening and exporting by plain names in one folder, with progress and a way to stop.
 
-The box of the result in the studio: as the volume, with a margin, or as large as deformed matter needs.
-
-What is dragged out of the box is cut off everywhere: in the view, in the result, in whatever is written. So after each
-edit the studio's thread looks whether that happens, makes the box anew where it shall be as large as needed, and warns
-where it shall not: below the picture, for that is where it is seen, with a button that makes the box larger.
+The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
+Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
+after each edit the studio's thread checks for that, makes the box anew if it shall be as large as needed, and warns
+otherwise: below the picture, for that is where it is seen, with a button that makes the box larger.
 """
 
 from __future__ import annotations

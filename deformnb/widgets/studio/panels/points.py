@@ -1,7 +1,7 @@
-"""The table of the points being edited: names, switches, locks, coordinates, and who disagrees with the others.
+"""Points panel: the table of the points being edited, with names, switches, locks, coordinates, and possible outliers.
 
-Everything that is done in it is an edit of the session. Python sends rows only while somebody sees the table, and asks
-for leave-one-out errors in the studio's thread, so that an edit waits for neither.
+Every change in the table is an edit of the session. Python sends rows only while the table is visible, and computes
+leave-one-out errors in the studio's thread, so that an edit waits for neither.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Fitting in the studio: a target is chosen, and points go by themselves to where the two pictures look alike.
+"""Registration panel: a target is chosen, and points move to where the two pictures look alike.
 
-What takes time runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
+The fit runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
 something was edited meanwhile, that edit stays and the result is dropped.
 
-What a session shall become alike: another volume, or what another session made of this one; and how it is shown.
+The target is another volume, or the result of another session on this one; the panel shows it too.
 """
 
 from __future__ import annotations

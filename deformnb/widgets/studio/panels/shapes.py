@@ -1,6 +1,6 @@
-"""Cuts and rigid parts of the step that is edited: a list of them, what each does, and ways to make more.
+"""Shapes panel: cuts and rigid parts of the edited step, the properties of each, and ways to make more.
 
-How one rigid part moves, and how far it is felt: menus and sliders.
+Menus and sliders set the motion of the chosen rigid part and the range of its influence.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The list of steps: choose, name, switch, order, double and delete them; add one; how they make one deformation.
+"""Steps panel: choose, name, switch, order, duplicate and delete steps; add one; composition mode; the history.
 
-The history as a list: every state that can be gone to, branches moved in, the one that is shown marked.
+The history is a list of every state that can be gone to, with branches indented and the current one marked.
 """
 
 from __future__ import annotations

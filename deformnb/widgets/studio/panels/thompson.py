@@ -1,7 +1,7 @@
-"""Thompson's grids in the studio: the picture on a regular net, beside the deformed one on a net that can be dragged.
+"""Thompson panel: the picture on a regular grid, beside the deformed one on a grid that can be dragged.
 
-Both are views of one editor, so that whatever is dragged in one is seen in all: the element around a view tells it what
-to show (see net_nodes.js).
+Both are views of one editor, so that a drag in one is seen in all: the element around a view selects its contents
+(see net_nodes.js).
 """
 
 from __future__ import annotations
