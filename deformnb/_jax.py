@@ -60,7 +60,7 @@ _is_forked = False  # from a process that had computed before
 
 
 def _in_child() -> None:
-    """What a forked child does first: it has JAX's locks, but none of the threads that would release them."""
+    """Prepare a forked child: it has JAX's locks, but none of the threads that would release them."""
     global _is_forked  # noqa: PLW0603
     _is_forked = True
 

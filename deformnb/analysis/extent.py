@@ -55,7 +55,7 @@ _TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("to
 
 @dataclass(frozen=True, eq=False)
 class Matter:
-    """Where a volume holds something, as small boxes of whole voxels; make it by :func:`matter_of`.
+    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`matter_of`.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Matter:
         return bool(self.holds(np.asarray(point, dtype=np.float64)[None])[0])
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in space lie in one of the boxes."""
+        """Test points (n, 3) in space for lying in one of the boxes."""
         at = self.grid.point_to_index(points)
         part = np.floor((np.where(np.isfinite(at), at, -1e9) + 0.5) / self.block).astype(np.int64)
         inside = ((part >= 0) & (part < np.array(self.table.shape[::-1]))).all(axis=1)
@@ -103,7 +103,7 @@ class Matter:
 
 
 def matter_of(volume: Volume) -> Matter:
-    """Where a volume holds something: what is brighter than the edge between air and tissue, or has a label.
+    """Find the foreground of a volume: voxels brighter than the edge between air and tissue, or with a label.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def _beside_nodes(matter: Matter, followed: Array, places: Array) -> Array:
 
 
 def _far(matter: Matter, field: AbstractField) -> Iterator[Array]:
-    """Where matter is seen around the volume, coarsely, at several scales: a fold shows it in places that lie apart."""
+    """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
     counts = np.array(matter.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
         yield _looked_up(matter, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
@@ -248,7 +248,7 @@ def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most:
 
 
 def _share(shape: tuple[int, int, int], before: Any, after: Any, most: float) -> float:
-    """How much of the growth leaves no more than ``most`` times the voxels; 1 if all of it."""
+    """The largest share of the growth that leaves no more than ``most`` times the voxels; 1 if all of it does."""
     counts = np.array(shape[::-1], dtype=np.float64)
 
     def fits(share: float) -> bool:

@@ -124,7 +124,7 @@ def folds_of(field: AbstractField, lattice: Grid | Raster, progress: Progress | 
 
 
 def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | Raster, *, least: float = 0.05) -> float:
-    """How much of a drag can be done without coming near a fold.
+    """The largest share of a drag that does not come near a fold.
 
     Goes from 0 towards 1 in eighths as far as all is well, and then halves the way to the first that is not.
 
@@ -151,7 +151,7 @@ def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | R
 
 
 def largest_share(is_safe: Callable[[float], bool]) -> float:
-    """How much of a way from 0 to 1 is safe: in eighths as far as all is well, then by halves; 0 if nothing is."""
+    """Largest safe share of a way from 0 to 1: in eighths as far as all is well, then by halves; 0 if nothing is."""
     if not is_safe(0.0):
         return 0.0
     low, high = 0.0, 0.0

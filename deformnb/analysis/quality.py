@@ -44,7 +44,7 @@ _MOST_SUSPECTS = 16
 
 @dataclass(frozen=True, eq=False)
 class FitQuality:
-    """What the control points of a fit say of each other. Arrays have one row for each active point.
+    """Goodness of fit of control points. Arrays have one row for each active point.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
 
 
 def _holding_the_rim(system: FitSystem) -> NDArray[np.bool_]:
-    """Which places are not dragged and lie on the convex hull of all."""
+    """Mask of the places that are not dragged and lie on the convex hull of all."""
     holds = np.zeros(system.count, dtype=bool)
     with contextlib.suppress(scipy.spatial.QhullError):  # all on one line, or in one plane of space
         holds[scipy.spatial.ConvexHull(system.x).vertices] = True

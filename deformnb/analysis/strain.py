@@ -24,7 +24,7 @@ _POINTS_AT_A_TIME = 2**16
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """How matter is deformed at places of the result. NaN where the map folds, for there is no forward map.
+    """Principal stretches of the tissue at places of the result. NaN where the map folds: there is no forward map.
 
     Parameters
     ----------

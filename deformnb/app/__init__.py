@@ -13,7 +13,7 @@ IDLE_MINUTES = 240.0
 """The server ends when no page was connected for so long; a lesson begins an hour after it was started."""
 
 VIEWERS = ("live", "vtk")
-"""Where the volume is rendered: in the page, or by VTK here, which sends pictures."""
+"""Renderers of the volume: in the client, or by VTK on the server, which sends pictures."""
 
 
 def add_app(commands: Any, run: Callable[[Any], None]) -> None:

@@ -50,7 +50,7 @@ class PageComm(BaseComm):
 
     def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
                     **keys: Any) -> None:
-        """What ipywidgets sends: of its own life, its traits, and messages."""
+        """Publish a message of ipywidgets: of its own life, its traits, and custom messages."""
         if msg_type == "comm_msg" and data:
             self._post(data, [bytes(buffer) for buffer in buffers or []])
 
@@ -125,7 +125,7 @@ class Bridge:
     # -- from a page ---------------------------------------------------------------------------------------------------
 
     def answers(self) -> dict[str, Answer]:
-        """What a page may call, by name; each checks what it is given."""
+        """Remote procedures of a client, by name; each checks its arguments."""
         return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
                 "trame.state.update": self._set, "trame.trigger": self._trigger,
                 "trame.rca.size": self._size, "trame.rca.event": self._event, "deformnb.seen": self._seen,

@@ -140,7 +140,7 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
 
 ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
            "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold", "add_step")
-"""What a page may ask for by name."""
+"""Actions that a client may request by name."""
 
 NUMBERED = ("go_to", "look_at")
-"""What a page may ask for by name and number: a state of the history, a control point."""
+"""Actions that a client may request by name and number: a state of the history, a control point."""

@@ -126,7 +126,7 @@ class Desk:
             self._apply_to_the_view(name, value)
 
     def _apply_to_the_view(self, name: str, value: Any) -> None:
-        """What is no part of the document."""
+        """Apply a setting that is no part of the document."""
         if name == "projection":
             self.volumes.set_projection(value)
         elif name == "shows":
@@ -228,7 +228,7 @@ class Desk:
         }
 
     def _depth(self) -> float:
-        """Where the slice lies, 0 in front and 1 at the back."""
+        """Relative depth of the slice, 0 in front and 1 at the back."""
         low, high = self.session.depth_range
         return (self.session.depth - low) / (high - low) if high > low else 0.5
 
@@ -357,7 +357,7 @@ class Desk:
         self.thread.call(tell)
 
     def _told(self, text: str) -> None:
-        """What is said from another thread."""
+        """Show the report of another thread."""
         def tell() -> None:
             self.session.notice = text
             self.files.pass_on()

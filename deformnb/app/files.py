@@ -27,7 +27,7 @@ from deformnb.widgets.worker import Worker, close_all
 
 WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
           "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}
-"""What a page may ask for by name, with words for a menu. A session is saved elsewhere."""
+"""Files that a client may request by name, with labels for a menu. A session is saved elsewhere."""
 
 _PAGE_SUFFIX = ".html"
 _BRIEFLY = 8.0  # seconds that it is said what went well
@@ -35,7 +35,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def suffix_of(kind: str) -> str:
-    """What the name of such a file ends with."""
+    """Suffix of such a file's name."""
     return _PAGE_SUFFIX if kind == "page" else EXPORTS[kind].suffixes[0]
 
 

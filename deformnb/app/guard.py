@@ -78,12 +78,12 @@ def checked_host(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Check whether only this machine reaches an address."""
     return ipaddress.ip_address(host).is_loopback
 
 
 def own_names(host: str, port: int) -> frozenset[str]:
-    """What the header Host may say: a page of another site that has turned its name into our address says its own."""
+    """Allowed values of the header Host: a foreign site whose name was turned into our address sends its own."""
     names = {f"[{host}]" if ":" in host else host}
     if is_loopback(host):
         names.add("localhost")
@@ -106,7 +106,7 @@ def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
 
 
 def checked_origin(origin: Any) -> str:
-    """Where a page came from, as a browser says it; DeformError for anything else: it becomes part of a header.
+    """Check the origin of a page, as a browser sends it; DeformError for anything else: it becomes part of a header.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by
 
 
 def _is_logged(count: int) -> bool:
-    """Whether the warning of this number is told: 1st, 2nd, 4th, 8th ..., for a flood must not become one of lines."""
+    """Check whether the warning of this number is logged: 1st, 2nd, 4th, 8th ..., lest a flood become one of lines."""
     return count & (count - 1) == 0
 
 

@@ -33,7 +33,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Pane(MouseLooks):
-    """What the server shows instead of a desk: one view, and nothing to set.
+    """Pane that the server shows instead of a desk: one view, and nothing to set.
 
     Parameters
     ----------

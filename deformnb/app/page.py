@@ -81,7 +81,7 @@ def build_page(server: Any, desk: Desk) -> None:
 
 
 def _lost(v: Any, html: Any) -> None:
-    """What is offered to who opens a volume on which something was lost."""
+    """Offer to a user who opens a volume on which something was lost."""
     with html.Div(classes="dnb-app-lost", v_if=("lost",), role="status", __properties=["role"]):
         html.Span("{{ lost }}")
         for name, title, hint in _LOST:
@@ -148,7 +148,7 @@ def _files(v: Any, html: Any) -> None:
 
 
 def _writing(v: Any, html: Any) -> None:
-    """What is being written, and what is asked before a session of another volume is opened."""
+    """File being written, and the question before a session of another volume is opened."""
     with html.Div(classes="dnb-app-lost dnb-app-file", v_if=("files.said || files.doubt",), role="status",
                   __properties=["role"]):
         html.Span("{{ files.doubt || files.said }}")

@@ -67,7 +67,7 @@ def add_widget(name: str, shown_if: str | None = None) -> None:
 
 
 def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
-    """What is deformed how."""
+    """Settings of the deformation."""
     for title, names in _GROUPS:
         html.H2(title, classes="dnb-app-group")
         switches = [name for name in names if isinstance(controls[name], Switch)]
@@ -84,7 +84,7 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> No
 
 
 def look_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
-    """How the volume is shown, and what is cut away from it."""
+    """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])
     html.H2("Colours and opacities", classes="dnb-app-group")

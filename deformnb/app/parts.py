@@ -30,7 +30,7 @@ WIDGETS: dict[str, type[Any]] = {
     "editor": Editor, "live": LiveView, "curve": CurveEditor, "keys": DepthKeys, "colours": TransferEditor,
     "clip": ClipControls, "steps": ItemList, "points": PointsTable,
 }
-"""What draws the widgets of the page, by name."""
+"""Classes of the widgets in the client, by name."""
 
 
 _LOW = 84  # CSS pixels of the curve's plot: beside it a projector has room for the other settings

@@ -143,12 +143,12 @@ class RemoteView(MouseLooks):
 
     @property
     def is_used(self) -> bool:
-        """Whether a page has asked for pictures."""
+        """True if a client has requested pictures."""
         return self._size is not None
 
     @property
     def camera(self) -> dict[str, Any]:
-        """Where the viewer stands, as in :class:`~deformnb.widgets.camera.CameraTrait`."""
+        """Camera of the viewer, as in :class:`~deformnb.widgets.camera.CameraTrait`."""
         return self._camera
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
@@ -159,7 +159,7 @@ class RemoteView(MouseLooks):
         self._loop.change(key, function, draw=self.is_used)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
+        """Set the display mode, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self._shows = shows
         self._loop.set_shows(shows)
         self.change("shows", lambda scene: scene.set_shows(shows))
@@ -232,7 +232,7 @@ class RemoteView(MouseLooks):
 
 
 def about_picture(image: Any, camera: dict[str, Any]) -> dict[str, Any]:
-    """What trame's area wants to know of a JPEG, and where the viewer stands in it."""
+    """Metadata of a JPEG for trame's area, with the camera that it shows."""
     rows, columns = image.shape[:2]
     return {"type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows, "st": int(time.time() * 1000),
             "camera": {name: camera[name] for name in ("direction", "up")}}

@@ -213,7 +213,7 @@ class AppServer:
         return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{path.name}"'})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
-        """What the page may call: trame's state, our bridge, the remote view's size and mouse."""
+        """Remote procedures of a client: trame's state, our bridge, the remote view's size and mouse."""
         state, state_of = offered["trame.state.get"]
 
         def life(name: str) -> None:
@@ -228,7 +228,7 @@ class AppServer:
 
 
 def _outlives_its_terminal() -> bool:
-    """Whether who started this wants it to stay when the terminal has gone, as nohup says."""
+    """Check whether the server shall stay when the terminal has gone, as nohup requests."""
     return hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 

@@ -64,7 +64,7 @@ class DeskTrust:
             self._worker.latest("judge", self._judge)
 
     def state(self) -> dict[str, Any]:
-        """What the page shows."""
+        """State that the client shows."""
         found, points = self._found, self._session.points
         text, known = ("", []) if found is None else suspects_of(found, points)
         verdict = [] if found is None else [text for text in (found.folds_text, found.trip_text) if text]

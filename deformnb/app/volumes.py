@@ -25,7 +25,7 @@ _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been d
 
 
 class Volumes:
-    """What a desk shows of a volume, in whatever way its pages can.
+    """Volume display of a desk, in whatever way its clients can.
 
     A page that renders follows the hand by itself. For one that gets pictures the editor's movements come to Python,
     which costs every page messages: so they come from the moment on that a page asks for pictures.
@@ -66,7 +66,7 @@ class Volumes:
         return dict(self.remote.camera if self.remote is not None and self.remote.is_used else self.live.camera)
 
     def seen(self) -> Seen:
-        """How the page shows the volume, for pictures in files."""
+        """Display settings of the client, for pictures in files."""
         return replace(self.live.seen(), camera=self.camera)
 
     # -- as a view -----------------------------------------------------------------------------------------------------
@@ -101,13 +101,13 @@ class Volumes:
         self._change("projection", lambda scene: scene.set_projection(projection))
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
+        """Set the display mode, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self.live.shows = shows
         if self.remote is not None:
             self.remote.set_shows(shows)
 
     def set_folds(self, is_shown: bool) -> None:
-        """Whether matter is red where the map folds."""
+        """Paint tissue red where the map folds, or not."""
         self.live.show_folds = is_shown
         self._change("folds", lambda scene: setattr(scene.folding, "show", is_shown))
 
@@ -139,7 +139,7 @@ class Volumes:
             self.remote.close()
 
     def _make_scene(self, size: tuple[int, int]) -> Any:
-        """What is shown now, in the scene's thread; what changes meanwhile comes after it."""
+        """Make the scene of the current state, in its own thread; changes meanwhile come after it."""
         live = self.live
         scene, notice = make_scene(self._session.volume, size, transfer=self._transfer, projection=live.projection,
                                    background=live.background)

@@ -149,14 +149,14 @@ def _inside(source: Nodes, target: Nodes, room: Nodes) -> float:
 
 
 SCALES: dict[str, Callable[[Nodes, Nodes, Nodes], float]] = {"inside": _inside, "area": _by_area, "length": _by_length}
-"""How large the target net is drawn beside the source net: a factor on Thompson's own drawing, from both nets and the
-width and height of the frame, in pixels of the source's drawing."""
+"""Scales of the target grid beside the source grid: a factor on Thompson's own drawing, from both grids and the width
+and height of the frame, in pixels of the source's drawing."""
 
 CELLS = ("fill", "square")
-"""How the source net lies on the box: stretched over it, or with the proportions of the drawing."""
+"""Fits of the source grid to the box: stretched over it, or with the proportions of the drawing."""
 
 HEADS = ("left", "right")
-"""Which way the fish on the picture looks."""
+"""Directions in which the head of the fish on the picture points."""
 
 
 def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia", *,

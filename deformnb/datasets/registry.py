@@ -108,7 +108,7 @@ DATASETS: dict[str, Dataset] = {
 
 
 def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Where real volumes are kept: ``folder``, else DEFORMNB_DATA, else the user's cache."""
+    """Folder of the real volumes: ``folder``, else DEFORMNB_DATA, else the user's cache."""
     chosen = folder or os.environ.get("DEFORMNB_DATA")
     if chosen:
         return Path(chosen).expanduser()
@@ -249,7 +249,7 @@ def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> st
 
 
 class _Meter:
-    """What pooch calls while bytes arrive: passes them on to a bar or a function, and stops when too many come.
+    """Progress of a download by pooch: passes it on to a bar or a function, and stops when too many bytes come.
 
     pooch reports every chunk as a full one, and at the end calls ``reset`` and ``update`` with the length that the
     server announced; so counts here may run one chunk ahead of the file.

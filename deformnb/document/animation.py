@@ -84,7 +84,7 @@ class TimeMaps:
         return int(self.values.nbytes)
 
     def full_bytes(self, grid: Grid) -> int:
-        """What the same frames would take as displacements of every voxel of a grid, in float32."""
+        """Size of the same frames as displacements of every voxel of a grid, in float32."""
         return len(self) * 3 * 4 * int(np.prod(grid.shape))
 
     def position(self, time: float) -> float:
@@ -192,7 +192,7 @@ class Animation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What switches at a key frame because it cannot be interpolated."""
+        """Notes on the settings that switch at a key frame because they cannot be interpolated."""
         return tuple(f"at {after.time:g} s {note}: it switches there."
                      for after, paths in zip(self.keyframes[1:], self._paths, strict=True)
                      for path in paths for note in path.notes)
@@ -254,7 +254,7 @@ class Animation:
     # -- one array for all moments -------------------------------------------------------------------------------------
 
     def frame_count(self, degrees: float = 10.0) -> int:
-        """How many frames at equal steps let nothing turn by more than ``degrees`` from one to the next.
+        """The number of frames at equal steps that lets nothing turn by more than ``degrees`` from one to the next.
 
         If possible every key frame is one of them.
         """

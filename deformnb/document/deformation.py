@@ -36,11 +36,11 @@ from deformnb.volume.volume import Grid, Matrix3, Volume, voxel_checksum
 from deformnb.warping.warper import warp
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
-"""How time passes from one key frame to the next, by name: at an even pace, or slowly at both ends."""
+"""Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
 
 LOOPS = {"once": "from the first key frame to the last", "loop": "over and over from the beginning",
          "swing": "there and back, over and over"}
-"""What comes after the last key frame."""
+"""Behaviours after the last key frame."""
 
 
 MOST_STEPS = 500
@@ -288,7 +288,7 @@ def _pixel(grid: Grid, plane: Plane | None) -> float:
 
 
 def _kind(given: Any) -> str:
-    """What something is, for messages."""
+    """The kind of an object, for messages."""
     kind = type(given).__name__
     return f"{kind} {shown_value(given)}" if isinstance(given, str | int | float) else kind
 
@@ -325,7 +325,7 @@ def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class VolumeReference:
-    """Which volume a document was made on: enough to find it again and to notice that it changed.
+    """Reference to the volume of a document: enough to find it again and to notice that it changed.
 
     Parameters
     ----------
@@ -350,7 +350,7 @@ class VolumeReference:
 
     @property
     def grid(self) -> Grid | None:
-        """Where the volume lay; None if that is not known."""
+        """Grid of the volume; None if that is not known."""
         if self.origin is None or self.direction is None:
             return None
         return Grid(self.shape, self.spacing, self.origin, self.direction)
@@ -400,7 +400,7 @@ class Keyframe:
 
 
 MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
-"""How several steps become one displacement: one after the other, exactly, or as the sum of all."""
+"""Compositions of several steps into one displacement: one after the other, exactly, or as the sum of all."""
 
 
 @dataclass(frozen=True)
@@ -568,7 +568,7 @@ class Deformation:
         return None if made is None else older_document(made.sha256, made.spacing, grid)
 
     def own_grid(self, grid: Grid) -> Grid:
-        """Where a volume lies in the coordinates of this document: on its own grid, but for :meth:`older_spacing`."""
+        """Grid of a volume in the coordinates of this document: its own grid, but for :meth:`older_spacing`."""
         known = self.older_spacing(grid)
         return grid if known is None else known.as_in_file(grid)
 

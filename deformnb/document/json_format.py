@@ -238,7 +238,7 @@ _USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:
-    """What 1.x did without being told: an automatic support was the box's diagonal, and "affine" was exact."""
+    """Migrate from 1.x, which had other defaults: an automatic support was the box's diagonal, "affine" was exact."""
     def steps(given: Any) -> Any:
         if not isinstance(given, list):
             return given

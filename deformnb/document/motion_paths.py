@@ -56,7 +56,7 @@ _STILL = 1e-9
 
 
 class HandlePath:
-    """Where points are on the way from one set of places to another.
+    """Paths of points from one set of places to another.
 
     Parameters
     ----------
@@ -451,7 +451,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
 
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
-    """Where a step takes the matter at these places."""
+    """The places to which a step takes the tissue at these places."""
     chosen = points if step.strength == 1 else points.blended(step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
     result = places.copy()
@@ -533,7 +533,7 @@ class _PartPaths:
         return result
 
     def moved(self, source: Places, held: NDArray[np.int_], t: float) -> Places:
-        """Where the parts take their points."""
+        """The places to which the parts take their points."""
         places = source.copy()
         for k in np.unique(held[held >= 0]).tolist():
             places[held == k] = _moved(self._part(k, t).motion, source[held == k])

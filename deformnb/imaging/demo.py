@@ -31,12 +31,12 @@ _SUBJECT_SHARE = 0.01
 
 
 FILES = ("before.png", "after.png", "thompson.png", "render.png", "volume.nii.gz", "session.json", "warped.nii.gz")
-"""What the demonstration writes; volume.nii.gz only where it made the volume itself."""
+"""Files of the demonstration; volume.nii.gz only where it made the volume itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """What :func:`transform` made: before, after, and how."""
+    """Result of :func:`transform`: before, after, and the fit between them."""
 
     volume: Volume
     warped: Volume
@@ -60,7 +60,7 @@ class Transformation:
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """What :func:`run_demo` made, and the files it wrote with a description each."""
+    """Result of :func:`run_demo`, and the files it wrote with a description each."""
 
     result: Transformation
     written: list[tuple[str, Path]]
@@ -131,7 +131,7 @@ def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
 
 
 def deformed_net(net: list[NDArray[np.float64]], deformation: Deformation, volume: Volume) -> list[NDArray[np.float64]]:
-    """Where the lines of a net on the picture go: forward, by inverting the map that looks voxels up."""
+    """Lines of a grid on the picture after the deformation: forward, by inverting the backward map."""
     (fit,) = deformation.steps[0].fits(volume.grid)
     moved, _ = warp_points(np.concatenate(net), fit)
     return np.split(moved, np.cumsum([len(line) for line in net])[:-1])

@@ -26,7 +26,7 @@ __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames"
 Image = NDArray[np.uint8]
 
 SHOWS = ("after", "pair")
-"""What a frame shows: the deformed volume alone, or the volume as it was to its left."""
+"""Contents of a frame: the deformed volume alone, or the volume as it was to its left."""
 
 _BACKGROUND = (0.06, 0.065, 0.08)
 

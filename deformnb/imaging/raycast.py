@@ -169,7 +169,7 @@ def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, A
 
 
 def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.float32]:
-    """How bright faces with these normals (..., 3) along u, v and n of a picture are; ``light`` leads to the lamp.
+    """Brightness of faces with these normals (..., 3) along u, v and n of a picture; ``light`` leads to the lamp.
 
     Examples
     --------

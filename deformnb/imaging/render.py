@@ -39,7 +39,7 @@ _REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then choose th
 
 @cache
 def gl_status() -> tuple[bool, str, str]:
-    """Whether VTK can draw off screen here: (works, what was found, what to install).
+    """Check whether VTK can draw off screen here: (works, findings, packages to install).
 
     A missing library does not raise in VTK, it ends the process: so a child process tries, once, for about a second.
     """
@@ -140,7 +140,7 @@ def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
 def image_places(points: ArrayLike, grid: Grid, *, direction: ArrayLike = (0.4, 1.0, -0.3),
                  up: ArrayLike | None = None, height: float | None = None,
                  size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
-    """Where places (..., 3) in space lie on :func:`render_volume`'s picture of a volume on this grid.
+    """Project places (..., 3) in space to :func:`render_volume`'s picture of a volume on this grid.
 
     Parameters
     ----------

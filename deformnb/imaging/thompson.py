@@ -45,7 +45,7 @@ _FINE = 300  # places along the longer side where areas are asked for
 
 @dataclass(frozen=True, eq=False)
 class Grids:
-    """What :func:`deformnb.imaging.thompson.draw_grids` draws, in picture coordinates.
+    """Contents of :func:`deformnb.imaging.thompson.draw_grids`, in picture coordinates.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def landmarks_of(steps: tuple[Step, ...], key: int) -> ControlPoints | None:
 
 
 def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
-    """How much matter has grown at the pixels of a raster: 2 is twice as large, NaN where the map folds.
+    """Area expansion at the pixels of a raster: 2 is twice as large, NaN where the map folds.
 
     Examples
     --------
@@ -183,10 +183,10 @@ def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
 
 
 OVERLAYS = ("none", "area", "strain")
-"""What may be laid over the deformed picture."""
+"""Overlays of the deformed picture."""
 
 FOLDS = "#d32f2f"
-"""Where the map folds."""
+"""Colour of the places where the map folds."""
 
 _INKS = {False: ("#762a83", "#1b7837"), True: ("#c9a3d6", "#7fd08a")}  # shrinks, grows; on light and on dark paper
 _AREAS = {False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with what is below
@@ -349,7 +349,7 @@ class Sheet:
         return tinted
 
     def _shows_picture(self, raster: Raster) -> NDArray[np.bool_]:
-        """Where a deformed picture shows something of the original and not what lies around."""
+        """Mask of the pixels of a deformed picture that show part of the original and not its surroundings."""
         a0, a1, b0, b1 = self.picture.raster.box
         a, b = self.grids.field.on_raster(raster) + np.moveaxis(raster.points(), -1, 0)
         return np.asarray((a >= a0) & (a <= a1) & (b >= b0) & (b <= b1))
@@ -533,7 +533,7 @@ def _factor(power: float) -> str:
 
 
 def _said(magnify: float) -> str:
-    """How much a drawing is exaggerated, in words."""
+    """Exaggeration of a drawing, in words."""
     if magnify == 1:
         return "deformed"
     if magnify == 0:
@@ -616,7 +616,7 @@ def _title(title: str | None, steps: tuple[Step, ...], key: int) -> list[str]:
 
 
 def _facts(step: Step, key: int) -> str:
-    """What is known of the fit of a step: how many landmarks, how much of it is affine, how much it bends."""
+    """Facts about the fit of a step: number of landmarks, affine share, bending energy."""
     points = landmarks_of((step,), key)
     assert points is not None
     facts = [f"{len(points)} landmark{'' if len(points) == 1 else 's'}"]

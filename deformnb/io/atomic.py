@@ -376,7 +376,7 @@ class KnownFiles:
                     del self._digests[next(iter(self._digests))]
 
     def has(self, path: str | PathLike[str]) -> bool:
-        """Whether a file was opened or written here, whatever it holds now."""
+        """Check whether a file was opened or written here, whatever it holds now."""
         return _real(path) in self._digests
 
     def check(self, path: str | PathLike[str]) -> None:

@@ -64,7 +64,7 @@ _LESS = "read fewer voxels with stride=2"
 
 @dataclass(frozen=True)
 class FileDescription:
-    """What a file is, without its voxels.
+    """Description of a file without its voxels.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
 
 def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
                   voxels: bool = False, progress: Progress = None) -> FileDescription:
-    """What a volume file is; reads its header alone unless the range of values is asked for with ``voxels``.
+    """Describe a volume file; reads its header alone unless the range of values is requested with ``voxels``.
 
     (The voxels are read too where the header is that of a volume in :mod:`deformnb.volume.known_spacings`.)
 

@@ -71,7 +71,7 @@ class Header:
 
     @property
     def is_scaled(self) -> bool:
-        """Whether stored numbers differ from what they mean."""
+        """True if stored numbers differ from the values that they mean."""
         return (self.slope, self.intercept) != (1.0, 0.0)
 
     @property
@@ -80,7 +80,7 @@ class Header:
         return np.result_type(self.dtype, np.float32) if self.is_scaled else self.dtype.newbyteorder("=")
 
     def grid(self, spacing: Float3 | None = None) -> tuple[Grid, tuple[str, ...]]:
-        """Where the voxels are, with another spacing if given, and remarks; a negative spacing flips its direction."""
+        """Grid of the voxels, with another spacing if given, and remarks; a negative spacing flips its direction."""
         notes: tuple[str, ...] = ()
         try:
             if self.affine is not None:
@@ -289,7 +289,7 @@ def detached_name(header: Path, crc: int) -> str:
 
 
 def is_detached_name(header: Path, name: str) -> bool:
-    """Whether :func:`detached_name` gives such a name to a data file of this header."""
+    """Check whether :func:`detached_name` gives such a name to a data file of this header."""
     return re.fullmatch(re.escape(header.name) + r"\.[0-9a-f]{8}\.raw", name) is not None
 
 

@@ -93,7 +93,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
 
 
 def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What is in a landmark file, for people."""
+    """Describe a landmark file for people."""
     place, found = Path(path), read_landmarks(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
     rows = {"file": shown(place.name), "kind": check_landmark_target(place).description,

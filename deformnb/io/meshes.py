@@ -325,7 +325,7 @@ def _vtp_points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
 
 
 def _vtp_cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """How many corners each cell of a kind has, and their numbers."""
+    """Number of corners of each cell of a kind, and their indices."""
     count = _vtp_count(file, piece, f"NumberOf{kind}")
     if not count:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -441,7 +441,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
 
 
 def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What is in a surface file, for people."""
+    """Describe a surface file for people."""
     mesh, place = read_mesh(path), Path(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in mesh.box)
     row = _row(place)

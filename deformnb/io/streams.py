@@ -114,7 +114,7 @@ class _Bzip2:
 
 
 ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2}
-"""How the bytes of voxels may be packed."""
+"""Encodings of the bytes of voxels."""
 
 
 def take(stream: Stream, size: int) -> bytes:
@@ -131,7 +131,7 @@ def take(stream: Stream, size: int) -> bytes:
 
 @dataclass(frozen=True)
 class Source:
-    """Where the bytes of the voxels are.
+    """Source of the bytes of the voxels.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def packed(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memo
 
 
 def needed_bytes(volume: Volume, encoding: str) -> int:
-    """How much free space a file is asked to have before it is begun."""
+    """Free space that is required before a file is begun."""
     size = volume.grid.size * stored_dtype(volume).itemsize
     return size if encoding == "raw" else int(_PACKED_SHARE * size)
 

@@ -167,7 +167,7 @@ def _natural(path: Path) -> tuple[list[Any], str]:
 
 def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], spacing: Float3 | None,
             notes: tuple[str, ...]) -> Header:
-    """What all pages say; only the first is kept, because each may have a table of half a million strips."""
+    """Header common to all pages; only the first is kept, because each may have a table of half a million strips."""
     first, count, working_bytes = None, 0, 0
     for page, _ in pages():
         first = first or page

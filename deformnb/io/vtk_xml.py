@@ -148,13 +148,13 @@ class VtkXml:
         return np.dtype(self.order + TYPES[name])
 
     def stored(self, tag: Tag, count: int) -> StoredArray:
-        """Where and how ``count`` numbers of an array lie in the file; refuses what cannot be read."""
+        """Locate ``count`` numbers of an array in the file; refuses an array that cannot be read."""
         return StoredArray(self, tag, self.dtype(tag), count)
 
 
 @dataclass(frozen=True)
 class StoredArray:
-    """Where and how the numbers of one array lie in a file: as text, inline or appended, plain or packed."""
+    """Place and encoding of an array's numbers in a file: as text, inline or appended, compressed or plain."""
 
     file: VtkXml
     tag: Tag

@@ -209,7 +209,7 @@ def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float)
 
 
 def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> tuple[Span, str]:
-    """What the centred targets (n, dim) determine of a linear map, and where they lie thinly, in words."""
+    """The span that centred targets (n, dim) determine of a linear map, and the thin directions in words."""
     n, dim = centred.shape
     if n < 2 or not centred.any():
         return Span(np.zeros((dim, 0)), np.zeros((dim, dim))), ""
@@ -221,7 +221,7 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
 
 
 def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> str:
-    """Where control points lie that are thin in some direction; rounded, for other notes make JAX compile anew."""
+    """The place of control points that are thin in some direction; rounded, for other notes make JAX compile anew."""
     wide = int((spreads >= THIN).sum())
     if wide == len(spreads):
         return ""

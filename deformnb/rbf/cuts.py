@@ -70,7 +70,7 @@ class Cut:
 
 
 def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:
-    """Whether points (..., dim) lie inside each of the regions: shape (..., number of regions)."""
+    """Test points (..., dim) for lying inside each of the regions: shape (..., number of regions)."""
     return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
 
 
@@ -98,7 +98,7 @@ def _covered(depth: Any, softness: Any, xp: Any) -> Any:
 
 
 def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
-    """How deep places with these distances to the cuts lie within a region; negative outside."""
+    """Depth within a region of places with these distances to the cuts; negative outside."""
     within = [-d if inside else d for d, inside in zip(distances, sides, strict=True)]
     least = within[0]
     for d in within[1:]:
@@ -132,12 +132,12 @@ def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[An
 
 
 CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _by_source, "paper": _by_paper}
-"""What is seen beside a cut, by name; the first is the default."""
+"""Rules for the visible region beside a cut, by name; the first is the default."""
 
 
 def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], rule: str, softness: float,
            xp: Any = np) -> tuple[Any, Any]:
-    """Which region is seen at places x, and how opaque it is.
+    """The visible region at places x, and its opacity.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ class Decoupled(AbstractField):
         return self.seen_on_outer_sum(rows, columns, resolution)[0]
 
     def of_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
-        """Which matter each field moves: a mask of points (N, dim) before the deformation, and None for what stays."""
+        """Masks of points (N, dim) before the deformation that each field moves, and None for those that stay."""
         own = self._sides(points)
         masks = [(own == np.asarray(region)).all(axis=-1) for region in self.sides]
         rest = ~np.logical_or.reduce([*masks, np.zeros(len(points), dtype=bool)])

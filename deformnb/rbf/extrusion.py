@@ -97,7 +97,7 @@ def _parse(text: str) -> ast.expr:
 
 
 def _advice(text: str) -> str:
-    """What to write instead."""
+    """Advice on the correct expression."""
     product = _PRODUCT.search(text)
     if product is None:
         return "write for example z or sin(pi*z)"

@@ -250,7 +250,7 @@ class RBFInterpolant(AbstractField):
         return (*self.remarks, *(note for note, is_so in found if is_so))
 
     def folds_between_points(self) -> bool:
-        """Whether ``det(1 + dD/dx) <= 0`` at a control point or between them.
+        """Check for ``det(1 + dD/dx) <= 0`` at a control point or between them.
 
         Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
         simplices; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
@@ -262,7 +262,7 @@ class RBFInterpolant(AbstractField):
         return bool((np.linalg.det(jacobians) <= 0).any())
 
     def _predicts_poorly(self) -> bool:
-        """Whether points predict each other worse than the affine trend alone does, by leave-one-out.
+        """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
 
         Asked of sets most of which are dragged; one drag among points that are held still predicts nothing.
         """

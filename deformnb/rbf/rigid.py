@@ -127,7 +127,7 @@ class RigidMotion:
         return RigidMotion(tuple(map(tuple, m.tolist())), tuple((-m @ np.asarray(self.shift)).tolist()))
 
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Where matter at points (..., dim) goes."""
+        """Move points (..., dim) by this motion."""
         return np.asarray(points, dtype=np.float64) @ np.asarray(self.matrix).T + np.asarray(self.shift)
 
     def power(self, t: float) -> RigidMotion:
@@ -182,7 +182,7 @@ def _distance(t: Any, xp: Any = np) -> Any:
 
 
 WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": saturated, "distance": _distance}
-"""What is made of a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
+"""Weights from a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
 
 _WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
     "saturated": lambda t: 30.0 * np.square(np.clip(t, 0.0, 1.0) * (1.0 - np.clip(t, 0.0, 1.0))),
@@ -336,7 +336,7 @@ class RigidPart:
 
     @property
     def label(self) -> str:
-        """How messages name it."""
+        """Label of the part in messages."""
         return f'the rigid part "{self.name}"' if self.name else "a rigid part"
 
     def scaled(self, strength: float) -> RigidPart:
@@ -508,7 +508,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
 
 
 HELD = ("refuse", "carry", "switch off")
-"""What becomes of control points within a rigid part that ask for something else than the part does."""
+"""Treatments of control points within a rigid part that ask for another displacement than the part's."""
 
 
 def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
@@ -550,7 +550,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
 
 
 def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
-    """Whether one of the weights is the distance itself, beside which there is no trend."""
+    """Check whether one of the weights is the distance itself, beside which there is no trend."""
     for part in parts:
         if part.region.dim != dim:
             raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
@@ -569,7 +569,7 @@ def _size_of(points: ControlPoints) -> float:
 
 def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
                  distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
-    """Which active points lie beside all parts; refuses one that a part holds and that asks for something else."""
+    """Mask of active points beside all parts; refuses one that a part holds and that asks for another displacement."""
     free, notes = points.active.copy(), []
     size = _size_of(points)
     within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits

@@ -43,7 +43,7 @@ _LEAST_SPREAD = 1e-4
 
 
 class Span(NamedTuple):
-    """What a set of points determines of a linear map.
+    """The span of a set of points: the part of a linear map that they determine.
 
     Parameters
     ----------

@@ -278,7 +278,7 @@ _MOST_STEPS = {2: 200, 3: 24}
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What :func:`fit_targets` found.
+    """Result of :func:`fit_targets`.
 
     Parameters
     ----------
@@ -396,7 +396,7 @@ def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, 
 
 
 def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:
-    """What the points determine, as they begin: it does not change while they are fitted."""
+    """The span of the initial points: it does not change while they are fitted."""
     dim = x.shape[1]
     nothing = np.zeros((dim, dim))
     if start.trend == "affine" and start.kernel.order < 2:
@@ -412,7 +412,7 @@ def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpo
 
 @dataclass(frozen=True, eq=False)
 class Snapped:
-    """What :func:`snap_to_match` found.
+    """Result of :func:`snap_to_match`.
 
     Parameters
     ----------
@@ -534,7 +534,7 @@ class _Window:
 
 
 def _summit(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the quadratic through 3 x 3 (x 3) values by least squares is largest, from the middle; at most 1 away.
+    """Maximum of the least-squares quadratic through 3 x 3 (x 3) values, from the middle; at most 1 away.
 
     >>> a, b = np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")
     >>> _summit(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()

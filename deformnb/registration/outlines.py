@@ -319,7 +319,7 @@ class _Sliding:
         return None
 
     def _room(self) -> Floats:
-        """How far each point may come towards its nearer neighbour on the same outline."""
+        """The distance that each point may move towards its nearer neighbour on the same outline."""
         room = np.array([curve.length for curve in self._curves])
         for curve in {id(c): c for c in self._curves}.values():
             on = np.array([k for k, c in enumerate(self._curves) if c is curve])

@@ -57,7 +57,7 @@ _WAIT_AT_CLOSE = 1.0
 
 
 class _Snapshot(NamedTuple):
-    """What is written, as it was after an edit."""
+    """Snapshot to be written, as it was after an edit."""
 
     deformation: Deformation
     step: int
@@ -107,7 +107,7 @@ class Autosave:
 
     @property
     def folder(self) -> Path:
-        """Where sessions are written."""
+        """Folder of the autosaved sessions."""
         return self._job.folder
 
     @property
@@ -141,7 +141,7 @@ class Autosave:
 
 
 class _Job:
-    """What the thread works on: shared with the session's observer, and without the session."""
+    """State of the thread: shared with the session's observer, and without the session."""
 
     def __init__(self, session: Session, folder: Path, delay: float) -> None:
         self.folder = folder
@@ -229,7 +229,7 @@ class _Job:
     # -- in the thread -------------------------------------------------------------------------------------------------
 
     def take(self) -> _Snapshot | None:
-        """What is to be written, when it is time; None at the end, and when nothing waits: the thread is given up."""
+        """The next snapshot to write, when it is due; None at the end and when nothing waits: the thread ends."""
         with self.changed:
             while True:
                 self.is_busy = False
@@ -387,7 +387,7 @@ if hasattr(os, "register_at_fork"):
 
 
 COMMANDS = ("restore", "skip", "delete")
-"""What can be done with a lost session."""
+"""Actions on a lost session."""
 
 
 class Recovery:
@@ -431,7 +431,7 @@ class Recovery:
 
     @property
     def offer(self) -> str:
-        """What is asked of the user; empty for nothing."""
+        """Question to the user; empty for none."""
         lost = self.lost
         if not lost:
             return ""

@@ -36,7 +36,7 @@ Work = Callable[[Deformation, Path, Path, Callable[[float], None]], Mapping[str,
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of one file.
+    """Result for one file.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _digest(text: str) -> str:
 
 
 def _read_record(path: Path) -> dict[str, Any]:
-    """What earlier runs have written; a record that is damaged is none, so that nothing is taken for done wrongly."""
+    """Record of earlier runs; a damaged record counts as none, so that nothing is taken for done wrongly."""
     if not path.exists() or path.stat().st_size > _LARGEST_RECORD:
         return {}
     try:

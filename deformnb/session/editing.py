@@ -91,7 +91,7 @@ class EditedDocument(traitlets.HasTraits):
 
     @property
     def plane(self) -> Plane:
-        """Where the picture lies; for points in space, where the first picture lay."""
+        """Plane of the picture; for points in space, that of the first picture."""
         return self.step.plane or self._home
 
     def edit_step(self, index: int, key: int = 0) -> None:
@@ -407,7 +407,7 @@ class EditedSteps(EditedDocument):
         self._change_step(index, f"rename step {index + 1}", name=str(name))
 
     def set_mode(self, mode: str) -> None:
-        """How the steps make one deformation: "compose" one after the other, "blend" the sum of what each does."""
+        """Set the composition of the steps: "compose" one after the other, "blend" the sum of their displacements."""
         with self._lock:
             label = "blend the steps" if mode == "blend" else "do the steps one after the other"
             self._become(replace(self.deformation, mode=mode), label)
@@ -478,7 +478,7 @@ class EditedSteps(EditedDocument):
             self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
     def set_cut_rule(self, rule: str) -> None:
-        """What is seen beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
+        """Set the rule for the visible region beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
         self.change(cut_rule=rule)
 
     def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,

@@ -22,7 +22,7 @@ MOST_STATES = 200
 """States that can be gone back to, besides the one that is shown."""
 
 MOST_BYTES = 256 * 2**20
-"""What they may weigh together."""
+"""Largest memory of all states together."""
 
 # Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
 _JOIN_SECONDS = 0.8
@@ -67,7 +67,7 @@ class _Node:
 
     @property
     def last(self) -> int | None:
-        """Where redo goes."""
+        """State to which redo goes."""
         return self.children[-1] if self.children else None
 
 
@@ -165,7 +165,7 @@ class History:
         return state, self._nodes[node].label
 
     def labels(self) -> dict[str, str]:
-        """What "undo" and "redo" would take back or do again; empty where there is nothing."""
+        """Labels of the edits that "undo" and "redo" would take back or do again; empty where there is none."""
         here = self._nodes[self._current]
         return {"undo": here.label if here.parent is not None else "",
                 "redo": self._nodes[here.last].label if here.last is not None else ""}
@@ -183,7 +183,7 @@ class History:
 
     @property
     def bytes(self) -> int:
-        """What the states weigh that can be gone to; the one that is shown counts for whoever shows it."""
+        """Memory of the reachable states; the current one counts for whoever shows it."""
         return self._ledger.total
 
     def __len__(self) -> int:

@@ -200,14 +200,14 @@ class Session(EditedSteps):
             return made
 
     def _asked(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
-        """What the picture depends on."""
+        """The settings on which the picture depends."""
         with self._lock:
             colours = self.transfer_function if self.method in ("composite", "shaded") else None
             return self._earlier(), self.plane, self.method, self.depth if self.method == "slice" else 0.0, colours
 
     @property
     def depth_range(self) -> tuple[float, float]:
-        """Where slices may lie, from the middle of the volume."""
+        """Range of slice depths, from the middle of the volume."""
         return self.plane.depth_range(self.volume.grid)
 
     # -- the box of the result -----------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ class Session(EditedSteps):
         return sides_left(landed(self.matter(), self.field()), self.box)
 
     def matter(self) -> Matter:
-        """Where the volume holds something; looked up once."""
+        """Foreground of the volume; looked up once."""
         with self._looking:
             if self._matter is None:
                 self._matter = matter_of(self.volume)
@@ -361,7 +361,7 @@ class Session(EditedSteps):
             self.notice = difference or laid
 
     def difference(self, deformation: Deformation) -> str:
-        """What is to be said of a document that was made on another volume; empty if it was made on this one.
+        """Warning about a document that was made on another volume; empty if it was made on this one.
 
         Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
         """
@@ -406,6 +406,6 @@ def check_room(volume: Volume, output: Grid | None) -> None:
 
 
 def _moves(deformation: Deformation) -> bool:
-    """Whether anything is dragged at all: a scan may be cut through tissue as it is."""
+    """Check whether anything is dragged at all: a scan may be cut through tissue as it is."""
     return any(part.motion is not None for step in deformation.steps for part in step.parts) or any(
         bool(points.displacement.any()) for step in deformation.steps for points in step.maps)

@@ -36,7 +36,7 @@ _ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class Axis:
-    """Where to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
+    """Places to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
 
     ``fraction`` is in [0, 1], or None where the index is known to be whole and inside.
     """

@@ -213,7 +213,7 @@ def _rgb(color: str | Sequence[float]) -> Sequence[float]:
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often the values of a volume occur, counted in slices spread through it.
+    """Histogram of the values of a volume, counted in slices spread through it.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class Histogram:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether some slices were left out."""
+        """True if some slices were left out."""
         return self.slices < self.total
 
 
@@ -368,7 +368,7 @@ def _layer(volume: Volume) -> float:
 
 
 def _is_hounsfield(low: float, high: float) -> bool:
-    """Whether values say by themselves what is bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
+    """Check whether values alone show bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
     return low <= _AIR_HU and high >= _BONE_HU
 
 

@@ -331,7 +331,7 @@ _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the voxels of a volume are.
+    """Grid of the voxels of a volume: shape, spacing, origin and direction.
 
     Parameters
     ----------
@@ -420,7 +420,7 @@ class Grid:
 
     @property
     def orientation(self) -> str:
-        """Where growing i, j and k lead, one letter each: Left or Right, Posterior or Anterior, Superior or Inferior.
+        """Directions of growing i, j and k, a letter each: Left or Right, Posterior or Anterior, Superior or Inferior.
 
         Examples
         --------
@@ -737,7 +737,7 @@ class Volume:
 
     @property
     def background(self) -> float:
-        """What lies outside: the smallest finite value (air in CT, 0 in labels)."""
+        """Background value outside: the smallest finite value (air in CT, 0 in labels)."""
         return self.value_range[0]
 
     @property

@@ -216,7 +216,7 @@ def _table(field: AbstractField, grid: Grid) -> _Table | None:
 
 
 def _alike(field: AbstractField, first: Extrusion) -> bool:
-    """Whether a field is extruded as the first one is, so that one look-up of the weights does for all."""
+    """Check whether a field is extruded as the first one is, so that one look-up of the weights does for all."""
     return (isinstance(field, Extrusion) and field.plane == first.plane and field.depth == first.depth
             and np.array_equal(field.knots, first.knots) and np.array_equal(field.weights, first.weights))
 

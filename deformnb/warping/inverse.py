@@ -59,7 +59,7 @@ class Inverse:
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """How far points miss their own place after a way forward and back.
+    """Round-trip error: the distance of points from their own place after mapping forward and back.
 
     Parameters
     ----------

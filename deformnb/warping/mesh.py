@@ -118,7 +118,7 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
 
 
 def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
-    """How many edges have no face on their other side, and whether neighbours agree on where the outside is."""
+    """Number of edges without a face on their other side, and whether neighbours agree on the outside."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     forward = ends[:, 0] < ends[:, 1]
     key = ends.min(axis=1) * (int(faces.max(initial=0)) + 1) + ends.max(axis=1)

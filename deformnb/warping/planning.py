@@ -79,7 +79,7 @@ def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Places:
-    """Where output voxels lie in the input, in voxels, before any displacement.
+    """Places of the output voxels in the input, in voxels, before any displacement.
 
     The place of output voxel (k, j, i) along input axis a (both in the order z, y, x) is
     ``sum over o of whole[o][a, index o] + part[o][a, index o]``.
@@ -249,7 +249,7 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
 
 
 def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
-    """Where the field is wanted for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
+    """The lattice of the field for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
     (z, y), extra = block, int(step > 1)
     shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
     sx, sy, sz = grid.spacing

@@ -33,7 +33,7 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class ShownVolume:
-    """What of a volume is shown.
+    """Voxels of a volume as they are shown.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ShownVolume:
 
     @property
     def note(self) -> str:
-        """What the user must know: "shown at 1/2"."""
+        """Note for the user: "shown at 1/2"."""
         fine = f"finer greys from {self.window[0]:.4g} to {self.window[1]:.4g}" if self.share < 1 else ""
         return "; ".join(words for words in (fine, self._size_note) if words)
 
@@ -105,7 +105,7 @@ class ShownVolume:
         return {"low": corners.min(axis=0).tolist(), "high": corners.max(axis=0).tolist()}
 
     def info(self) -> dict[str, Any]:
-        """What the page must know before the voxels come."""
+        """Facts for the front end before the voxels come."""
         grid = self.volume.grid
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
         views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
@@ -188,7 +188,7 @@ def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
 
 
 def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
-    """How many voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
+    """Numbers of voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
     factors, counts, spacing = np.ones(3, int), np.array(grid.shape[::-1]), np.asarray(grid.spacing)
     while True:
         left = -(-counts // factors)
@@ -284,7 +284,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
 
 
 def is_fine_enough(function: TransferFunction, volume: Volume, window: Window, coarse: Window) -> bool:
-    """Whether a window that is in use will do: it leaves out nothing, and another one would not be much finer."""
+    """Check whether a window in use will do: it leaves out nothing, and another one would not be much finer."""
     wanted = fine_window(function, volume, coarse) or coarse
     holds_all = window[0] <= wanted[0] and wanted[1] <= window[1]
     return holds_all and (window == wanted or window[1] - window[0] < (wanted[1] - wanted[0]) / (2 * _SHARE))

@@ -44,10 +44,10 @@ LONGEST_EDIT = 2**20
 
 KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
          "scale", "brush")
-"""What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
+"""Kinds of edits; "several" is more than one of them, which a busy kernel gets as one."""
 
 OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
-"""What an editor can lay over its picture."""
+"""Overlays of an editor's picture."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -125,7 +125,7 @@ class Message:
 
 @dataclass(frozen=True)
 class EditMessage(Message):
-    """What the page says of an edit.
+    """Message of the front end about an edit.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class RefusedMessage(Message):
 
 
 def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
-    """What a custom message says to an editor of such points.
+    """Parse a custom message to an editor of such points.
 
     None, and a line in the log, where it does not even say who sent it.
     """
@@ -183,7 +183,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
 
 def header(content: Any) -> tuple[str, int]:
-    """Who sent a message, and its number; DeformError if it does not say."""
+    """Sender and number of a message; DeformError if it has none."""
     if not isinstance(content, dict) or content.get("type") not in ("greet", "edit", "history", "shapes", "choose"):
         raise DeformError("it is no edit.")
     sender, seq = content.get("sender"), content.get("seq")
@@ -205,7 +205,7 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int
 
 
 def _drawn(said: Any) -> dict[str, float]:
-    """What a page measured; nothing if it is odd, for no edit is refused for that."""
+    """Measurements of a front end; nothing if they are odd, for no edit is refused for that."""
     given = said if isinstance(said, dict) else {}
     return {name: float(given[name]) for name in ("hz", "ms") if _is_number(given.get(name)) and 0 <= given[name] < 1e6}
 
@@ -279,7 +279,7 @@ _SORTS: dict[str, tuple[Any, Callable[..., Any], Callable[[Any], dict[str, Any]]
 
 @dataclass(frozen=True)
 class ShapesMessage(Message):
-    """What the page says of an edit of shapes.
+    """Message of the front end about an edit of shapes.
 
     Attributes
     ----------
@@ -297,7 +297,7 @@ class ShapesMessage(Message):
 
 @dataclass(frozen=True)
 class ChooseMessage(Message):
-    """What the page says of the shape that is chosen there.
+    """Message of the front end about the shape that is chosen there.
 
     Attributes
     ----------
@@ -312,7 +312,7 @@ class ChooseMessage(Message):
 
 
 def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
-    """What a message says of the chosen shape; DeformError for anything wrong in it."""
+    """Parse a message about the chosen shape; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
     what, index, shape = content.get("what"), content.get("index", 0), content.get("shape")
@@ -324,20 +324,20 @@ def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
 
 
 def place_of(choice: ChooseMessage, shapes: Sequence[dict[str, Any]]) -> int | None:
-    """Where the shape that the page has chosen lies in the list of now; None if it is there no more."""
+    """Index in the current list of the shape that the front end has chosen; None if it is there no more."""
     places = [k for k, shape in enumerate(shapes) if _fits(shape, choice.shape)]
     return min(places, key=lambda k: abs(k - choice.index), default=None)
 
 
 def _fits(shape: Any, told: Any) -> bool:
-    """Whether a shape has all that was told of it."""
+    """Check whether a shape has all the given properties."""
     if isinstance(told, dict) and isinstance(shape, dict):
         return bool(told) and all(name in shape and _fits(shape[name], value) for name, value in told.items())
     return bool(shape == told)
 
 
 def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
-    """Where the shape at a place of a list is after an edit of the list; None if it is gone.
+    """Index of a shape after an edit of the list, from that before; None if it is gone.
 
     A shape is the same if it is equal, or the only one that was changed. shapes.js follows by the same rule.
 
@@ -412,7 +412,7 @@ class ShapesTrait(traitlets.List[dict[str, Any]]):
 
 
 def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage:
-    """What a message says of shapes, and of points if it has some; DeformError for anything wrong in it."""
+    """Parse a message about shapes, and points if it has some; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
     what, kind = content.get("what"), content.get("kind")
@@ -429,7 +429,7 @@ LONGEST_TEXT = 200
 _LARGEST_PICTURE = 2**26
 
 MEASURED = ("drag_ms", "full_ms", "passes", "frames", "scale", "width", "height", "received", "edits", "edit_ms")
-"""What a page measures."""
+"""Measurements that a front end sends."""
 
 
 def text(value: Any) -> str:

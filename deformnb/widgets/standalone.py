@@ -146,7 +146,7 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
 
 @dataclass(frozen=True, eq=False)
 class _ViewPart:
-    """What of a live view is in the page."""
+    """The part of a live view that goes into the page."""
 
     volume: Volume
     shown: ShownVolume
@@ -159,7 +159,7 @@ class _ViewPart:
 
     @property
     def about(self) -> str:
-        """How large the volume is, and how much larger it was."""
+        """Size of the volume, and its size before a reduction."""
         now, before = ((" x ".join(map(str, g.shape[::-1]))) for g in (self.shown.volume.grid, self.volume.grid))
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
@@ -188,7 +188,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int, tell: Progress) -> _V
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
-    """What the view shows with the points of now, and which of the maps they make."""
+    """Field of the view with the current points, and the index of the map that they make."""
     if view.editor is not None and view.editor is not editor:
         raise DeformError("the view follows another editor; give that one, or call follow() with this one first.")
     fit = editor.fit()
@@ -202,7 +202,7 @@ def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractFie
 
 
 def _extrusion(field: AbstractField) -> Extrusion:
-    """What was done last; of a cut one the extrusion of one of its regions, which says as much of plane and depths."""
+    """The last step; of a cut one the extrusion of one of its regions, which has the same plane and depths."""
     last = cut_plane(field.then if isinstance(field, Composed) else field, MOST_MAPS)
     if last is None:
         raise DeformError("the view was shown another deformation since it follows the editor; call follow() again.")

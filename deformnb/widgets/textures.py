@@ -98,7 +98,7 @@ def _still(plane: Plane) -> Extrusion:
 
 
 def same_rule(a: Extrusion, b: Extrusion) -> bool:
-    """Whether two extrusions have plane, depths and weights in common."""
+    """Check whether two extrusions have plane, depths and weights in common."""
     same = a.plane == b.plane and a.depth == b.depth and len(a.maps) == len(b.maps)
     return same and np.array_equal(a.knots, b.knots) and np.array_equal(a.weights, b.weights)
 
@@ -145,7 +145,7 @@ def softness_of(plane: CutPlane, grid: Grid) -> float:
 
 
 def about_cut(plane: CutPlane, raster: Raster) -> dict[str, Any]:
-    """What a message says of the cuts beside their distances. ``id`` names the distances, which seldom change."""
+    """Entries of a message about the cuts beside their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
     name = hashlib.sha256(repr((data, raster)).encode()).hexdigest()[:16]
@@ -171,7 +171,7 @@ class CutChain:
 
     @property
     def is_exact(self) -> bool:
-        """Whether no other step has cuts, which would be smeared between samples."""
+        """True if no other step has cuts, which would be smeared between samples."""
         return not any(f.has_cuts for f in (*self.later, *self.earlier))
 
 
@@ -185,7 +185,7 @@ def cut_chain(field: AbstractField) -> CutChain | None:
 
 
 def chain_is_exact(field: AbstractField) -> bool:
-    """Whether a composition has cuts in one of its steps only."""
+    """Check whether a composition has cuts in one of its steps only."""
     chain = cut_chain(field)
     return chain is not None and chain.is_exact
 
@@ -197,7 +197,7 @@ def _steps(field: AbstractField) -> list[AbstractField]:
 
 @dataclass(frozen=True, eq=False)
 class SpaceLayers:
-    """What is known at every sample.
+    """Data of every sample.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def space_layers(chain: CutChain, points: NDArray[np.float64]) -> SpaceLayers | 
 
 
 def _through(steps: tuple[AbstractField, ...], points: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
-    """Where points come from, and the share of them that is seen."""
+    """Sources of points, and the share of them that is seen."""
     at, kept = points, np.ones(points.shape[:-1])
     for step in steps:
         d, opacity = step.seen(at)
@@ -308,7 +308,7 @@ def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | No
 
 
 def count_maps(field: AbstractField | None) -> int | None:
-    """How many maps the extrusion that was done last has, in each region; None if it was no extrusion."""
+    """Count the maps of the last extrusion, in each region; None if the last step is no extrusion."""
     if isinstance(field, Composed):
         field = field.then
     planar = None if field is None else cut_plane(field, MOST_MAPS)
@@ -361,7 +361,7 @@ def _planar(planar: CutPlane, shown: ShownVolume, grid: Grid, map_size: int) -> 
 
 
 def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
-    """How far the last step looks beyond the box, where the steps before it must be known too."""
+    """Distance by which the last step looks beyond the box, where the steps before it must be known too."""
     if planar is None:
         return 0.0
     raster = map_raster(planar.first, grid, min(map_size, 64))
@@ -407,7 +407,7 @@ def _cut_space(chain: CutChain, frame: NDArray[np.float64],
 
 
 def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
-    """Whether two extrusions are the same but for one map, so that a page which knows that map needs no other.
+    """Check whether two extrusions are the same but for one map, so that a front end with that map needs no other.
 
     A page that follows an editor divides that map by the editor's cuts itself, if there is no other.
     """
@@ -427,14 +427,14 @@ def _same_maps(index: int, old: Extrusion, new: Extrusion) -> bool:
 
 
 def equal_fields(a: Any, b: Any) -> bool:
-    """Whether two fields or regions hold the same numbers."""
+    """Check whether two fields or regions hold the same numbers."""
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
     same_form = form == other_form  # type: ignore[operator]  # jax's stub of it says nothing of equality
     return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))
 
 
 def card_frames(maps: TimeMaps, shown: ShownVolume, output: Grid | None, map_size: int) -> CardMaps:
-    """What :func:`~deformnb.widgets.textures.card_maps` says of one moment, with the maps of all.
+    """Textures of one moment, as of :func:`~deformnb.widgets.textures.card_maps`, with the maps of all.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ class Worker:
 
 
 class _Queue:
-    """What waits, shared by the thread and its owner; it knows neither."""
+    """Queue of jobs, shared by the thread and its owner, with a reference to neither."""
 
     def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None,
                  is_kept: Callable[[], bool]) -> None:
@@ -266,7 +266,7 @@ _IS_PART = ContextVar("_IS_PART", default=False)
 
 @contextmanager
 def parts_of_another() -> Iterator[None]:
-    """What is made meanwhile belongs to a widget that closes it, and not to the cell that runs."""
+    """Context in which new widgets belong to a widget that closes them, and not to the cell that runs."""
     before = _IS_PART.set(True)
     try:
         yield

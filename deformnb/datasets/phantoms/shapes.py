@@ -239,7 +239,7 @@ class Blend:
 
 @dataclass(frozen=True)
 class Both:
-    """Where all the solids are: their intersection. Those in ``minus`` are taken away."""
+    """Intersection of solids. Those in ``minus`` are taken away."""
 
     solids: tuple[Solid, ...]
     minus: tuple[Solid, ...] = ()

@@ -94,7 +94,7 @@ def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
 
 
 def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list[NDArray[np.float64]]:
-    """Where lines of a picture are after its deformation, in pieces where the map folds and at cuts."""
+    """Lines of a picture after its deformation, in pieces where the map folds and at cuts."""
     places = np.concatenate(lines)
     moved, found = warp_points(places, fit)
     region = np.zeros(len(places), dtype=int)
@@ -239,7 +239,7 @@ class Editor(EditedPoints):
 
     @property
     def picture(self) -> Picture | None:
-        """What is seen behind the points; setting another one keeps the points."""
+        """Picture behind the points; setting another one keeps the points."""
         return self._picture
 
     @picture.setter

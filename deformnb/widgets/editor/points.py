@@ -82,14 +82,14 @@ def _is_length(value: Any) -> bool:
 
 PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
-"""What checks a value of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
+"""Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
 SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
 """The same for an editor in space."""
 
 
 class SpaceHandTraits(traitlets.HasTraits):
-    """How a hand works in space: the plane of its mirror, and the lattice to which targets keep."""
+    """Pointer settings in space: the plane of its mirror, and the lattice to which targets keep."""
 
     mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
     snap = traitlets.Float(0.0).tag(sync=True)
@@ -140,7 +140,7 @@ class EditedPoints(SyncedWidget):
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
     chooses_support = True
-    """Whether ``chosen_support`` follows the points; False where a session says what it is."""
+    """True if ``chosen_support`` follows the points; False where a session sets it."""
 
     next_id = traitlets.Int(0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
@@ -216,7 +216,7 @@ class EditedPoints(SyncedWidget):
             self.send({"type": "done", "sender": message.sender, "seq": message.seq})
 
     def _read(self, content: Any) -> Message | None:
-        """What a message of the page says; None for what is none."""
+        """Parse a message of the front end; None for one of no known kind."""
         return message_from_page(content, self.next_id, self.points.dim)
 
     def _take(self, message: Message) -> None:
@@ -252,7 +252,7 @@ class EditedPoints(SyncedWidget):
             super().set_state(state)
 
     def stats(self) -> dict[str, float]:
-        """What the page measured in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
+        """Measurements of the front end in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
 
         The first is how many pictures a second were drawn, the second the median from a movement of the hand to its
         picture. 0 before the first such drag, and where a page does not measure.

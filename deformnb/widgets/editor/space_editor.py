@@ -130,7 +130,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
     @property
     def volume(self) -> Volume:
-        """What is deformed; setting another one keeps the points."""
+        """Volume to deform; setting another one keeps the points."""
         return self._pictures.volume
 
     @volume.setter
@@ -144,7 +144,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
     @property
     def before(self) -> AbstractField | None:
-        """What was done to the volume before this step: a backward field in space, or None."""
+        """Deformation before this step: a backward field in space, or None."""
         return self._before
 
     @before.setter
@@ -295,7 +295,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         self._offer()
 
     def _field(self, points: ControlPoints) -> AbstractField | None:
-        """What these points make of the volume; the last good field where they cannot be fitted, and why."""
+        """Field of these points; the last good one where they cannot be fitted, and the reason."""
         key = (points, self.volume, self._before, self._options, *(getattr(self, name) for name in _SETTINGS))
         with self._lock:
             held = self._made[0]
@@ -374,7 +374,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
 
 _ANSWERS = {"hello": SpaceEditor._hello, "look": SpaceEditor._look, "seen": SpaceEditor._seen}
-"""What is done about each kind of message, besides those about points."""
+"""Handlers of each kind of message, besides those about points."""
 
 
 def _is_same(a: Any, b: Any) -> bool:

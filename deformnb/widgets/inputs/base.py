@@ -59,7 +59,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _checked(self, value: Any) -> Any:
-        """What the page means, for callbacks and :meth:`_take`; DeformError for anything wrong."""
+        """Checked value of a message, for callbacks and :meth:`_take`; DeformError for anything wrong."""
 
     @abstractmethod
     def _take(self, edit: Any) -> Any:
@@ -74,7 +74,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         self.shown = {**shown, "seen": dict(self._seen)}
 
     def _told(self, edit: Any) -> Any:
-        """What callbacks get of an edit."""
+        """Arguments of the callbacks of an edit."""
         return edit
 
     def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
@@ -148,12 +148,12 @@ def _envelope(content: Any) -> tuple[int, str, str]:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is a whole number that JavaScript counts exactly."""
+    """Check whether this is a whole number that JavaScript counts exactly."""
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
 
 
 def is_number(value: Any) -> bool:
-    """Whether this is a finite number of ordinary size."""
+    """Check whether this is a finite number of ordinary size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 

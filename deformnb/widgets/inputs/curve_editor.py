@@ -49,7 +49,7 @@ def values_of(nodes: Nodes, z: ArrayLike, smooth: bool = False) -> NDArray[np.fl
 
 
 def fewest_values(nodes: Nodes) -> int:
-    """How many values at equal steps hold the straight lines through nodes exactly, at most 129.
+    """The fewest values at equal steps that hold the straight lines through nodes exactly, at most 129.
 
     >>> fewest_values(((0, 0), (0.25, 1), (1, 1)))
     5
@@ -133,7 +133,7 @@ class _CurveTrait(traitlets.TraitType[Curve, Curve]):
 
 @dataclass(frozen=True)
 class _Edit:
-    """What the page asks for: nodes, or a formula."""
+    """Request of the front end: nodes, or a formula."""
 
     nodes: Nodes
     smooth: bool

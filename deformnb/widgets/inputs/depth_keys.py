@@ -28,7 +28,7 @@ _KINDS = {"move": 0, "add": 1, "remove": -1, "select": 0}
 
 @dataclass(frozen=True)
 class KeyEdit:
-    """What was done to the keys.
+    """Edit of the keys.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ LONGEST_NAME = 100
 """Characters of a name that a page gives."""
 
 COMMANDS = ("rename", "up", "down", "double", "remove")
-"""What a row may have a button for."""
+"""Commands for which a row may have a button."""
 
 ActCallback = Callable[[str, int, Any], None]
 """Called with "choose", "switch" or one of :data:`COMMANDS`, the row's number, and True, False or a name."""
@@ -121,5 +121,5 @@ class ItemList(SyncedWidget):
 
 
 def _identity(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What tells a row from another one at its place."""
+    """Identity of a row, which distinguishes it from another one at its place."""
     return row.get("name"), row.get("title"), row.get("swatch"), row.get("id")

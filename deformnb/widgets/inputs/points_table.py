@@ -29,10 +29,10 @@ from deformnb.widgets.synced import SyncedWidget
 _LOG = logging.getLogger(__name__)
 
 FIELDS = ("name", "active", "locked", "source", "target", "weight", "radius")
-"""What of a point can be written."""
+"""Fields of a point that can be edited."""
 
 ACTS = ("cell", "add", "remove", "reset", "lock", "switch", "look", "paste", "undo", "redo", "seen")
-"""What a page asks for."""
+"""Actions that a front end may request."""
 
 _LONGEST_VIEW, _VIEWS = 40, 16
 _SWITCHES = ("active", "locked")
@@ -40,7 +40,7 @@ _SWITCHES = ("active", "locked")
 
 @dataclass(frozen=True)
 class TableAct:
-    """What a page's user wants done.
+    """Action requested by a user of the table.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class PointsTable(SyncedWidget):
 
     @property
     def is_seen(self) -> bool:
-        """Whether a page shows the table where somebody can see it."""
+        """True if the table is visible in a front end."""
         return any(self._seen.values())
 
     def show(self, points: ControlPoints, errors: NDArray[np.float64] | None = None,

@@ -81,7 +81,7 @@ class TransferEditor(AbstractEdited):
 
     @property
     def volume(self) -> Volume:
-        """Whose values they are for; setting another one keeps a preset's name, or else the nodes."""
+        """Volume whose values the colours are for; setting another one keeps a preset's name, or else the nodes."""
         return self._volume
 
     @volume.setter

@@ -70,7 +70,7 @@ class Control:
             self.widget.value = value
 
     def _shows(self, shown: Any, value: Any) -> bool:
-        """Whether the widget shows this value: a slider's page rounds it to its step, and tells so as if by hand."""
+        """Check whether the widget shows this value: a slider rounds it to its step, and reports that as an edit."""
         if not _is_slider(self.widget):
             return bool(shown == value)
         if isinstance(self.widget, ipw.FloatLogSlider):
@@ -119,7 +119,7 @@ def row(*widgets: Any) -> ipw.HBox:
 
 
 class _Depth(threading.local):
-    """How often a thread is inside something; each has a number of its own, for several refresh a panel at once."""
+    """Nesting depth of a thread; each has a number of its own, for several refresh a panel at once."""
 
     depth = 0
 
@@ -177,7 +177,7 @@ class Panel:
 
 
 class PicturePanel(Panel):
-    """What the picture shows: from which side, by which projection, which slice."""
+    """Picture panel: side, projection, slice."""
 
     title = "Picture"
 
@@ -218,7 +218,7 @@ class PicturePanel(Panel):
 
 
 class MapPanel(Panel):
-    """How the drags are interpolated: kernel, support radius, trend, smoothing."""
+    """Interpolation panel: kernel, support radius, trend, smoothing."""
 
     title = "Interpolation"
 
@@ -257,7 +257,7 @@ class MapPanel(Panel):
 
 
 class LookPanel(Panel):
-    """How the volume is shown: projection, colours and opacities."""
+    """Display panel of the volume: projection, colours and opacities."""
 
     title = "Look"
 
@@ -281,7 +281,7 @@ class LookPanel(Panel):
 
 
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
-    """What is always at hand: strength, what the view shows, reset."""
+    """Controls that are always visible: strength, display mode of the view, reset."""
     panel = Panel(session, guard)
     strength = slider("Strength", -1.0, 3.0, 0.01,
                       "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",

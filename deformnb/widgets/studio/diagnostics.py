@@ -38,7 +38,7 @@ from deformnb.widgets.packed_volume import unit_of
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
                  ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
-"""What can be laid over a picture, in the words of a menu."""
+"""Overlays of a picture, with the labels of a menu."""
 
 _AGREE = "All points agree with one another."
 _UNKNOWN = "Too few points to tell which of them disagree."
@@ -107,7 +107,7 @@ def judge(step: Step, key: int, grid: Grid) -> Judgement:
 
 
 def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
-    """Where matter is asked to go forth and back: all over the middle slice, or the volume."""
+    """Places of tissue for the round trip: all over the middle slice, or the volume."""
     if step.plane is not None:
         raster = picture_raster(step.plane, grid, _TRIPS_ON_PLANE)
         depth = sum(step.plane.depth_range(grid)) / 2
@@ -144,7 +144,7 @@ def length_text(value: float) -> str:
 
 
 def point_name(points: ControlPoints, point: int) -> str:
-    """What a point is called in a panel."""
+    """Label of a point in a panel."""
     name = points.names[points.index(point)]
     return f"point {point} ({name[:40]})" if name else f"point {point}"
 
@@ -210,7 +210,7 @@ def _texts(found: Judgement) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Haze:
-    """How little is known of a map, as an editor shows it.
+    """Uncertainty overlay of a map, as an editor shows it.
 
     Parameters
     ----------

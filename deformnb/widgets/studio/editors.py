@@ -67,7 +67,7 @@ def show_step(editor: Any, session: Session) -> None:
 
 
 def _box_on_picture(session: Session) -> list[float]:
-    """Where the result's box reaches on the picture, (a0, a1, b0, b1); empty for the volume's own."""
+    """Outline of the result's box on the picture, (a0, a1, b0, b1); empty for the volume's own."""
     if session.output is None:
         return []
     corners = session.plane.to_plane(session.output.corners())[:, :2]
@@ -80,7 +80,7 @@ def _options(session: Session) -> dict[str, Any]:
 
 
 class StudioEditors:
-    """What stands on the left of a studio.
+    """The editors on the left of a studio.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class StudioEditors:
         return made
 
     def make_picture(self) -> Picture | AbstractField | None:
-        """What the editor of this step shows behind its points: takes time, and changes nothing yet."""
+        """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
         session = self._session
         return session.picture() if session.step.plane is not None else session.before()
 
@@ -170,7 +170,7 @@ _STANDS = 1e-6  # of a direction's length: less is a rounding error of the page
 
 
 def picture_key(session: Session) -> Any:
-    """What a picture depends on: the steps before the one being edited, its plane, and how it is projected."""
+    """Key of a picture, of all that it depends on: the steps before the edited one, its plane, and the projection."""
     s = session
     return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
             s.depth if s.method == "slice" else 0.0, s.deformation.mode,
@@ -207,7 +207,7 @@ class StudioPicture:
 
     @property
     def is_shown(self) -> bool:
-        """Whether the editor shows the picture that the session asks for."""
+        """True if the editor shows the picture that the session requires."""
         return bool(self._shown == self._wanted())
 
     def renew(self) -> bool:
@@ -264,7 +264,7 @@ class StudioPicture:
 
 
 def looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two cameras look the same way; how near they stand does not count."""
+    """Check whether two cameras have the same direction; their distance does not count."""
     return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))
 
 

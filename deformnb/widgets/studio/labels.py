@@ -21,7 +21,7 @@ _STROKE = re.compile(r"(smudge|expand|shrink) \d+")
 
 
 def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> str:
-    """What was done to a set of points; ``kind`` is what the page calls it, where it was one.
+    """Label of an edit of a set of points; ``kind`` is the front end's name of it, where it was one.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
 
 def history_rows(nodes: Sequence[HistoryNode],
                  earlier: Sequence[SavedSession] = ()) -> tuple[list[dict[str, Any]], int]:
-    """What a list of these states and of earlier sessions shows, and the place in it of the state that is shown.
+    """Rows of a list of these states and of earlier sessions, and the index among them of the current state.
 
     Earlier sessions come last; their ids are -1, -2 and so on.
     """
@@ -139,7 +139,7 @@ def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:
 
 
 def _done(nodes: Sequence[HistoryNode]) -> set[int]:
-    """What the state that is shown was made by: itself and those before it."""
+    """The states that made the current one: itself and those before it."""
     parents = {node.id: node.parent for node in nodes}
     at, done = next((node.id for node in nodes if node.is_current), None), set[int]()
     while at is not None:

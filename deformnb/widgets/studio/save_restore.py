@@ -74,7 +74,7 @@ class RestoreBar(SyncedWidget):
 
     @property
     def recovery(self) -> Recovery:
-        """What writes and restores."""
+        """Recovery, which writes and restores."""
         assert self._recovery is not None
         return self._recovery
 

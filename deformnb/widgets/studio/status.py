@@ -60,7 +60,7 @@ def as_html(text: str, is_error: bool = False) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """What an error says; one that nobody has foreseen is logged."""
+    """Message of an error; an unexpected one is logged."""
     if not isinstance(error, DeformError):
         _LOG.error("an action of the studio failed", exc_info=error)
     return _in_words(error)

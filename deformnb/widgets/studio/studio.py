@@ -55,7 +55,7 @@ from deformnb.widgets.worker import (
 
 WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
            "something: draw a cut across it, then drag a point on either side of the cut apart.")
-"""What a studio says before anything was dragged."""
+"""Status of a studio before anything was dragged."""
 
 VIEW_KINDS = ("live", "vtk")
 """Views by name: rendered in the browser, or by VTK in Python."""
@@ -155,7 +155,7 @@ def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
 
 
 def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
-    """How long Python took for the last edit, and a picture of the view while something moves; empty for neither.
+    """Time that Python took for the last edit, and for a picture of the view in motion; empty for neither.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
 
 
 def status_text(session: Session, latency: str = "", found: Judgement | None = None) -> str:
-    """How many points there are, what is edited, whether it folds and comes back, and how long that took."""
+    """Status line: number of points, edited step, folds and round trip, and the time that these took."""
     step = session.step
     moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
     facts = [f"{len(session.points)} points, {moved} dragged"]
@@ -484,7 +484,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_all(view)
 
     def stats(self) -> dict[str, Any]:
-        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
+        """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
         ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
         picture followed the hand in the last drag: ``drag_hz`` and ``picture_ms``, of
@@ -539,7 +539,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _display_(self) -> Any:
-        """What marimo shows, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
+        """Display in marimo, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")

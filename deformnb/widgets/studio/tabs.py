@@ -26,7 +26,7 @@ from deformnb.widgets.worker import Worker
 
 @dataclass(frozen=True)
 class PanelParts:
-    """What panels may need of a studio.
+    """Parts of a studio that panels may need.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ class AbstractView(ABC):
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
     def seen(self) -> Seen:
-        """What this view shows now, apart from the deformation: what a picture in a file needs to show the same."""
+        """Display settings of this view, apart from the deformation, with which a picture in a file shows the same."""
         from deformnb.session.exports import Seen
         from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
 
@@ -204,7 +204,7 @@ def check_map(field: AbstractField | None, index: int) -> None:
 
 
 def state_followed(editor: Any, index: int) -> dict[str, Any]:
-    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
+    """State of an editor of which a field is made, so that its front end knows whether it has gone on since."""
     shapes = ("cuts", "cut_rule", "parts")
     state = editor.get_state(["points", *shapes])
     return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in shapes}}
@@ -290,11 +290,11 @@ class Following:
         editor.observe(self._changed, _OBSERVED)
 
     def goes_on(self, editor: Any, index: int) -> bool:
-        """Whether it is this map of this editor that is followed."""
+        """Check whether it is this map of this editor that is followed."""
         return editor is self._editor and index == self._refit.index
 
     def show(self, field: AbstractField) -> Callable[[], AbstractField | None]:
-        """What makes another field, as the editor has it now: what a hand is dragging does not jump back."""
+        """Maker of another field, in the editor's current state: a point that is being dragged does not jump back."""
         self._refit.put(field)
         moving = self._moving
         if moving is None or self._editor.edit_under_way is not None or moving[0] == self._editor.points:

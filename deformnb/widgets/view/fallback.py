@@ -53,7 +53,7 @@ class StandIn:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What a page must know of the box that is seen; it is told when that is another one."""
+        """Facts for a front end about the visible box, sent again when that is another one."""
         return dict(self._view.volume_info)
 
     def show(self, volume: Volume, field: AbstractField | None, output: Grid | None,
@@ -98,7 +98,7 @@ class StandIn:
             self._player = None
 
     def stats(self) -> dict[str, Any]:
-        """What was measured: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
+        """Measurements: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
         return self._view.stats()
 
     def close(self) -> None:

@@ -93,11 +93,11 @@ class AbstractMoments(traitlets.HasTraits):
 
     @property
     def moments(self) -> TimeMaps | None:
-        """What a player goes through now, if anything."""
+        """Moments that a player goes through now, if any."""
         return self._moments
 
     def _at_present(self, field: AbstractField | None) -> AbstractField | None:
-        """What is seen now: the moment of the player, if it plays something, else a field."""
+        """The current field: the moment of the player, if it plays something."""
         return field if self._moments is None else self._moments.field(self.player.time)
 
 
@@ -262,7 +262,7 @@ class AnswersPages(AbstractMoments):
         self._send_field(0, view)
 
     def _make_smaller(self, largest: int, voxels: int) -> bool:
-        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
+        """Reduce the voxels for a GPU that holds no more along an axis, or in all; True if that was necessary."""
         with self._lock:
             self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
             size = None if self._shown is None else self._shown.volume.grid
@@ -318,7 +318,7 @@ _ANSWERS: dict[str, Callable[[AnswersPages, str, dict[str, Any], list[Any]], Non
     "drawn": AnswersPages._drawn, "seen": AnswersPages._seen, "screenshot": AnswersPages._screenshot,
     "stats": AnswersPages._stats,
 }
-"""What is done about each kind of message."""
+"""Handlers of each kind of message."""
 
 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
@@ -572,7 +572,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         return bundle if self._shown is None else with_png(bundle, self.preview_png)
 
     def stats(self) -> dict[str, Any]:
-        """What the page measured last, and what was sent.
+        """Last measurements of the front end, and counts of sent data.
 
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
         ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the page), ``received`` (bytes); of Python

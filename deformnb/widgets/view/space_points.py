@@ -37,7 +37,7 @@ class ShowsPoints(traitlets.HasTraits):
     points_editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
 
     is_quick = False
-    """Whether what is shown is on its way, so that less of it will do."""
+    """True while the deformation is in motion, so that a coarser one will do."""
 
     show_deformation: Callable[..., None]
 

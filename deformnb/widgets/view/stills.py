@@ -185,7 +185,7 @@ def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[
 
 
 def _places(picture: Picture, height: float, size: tuple[int, int]) -> tuple[float, ...]:
-    """Where each pixel of a canvas lies in a picture: the plane's origin is the middle of the canvas."""
+    """Places in a picture of the pixels of a canvas: the plane's origin is the middle of the canvas."""
     a0, _, b0, _ = picture.raster.box
     d, step = picture.raster.spacing[0], height / size[1]
     return (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
@@ -251,7 +251,7 @@ class CoreScene:
 
     @property
     def volume(self) -> Volume:
-        """What is shown, before the deformation."""
+        """Volume before the deformation."""
         return self._volume
 
     def set_volume(self, volume: Volume) -> None:
@@ -288,11 +288,11 @@ class CoreScene:
         self._camera = checked_camera(camera)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen."""
+        """Set the display mode."""
         self._shows = shows
 
     def set_clip(self, clip: Clip) -> None:
-        """Which part of the box is seen."""
+        """Clip the box."""
         self._clip = checked_clip(clip)
 
     def set_size(self, size: tuple[int, int]) -> None:

@@ -41,13 +41,13 @@ class FrameSender:
 
     @property
     def may_send(self) -> bool:
-        """Whether few enough pictures are on their way; once it was False, :meth:`seen` returns True in the end."""
+        """True if few enough pictures are under way; once it was False, :meth:`seen` returns True in the end."""
         with self._lock:
             self._was_full = self._on_the_way() >= _IN_FLIGHT
             return not self._was_full
 
     def _on_the_way(self) -> int:
-        """How many frames the slowest page has yet to show; one that is silent for too long is not waited for."""
+        """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
         late = time.monotonic() - _LOST_AFTER
         for page, newest in list(self._seen.items()):
             if any(at < late for number, at in self._sent.items() if number > newest):
@@ -81,7 +81,7 @@ class FrameSender:
             return self._is_free_again()
 
     def lost(self) -> None:
-        """What is on its way comes to nobody: a page that is new was not there when it was sent."""
+        """Forget the frames under way, which nobody receives: a new front end was not there when they were sent."""
         with self._lock:
             self._sent.clear()
 
@@ -153,7 +153,7 @@ class Pacer:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether a state has been offered and not yet sent."""
+        """True if a state has been offered and not yet sent."""
         return self._timer is not None
 
     def offer(self) -> None:

@@ -68,7 +68,7 @@ class Pages:
         return bool(self._sizes)
 
     def put(self, name: str, content: dict[str, Any]) -> None:
-        """What a page says of itself: width and height in pixels, background; ValueError if that is wrong."""
+        """Store a front end's width and height in pixels and background; ValueError if they are wrong."""
         size = (whole(content.get("width"), 1, LARGEST), whole(content.get("height"), 1, LARGEST))
         with self._lock:
             self._sizes.pop(name, None)
@@ -90,7 +90,7 @@ class Pages:
 
 
 def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
-    """What a page must know to turn a camera around a volume: its axes, its sides and the box that is seen."""
+    """Facts that a front end needs to turn a camera around a volume: its axes, its sides and the visible box."""
     shown = ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
     names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
@@ -101,7 +101,7 @@ _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "wi
 
 
 TRANSPORTS = {"comm": "", "trame": "deformnb.app.notebook:TrameFrames"}
-"""How pictures reach a page, by name: over the notebook's own channel, or by what is imported once it is asked for."""
+"""Transports of pictures to a front end, by name: the notebook's own channel, or a module imported on request."""
 
 
 def check_transport(name: str) -> None:
@@ -248,7 +248,7 @@ _ANSWERS: dict[str, Callable[[ServesPages, str, dict[str, Any]], None]] = {
     "hello": ServesPages._resized, "size": ServesPages._resized, "camera": ServesPages._camera,
     "seen": ServesPages._seen, "bye": ServesPages._bye,
 }
-"""What is done about each kind of message."""
+"""Handlers of each kind of message."""
 
 
 class TellsFolds(traitlets.HasTraits):
@@ -257,7 +257,7 @@ class TellsFolds(traitlets.HasTraits):
     show_folds = traitlets.Bool(True).tag(sync=True)
 
     badge = ""
-    """What stands in a corner of the pictures, or an empty text."""
+    """Badge in a corner of the pictures, or an empty text."""
 
     shows: Any
     send: Callable[..., None]
@@ -451,7 +451,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     # -- the scene and its thread --------------------------------------------------------------------------------------
 
     def call(self, function: Callable[[Any], _Result]) -> _Result:
-        """What ``function(plotter)`` returns, called in the thread that renders; the picture is drawn again.
+        """Call ``function(plotter)`` in the thread that renders and return its result; the picture is drawn again.
 
         Parameters
         ----------
@@ -486,7 +486,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
 
     @property
     def _is_watched(self) -> bool:
-        """Whether the scene must stay: a page shows it, or it holds what only it knows."""
+        """True if the scene must stay: a front end shows it, or it holds state that only it has."""
         return bool(self._pages) or self._has_guests
 
     def _make(self) -> Any:
@@ -589,7 +589,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         return await asyncio.to_thread(self.still)
 
     def stats(self) -> dict[str, Any]:
-        """What was measured and sent.
+        """Measurements and counts of sent data.
 
         ``edit_ms`` (median of fitting and loading a deformation), ``frame_ms`` (of quick pictures), ``full_ms``,
         ``frames``, ``scale`` (share of the full width that quick pictures have), ``path`` ("texture", "array" or

@@ -37,7 +37,7 @@ _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a
 
 
 class Scene(Protocol):
-    """What a loop draws: :class:`~deformnb.widgets.vtk.scene.VtkScene` and whatever has these."""
+    """Scene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -115,7 +115,7 @@ class SceneLoop:
             self.touch()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.camera.SHOWS`; "flicker" delivers two. Draws nothing."""
+        """Set the mode, a name of :data:`~deformnb.widgets.camera.SHOWS`; "flicker" delivers two. Draws nothing."""
         self._shows = shows
 
     def touch(self) -> None:
@@ -127,11 +127,11 @@ class SceneLoop:
 
     @property
     def is_settled(self) -> bool:
-        """Whether all that was asked for so far has been delivered in full."""
+        """True if all requests so far have been delivered in full."""
         return self._settled == self._asked
 
     def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
-        """What ``function(scene)`` returns, called in the thread after all changes so far."""
+        """Call ``function(scene)`` in the thread after all changes so far, and return its result."""
         if self._thread.is_here:
             raise DeformError("this is the thread that renders, and would wait for itself; use what you were given.")
 

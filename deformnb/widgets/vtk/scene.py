@@ -66,7 +66,7 @@ def new_plotter() -> Any:
 
 
 def pixels(window: Any) -> Image:
-    """What a render window has drawn, (height, width, 3), without drawing it again."""
+    """Read the pixels of a render window, (height, width, 3), without drawing it again."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
@@ -78,7 +78,7 @@ def pixels(window: Any) -> Image:
 
 
 def has_overlay(plotter: Any, usual: int) -> bool:
-    """Whether something lies on the picture instead of in space: it would be drawn once in every part.
+    """Check whether something lies on the picture instead of in space: it would be drawn once in every part.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class SceneVoxels:
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
 
     def box(self, clip: Clip) -> Box:
-        """What is seen of the lattice; without a field of view up to the centres of the background around."""
+        """Visible box of the lattice; without a field of view up to the centres of the background around."""
         shares, margin = np.asarray(clip), 0.5 if self.output is None else 0.0
         low, high = self._cut_at(shares)
         return (np.where(shares[:, 0] > 0, low, self._low - margin),
@@ -252,7 +252,7 @@ _LIKE_WITH_CUTS = 3.2
 
 
 def is_like(image: Image, other: Image, *, has_cuts: bool = False) -> bool:
-    """Whether two pictures of a volume below, 96 x 96, show the same."""
+    """Check whether two pictures of a volume below, 96 x 96, show the same."""
     return float(np.abs(image.astype(int) - other.astype(int)).mean()) < (_LIKE_WITH_CUTS if has_cuts else _LIKE)
 
 
@@ -365,7 +365,7 @@ class VtkScene:
 
     @property
     def volume(self) -> Volume:
-        """What is shown, before the deformation."""
+        """Volume before the deformation."""
         return self._volume
 
     def set_volume(self, volume: Volume) -> None:
@@ -400,7 +400,7 @@ class VtkScene:
         self.folding.set(maps, wanted, output or grid)
 
     def _can(self, maps: CardMaps) -> bool:
-        """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
+        """Check whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
         has_cuts = bool((maps.content["planar"] or {}).get("cut"))
         is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))
         return not is_early and (self._is_trusted or not has_cuts or cuts_work())
@@ -434,12 +434,12 @@ class VtkScene:
         self._camera = checked_camera(camera)
 
     def set_clip(self, clip: Clip) -> None:
-        """Which part of the box is seen: shares along its axes as in a view's ``clip``."""
+        """Clip the box: shares along its axes as in a view's ``clip``."""
         self._clip = checked_clip(clip)
         self._apply_clip()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
+        """Set the display mode, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
         self._shows = known(shows, tuple(SHOWS), "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
@@ -606,7 +606,7 @@ class VtkScene:
 
 @cache
 def texture_works() -> bool:
-    """Whether VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
+    """Check that VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
 
     To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
     """

@@ -127,7 +127,7 @@ REPLACED_FOR_CUTS = {
        f"{g}.{x} = dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"
        for g, side in (("g1", "P"), ("g2", "N")) for k, x in enumerate(_AXES)},
 }
-"""What takes the place of VTK's words where there are cuts."""
+"""Replacements in VTK's shader for cuts."""
 
 
 def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside: str, space: str) -> str:
@@ -161,7 +161,7 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
 
 
 def _depth(side: Sequence[bool], away: str) -> str:
-    """How deep a place lies within a region, of its distances to the cuts."""
+    """Depth of a place within a region, of its distances to the cuts."""
     terms = [("-" if inside else "") + away.format(c) for c, inside in enumerate(side)]
     text = terms[0]
     for term in terms[1:]:
@@ -178,7 +178,7 @@ def _picked(name: str, count: int, index: str) -> str:
 
 
 RAY_HOOK = "//VTK::Base::Impl"
-"""What of VTK's template the text stands before: the first words of the loop along a ray."""
+"""Line of VTK's template before which the text is inserted: the first words of the loop along a ray."""
 
 # How a ray ends is written as VTK does it behind each sample.
 SKIP_EMPTY = """bool dnb_ends = false;
@@ -202,7 +202,7 @@ SKIP_EMPTY = """bool dnb_ends = false;
 """Goes on to the next sample that is not transparent, or leaves the loop along the ray."""
 
 REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = dnb_texel;"}
-"""What need not be looked up again behind it; nothing is wrong where VTK has no such words."""
+"""Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
 
 
 Float3 = NDArray[np.float64]
@@ -341,7 +341,7 @@ class VolumeWarp:
             add(theirs, False, replacement, True)
 
     def set_box(self, low: Float3, high: Float3, lattice: Grid, is_cut: Float3 | None = None) -> None:
-        """What can be seen: a box of indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
+        """Set the visible box, in indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
 
         Parameters
         ----------
@@ -362,7 +362,7 @@ class VolumeWarp:
         self._uniforms.SetUniformf("dnb_strength", strength)
 
     def set_folds(self, is_red: bool) -> None:
-        """Whether what the maps turn over is red, which is another shader."""
+        """Paint the tissue that the maps invert red, or not, which is another shader."""
         self._is_red = is_red
         self._inject(*self._what)
 
@@ -371,7 +371,7 @@ class VolumeWarp:
         self._uniforms.SetUniformf("dnb_fold_row", float(row))
 
     def set_projection(self, is_mip: bool, is_lit: bool) -> None:
-        """Whether the largest value of a ray is seen, for which what was cut away is background; whether slopes are."""
+        """Set maximum intensity projection, for which clipped voxels are background, and gradient shading."""
         self._uniforms.SetUniformf("dnb_is_mip", float(is_mip))
         self._is_lit = is_lit
         self._inject(*self._what)
@@ -489,7 +489,7 @@ class _Texture:
         self._texture.Activate()
 
     def unit(self) -> int:
-        """Which texture unit holds it."""
+        """Texture unit that holds it."""
         return int(self._texture.GetTextureUnit())
 
     def close(self) -> None:

@@ -21,13 +21,13 @@ HINTS = {
     "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
     "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
 }
-"""What a picture's step does by each rule, in words."""
+"""Hints on the effect of each rule on a picture's step."""
 
 _OF_ANOTHER = "A rule of extrusion of its own, with nothing to set here."
 _IN_SPACE = "Points in space have their own depth: there is nothing to extrude."
 
 Preview = Callable[[Step | None], None]
-"""What shows a step while it is being changed."""
+"""Function that shows a step while it is being changed."""
 
 
 class DepthPanel(Panel):

@@ -160,7 +160,7 @@ class FilesPanel(Panel):
             self._ended(job, f"Stopped; {job.path.name} was not written.")
 
     def _ended(self, job: Job, said: str) -> bool:
-        """Whether this was still awaited, and nothing is any more."""
+        """End the wait for a job with a message; False if it was awaited no more."""
         with self._ending:
             if self._job is not job:
                 return False
@@ -239,7 +239,7 @@ class Job:
         self._lock = threading.Lock()
 
     def cancel(self) -> bool:
-        """Whether the file will not be there; False once it takes its place, which takes no time."""
+        """Cancel the writing; True if there will be no file, False once it takes its place, which takes no time."""
         with self._lock:
             self.is_cancelled = not self._is_landing
             return self.is_cancelled
@@ -322,7 +322,7 @@ def _size(path: Path) -> str:
 
 
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
-"""What the result's box may be, in words and by name."""
+"""Choices of the result's box, as labels and names."""
 
 _OWN = ("a box of its own", "own")  # that somebody gave by code
 

@@ -166,7 +166,7 @@ class PointsPanel(Panel):
         self._said = f"Point {new} added."
 
     def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where what is seen at a place comes from: a new point there moves nothing."""
+        """Source of a visible place: a new point there moves nothing."""
         try:
             way = np.asarray(self._editors.current.fit().displacement(place)) / (self.session.step.strength or 1.0)
         except DeformError:  # nothing is fitted yet

@@ -115,7 +115,7 @@ class FitTarget:
         return replace(warp(volume, made.field(volume.grid), progress=progress), name=path.stem)
 
     def pair(self) -> tuple[Pictured, Pictured]:
-        """What is deformed and what it shall look like: pictures of the same side, or volumes for points in space."""
+        """Moving and fixed image: pictures of the same side, or volumes for points in space."""
         target, session = self.volume, self._session
         if target is None:
             raise DeformError("choose a target first: a volume, or the session file of another result.")
@@ -197,7 +197,7 @@ _OUTLINE = "outline "
 
 @dataclass(frozen=True)
 class Begun:
-    """What a fit began with, of this moment."""
+    """State of the session with which a fit began."""
 
     deformation: Deformation
     index: int
@@ -209,7 +209,7 @@ class Begun:
     settings: dict[str, Any]
 
     def is_overtaken(self, session: Session) -> bool:
-        """Whether something was edited, or another step chosen, since."""
+        """Check whether something was edited, or another step chosen, since."""
         return (session.deformation, session.index, session.key) != (self.deformation, self.index, self.key)
 
 

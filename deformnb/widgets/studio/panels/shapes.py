@@ -74,7 +74,7 @@ def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple
 
 
 class PartControls(Panel):
-    """What the rigid part that is chosen does.
+    """Controls of the chosen rigid part.
 
     Parameters
     ----------

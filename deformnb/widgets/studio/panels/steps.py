@@ -23,7 +23,7 @@ from deformnb.widgets.studio.labels import go_to, history_rows
 from deformnb.widgets.worker import weakly
 
 MODES = {"compose": "one after the other", "blend": "added up"}
-"""How steps make one deformation, in words."""
+"""Labels of the compositions of steps."""
 
 _HINTS = {
     "compose": "Each step deforms what those above it have made.",
@@ -86,12 +86,12 @@ def _row(step: Step, view: str | None) -> dict[str, Any]:
 
 
 def side_words(step: Step, view: str | None) -> str:
-    """Where a step lies, in words."""
+    """Plane of a step, in words."""
     return "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
 
 
 def shapes_words(step: Step) -> str:
-    """What lies on a step besides points, in words; empty for nothing."""
+    """Shapes of a step besides its points, in words; empty for none."""
     found = (("cut", step.cuts), ("rigid part", step.parts))
     counts = [(name, sum(shape.enabled for shape in shapes)) for name, shapes in found]
     return ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts if count)

@@ -255,7 +255,7 @@ class ThompsonPanel(Panel):
 
 
 def in_words(strength: float) -> str:
-    """What a strength does to a drawing.
+    """Effect of a strength on a drawing, in words.
 
     Examples
     --------
