@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 
 _PACKAGE = str(Path(__file__).parent)
-_SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that asks for one line
+_SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that prints one line
 
 
 class _ShortInNotebooks:

@@ -27,26 +27,30 @@ Array = NDArray[np.float64]
 MOST = 8.0
 """A box is made as large as this many times the voxels of the volume, and no larger."""
 
-# Boxes along the longest axis: enough that their corners lie close to the matter, few enough to be followed at once.
+# Boxes along the longest axis: enough that their corners lie close to the foreground, few enough to be followed at
+# once.
 _BLOCKS = 16
 
 # Newton's method may end at this share of a voxel, and a box may cut off as much.
 _EXACT = 0.02
 _SLACK = 0.05
 
-# Voxels more on a side that grows: a bent face may stick out between two corners, and the voxels around matter fade.
+# Voxels more on a side that grows: a bent face may stick out between two corners, and the voxels around foreground
+# fade.
 _RIM = 1
 
 # Nodes along each axis of the lattice that is looked up backwards, how far it goes beyond what was found, and how often
-# it is made anew because matter lies on its edge.
+# it is made anew because foreground lies on its edge.
 _NODES = 24
 _AROUND = 0.15
 _ROUNDS = 8
 
-# Matter that a fold shows apart from the rest is looked for as far away from the volume as these shares of its edges.
+# Foreground that a fold shows apart from the rest is looked for as far away from the volume as these shares of its
+# edges.
 _SCALES = (0.2, 0.6, 1.8)
 
-# Matter leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through tissue.
+# Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
+# tissue.
 _LEAVES = 0.01
 
 # With the letters that views show at their edges: in a picture from the front, left is on the right.
@@ -137,7 +141,7 @@ def matter_of(volume: Volume) -> Matter:
 
 
 def landed(matter: Matter, field: AbstractField | None) -> Array:
-    """Places (n, 3) in space that deformed matter reaches, the outermost among them.
+    """Places (n, 3) in space that deformed foreground reaches, the outermost among them.
 
     Parameters
     ----------
@@ -165,7 +169,7 @@ def landed(matter: Matter, field: AbstractField | None) -> Array:
 
 
 def _beside_nodes(matter: Matter, followed: Array, places: Array) -> Array:
-    """Two corners of the box of places, a cell of the lattice farther where only its nodes have found matter."""
+    """Two corners of the box of places, a cell of the lattice farther where only its nodes have found foreground."""
     (first, last), (low, high) = _box(matter, followed), _box(matter, places)
     cell = (high - low) * (1 + 2 * _AROUND) / (_NODES - 1)
     low, high = np.where(low < first - 1, low - cell, low), np.where(high > last + 1, high + cell, high)
@@ -190,7 +194,7 @@ def _lattice(matter: Matter, low: Array, high: Array) -> Array:
 
 
 def _looked_up(matter: Matter, field: AbstractField, low: Array, high: Array, around: Array) -> tuple[Array, bool]:
-    """The nodes of a lattice around a box at which matter is seen, and whether it is seen on the lattice's edge."""
+    """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
     nodes = _lattice(matter, low - around, high + around)
     seen = matter.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
     at_edge = any(bool(np.take(seen, (0, -1), axis=axis).any()) for axis in range(3))
@@ -199,12 +203,12 @@ def _looked_up(matter: Matter, field: AbstractField, low: Array, high: Array, ar
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The box that deformed matter needs.
+    """The box that deformed foreground needs.
 
     Parameters
     ----------
     grid : the volume's own lattice of voxels, with as many more on each side as it takes.
-    is_limited : whether it takes more than may be, so that some matter is cut off still.
+    is_limited : whether it takes more than may be, so that some foreground is cut off still.
     """
 
     grid: Grid
@@ -212,7 +216,7 @@ class FieldOfView:
 
 
 def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most: float = MOST) -> FieldOfView:
-    """The volume's grid, made as much larger as deformed matter needs, by whole voxels; it is never made smaller.
+    """The volume's grid, made as much larger as deformed foreground needs, by whole voxels; it is never made smaller.
 
     Parameters
     ----------

@@ -131,8 +131,8 @@ def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | R
     Parameters
     ----------
     make_field : the field of a share t of the drag, from 0 to 1. One that cannot be fitted (DeformError) is not safe.
-    lattice : where the determinant is asked for.
-    least : the smallest determinant that is still safe; the default shows matter at most twenty times its size.
+    lattice : the nodes at which the determinant is evaluated.
+    least : the smallest determinant that is still safe; the default shows tissue at most twenty times its size.
 
     Returns
     -------

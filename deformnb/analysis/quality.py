@@ -33,7 +33,7 @@ from deformnb.rbf.trends import TRENDS, Span, ridge_of, steadied, thin_direction
 _ALONE = 1e-9
 
 STRAIN = 0.5
-"""Leave-one-out errors of this share of the way to the nearest point ask for a strain that is near to a fold."""
+"""Leave-one-out errors of this share of the way to the nearest point require a strain that is near to a fold."""
 
 # An error must stand out from those of the other points, or all of them disagree and none is to blame. Measured in
 # standard deviations of what the others could know: errors at the edge of a set are large without anybody's fault. Of
@@ -52,7 +52,7 @@ class FitQuality:
     residual : (N, dim) D(target) - (source - target): what smoothing left; zero but for rounding without it.
     leave_one_out : (N, dim) source - target less what the fit of all other points displaces the target by.
     disagreement : (N,) length of that over the distance to the nearest target at another place: the strain that this
-        point alone asks for. Zero for a single point.
+        point alone requires. Zero for a single point.
     suspects : ids of points that disagree with their neighbours; see :func:`fit_quality`.
     energy : alpha^T Phi alpha of all components, in squared lengths: the squared norm of the bending part in the
         kernel's own space. Comparable between fits of one kernel and support. NaN beside radii of their own.

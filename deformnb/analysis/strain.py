@@ -40,7 +40,7 @@ class Stretches:
 
 
 def stretches(field: AbstractField, points: ArrayLike) -> Stretches:
-    """The principal stretches of matter that the deformation has brought to points (..., dim).
+    """The principal stretches of tissue that the deformation has brought to points (..., dim).
 
     Parameters
     ----------

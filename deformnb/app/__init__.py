@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 IDLE_MINUTES = 240.0
-"""The server ends when no page was connected for so long; a lesson begins an hour after it was started."""
+"""The server ends when no client was connected for so long; a lesson begins an hour after it was started."""
 
 VIEWERS = ("live", "vtk")
 """Renderers of the volume: in the client, or by VTK on the server, which sends pictures."""

@@ -25,9 +25,9 @@ from deformnb.errors import DeformError
 from deformnb.widgets.inputs.base import is_whole
 
 TOPIC = "deformnb.widget"
-"""Under which pages hear of messages for their widgets."""
+"""Under which clients hear of messages for their widgets."""
 
-_MOST_WAITING = 256  # messages of pages that wait for the desk; a hand on a slider never gets there
+_MOST_WAITING = 256  # messages of clients that wait for the desk; a user on a slider never gets there
 _LONGEST_NAME = 64
 
 # Of the widgets' traits what belongs to Jupyter.
@@ -56,7 +56,7 @@ class PageComm(BaseComm):
 
 
 class Bridge:
-    """Between one desk and the pages of one server.
+    """Between one desk and the clients of one server.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ class Bridge:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._root: Any = None
         self._waiting = 0
-        self.others: Callable[[], list[str]] = list  # pages but for the one whose message is being answered
-        self._newest: dict[str, int] = {}  # number of the last value that a page has set a control to
+        self.others: Callable[[], list[str]] = list  # clients but for the one whose message is being answered
+        self._newest: dict[str, int] = {}  # number of the last value that a client has set a control to
         self._done: dict[str, int] = {}  # and of the one that the desk has come to
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
@@ -86,7 +86,7 @@ class Bridge:
         self.desk.thread.call(self._tell)  # what has changed before there was a loop
 
     def close(self) -> None:
-        """Say no more to the pages."""
+        """Say no more to the clients."""
         self._root = None
 
     def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
@@ -94,13 +94,13 @@ class Bridge:
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function, *args)
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the clients ------------------------------------------------------------------------------------------------
 
     def _to_pages(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
         kind = data.get("method")
         if kind == "custom":
             message = {"widget": name, "content": data["content"], "buffers": buffers}
-        elif kind == "update":  # echoes are for front ends that share a kernel; pages are told in _relay
+        elif kind == "update":  # echoes are for front ends that share a kernel; clients are told in _relay
             message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
         else:
             return
@@ -111,7 +111,7 @@ class Bridge:
             self._root.publish(TOPIC, message)
 
     def _tell(self) -> None:
-        """The desk's values to the pages, but for those that a page has set anew meanwhile."""
+        """The desk's values to the clients, but for those that a client has set anew meanwhile."""
         self.in_loop(self._push, self.desk.state())
 
     def _push(self, values: dict[str, Any]) -> None:
@@ -122,7 +122,7 @@ class Bridge:
     def _picture(self, data: bytes, about: dict[str, Any]) -> None:
         self.in_loop(lambda: self._root and self._trame.protocol_call("trame.rca.push", AREA, about, data))
 
-    # -- from a page ---------------------------------------------------------------------------------------------------
+    # -- from a client -------------------------------------------------------------------------------------------------
 
     def answers(self) -> dict[str, Answer]:
         """Remote procedures of a client, by name; each checks its arguments."""
@@ -161,7 +161,7 @@ class Bridge:
         self._remote.seen(number, page)
 
     async def _open(self, name: str) -> dict[str, Any]:
-        """All that a page must know of a widget to show it."""
+        """All that a client must know of a widget to show it."""
         widget = self._widget(name)
 
         def look() -> dict[str, Any]:
@@ -174,7 +174,7 @@ class Bridge:
         self._widget(name)
         if not isinstance(content, dict):
             raise DeformError("a message is an object.")
-        picture = self.desk.pictures  # which one the page has done it on
+        picture = self.desk.pictures  # which one the client has done it on
         self._later(lambda: self.desk.receive(name, {"method": "custom", "content": content}, picture))
 
     def _state(self, name: str, page: str, state: dict[str, Any]) -> None:
@@ -185,14 +185,14 @@ class Bridge:
         def take() -> None:
             try:
                 self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
-            finally:  # taken or refused: the page of origin goes before what we say of these traits until it hears this
+            finally:  # taken or refused: the client of origin goes before what we send of these until it gets this
                 now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
                 self.in_loop(self._publish, {"widget": name, "state": now, "origin": page})
 
         self._later(take)
 
     def _set(self, changes: list[dict[str, Any]]) -> None:
-        """trame's message of variables that a page has changed: our controls, and nothing else."""
+        """trame's message of variables that a client has changed: our controls, and nothing else."""
         if not isinstance(changes, list) or len(changes) > len(self.desk.controls):
             raise DeformError("a list of changes.")
         for change in changes:
@@ -202,7 +202,7 @@ class Bridge:
             value = self.desk.controls[name].checked(change.get("value"))
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
-            # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
+            # Other clients follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
             # who has spoken last when it sends, not now, and may so leave out another: hence twice.
             self._root.push_state_change({name: value}, skip_last_active_client=True)
             for client in self.others():

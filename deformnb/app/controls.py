@@ -41,7 +41,7 @@ class AbstractControl(ABC):
         Raises
         ------
         DeformError
-            If the page may not set it to that.
+            If the client may not set it to that.
         """
 
 

@@ -33,7 +33,7 @@ from deformnb.widgets.worker import Worker
 _LOG = logging.getLogger(__name__)
 
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
-_LONGEST_NAME = 64  # of a page's window
+_LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
 
 
@@ -47,7 +47,8 @@ class Desk:
 
     Attributes
     ----------
-    pictures : how many sets of points on pictures were shown so far. What a page has done to the one before comes late.
+    pictures : how many sets of points on pictures were shown so far. What a client has done to the one before comes
+        late.
 
     Examples
     --------
@@ -94,10 +95,10 @@ class Desk:
 
     @property
     def widgets(self) -> dict[str, Any]:
-        """The widgets of the page by name."""
+        """The widgets of the client by name."""
         return {"editor": self.editor, "live": self.live, **self.parts.widgets}
 
-    # -- what the page asks for ----------------------------------------------------------------------------------------
+    # -- what the client requests --------------------------------------------------------------------------------------
 
     def set(self, name: str, value: Any) -> None:
         """Set a control; what is wrong is said in :attr:`error` and nothing changes."""
@@ -162,23 +163,23 @@ class Desk:
         self._try(actions[name])
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file for a page; see :class:`~deformnb.app.files.DeskFiles`."""
+        """Begin to write a file for a client; see :class:`~deformnb.app.files.DeskFiles`."""
         before = self.milliseconds
         self._try(lambda: self.files.write(kind, page))
         self.milliseconds = before  # it is no edit
 
     def open(self, text: str) -> None:
-        """Go on with a saved session that a page has."""
+        """Go on with a saved session that a client has."""
         self._try(lambda: self.files.take(text))
 
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
         document = self.session.document()
-        self.session.saved = document  # the page hands it to the browser's downloads
+        self.session.saved = document  # the client hands it to the browser's downloads
         return to_json(document)
 
     def receive(self, name: str, message: dict[str, Any], picture: int | None = None) -> None:
-        """A message of the page for one of the widgets, as its comm would bring it.
+        """A message of the client for one of the widgets, as its comm would bring it.
 
         Parameters
         ----------
@@ -200,10 +201,10 @@ class Desk:
             self._is_refused, self._shown = False, ()
             self._show()
 
-    # -- what the page shows -------------------------------------------------------------------------------------------
+    # -- what the client shows -----------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Values of all controls and the texts of the page."""
+        """Values of all controls and the texts of the client."""
         session, step = self.session, self.session.step
         labels = session.history
         count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
@@ -338,12 +339,12 @@ class Desk:
         self._looks = self.volumes.camera
 
     def give_up(self) -> None:
-        """A page has gone, and with it what its hand was about to do: what the session holds is shown."""
+        """A client has gone, and with it what its user was about to do: what the session holds is shown."""
         self.link.show(self.editor)
         self.volumes.set_transfer(self._colours)
 
     def fail(self, message: str) -> None:
-        """Say in the page what is wrong; may be called from any thread."""
+        """Say in the client what is wrong; may be called from any thread."""
         def tell() -> None:
             self.error = message
             self.changed()
@@ -378,7 +379,7 @@ class Desk:
 
 
 def _choose_a_picture(session: Session) -> None:
-    """Edit the last step on a picture, or a new one: the page has no editor for points in space."""
+    """Edit the last step on a picture, or a new one: the client has no editor for points in space."""
     on_pictures = [k for k, step in enumerate(session.deformation.steps) if step.plane is not None]
     if not on_pictures:
         session.set_view(session.plane)
@@ -387,7 +388,7 @@ def _choose_a_picture(session: Session) -> None:
 
 
 def _answer(editor: Any, content: dict[str, Any]) -> None:
-    """Say that a message was heard, without doing what it asks for: its page waits for that."""
+    """Say that a message was heard, without doing what it requests: its client waits for that."""
     sender, number = content.get("sender"), content.get("seq")
     if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
         editor.send({"type": "done", "sender": sender, "seq": number})

@@ -40,11 +40,11 @@ def suffix_of(kind: str) -> str:
 
 
 class DeskFiles:
-    """Writes files of a desk's session for its pages, one at a time.
+    """Writes files of a desk's session for its clients, one at a time.
 
     Parameters
     ----------
-    session : what is written. seen : says how the page shows it now.
+    session : what is written. seen : says how the client shows it now.
     live : the view whose looks a page without Python takes on; editor : the same of the picture.
     tell : called from any thread when :attr:`state` is another one.
     """
@@ -63,10 +63,10 @@ class DeskFiles:
         self.state: dict[str, Any] = {"busy": False, "said": "", "share": 0.0, "key": "", "name": "", "page": "",
                                       "doubt": ""}
 
-    # -- to the page ---------------------------------------------------------------------------------------------------
+    # -- to the client -------------------------------------------------------------------------------------------------
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file of a kind of :data:`WANTED` for the page of this name."""
+        """Begin to write a file of a kind of :data:`WANTED` for the client of this name."""
         if kind not in WANTED:
             raise DeformError("there is no such file.")
         if self.state["busy"]:
@@ -112,7 +112,7 @@ class DeskFiles:
             said = self._passing = f"Stopped; {name} was not written."
         except DeformError as error:
             said = str(error)
-        except Exception as error:  # of whatever writes this kind of file: the page must hear of it
+        except Exception as error:  # of whatever writes this kind of file: the client must hear of it
             _LOG.exception("a file could not be written")
             said = f"{name} could not be written: {type(error).__name__}: {error}"
         self._say(busy=False, said=said, key=key)
@@ -131,7 +131,7 @@ class DeskFiles:
 
         editor, view = last_step(self._session, self._editor, self._live)
         try:
-            view.camera = dict(seen.camera)  # not of the desk's own view, which other pages look through
+            view.camera = dict(seen.camera)  # not of the desk's own view, which other clients look through
             write_standalone(path, editor, view, title=self._session.volume.name, progress=self._progress)
         finally:
             close_all(editor)
@@ -140,7 +140,7 @@ class DeskFiles:
     def _progress(self, share: float) -> None:
         if self._stop.is_set():
             raise Cancelled("stopped in the page.")
-        if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the pages
+        if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the clients
             self._say(share=min(1.0, float(share)))
 
     def _say(self, **news: Any) -> None:
@@ -148,7 +148,7 @@ class DeskFiles:
             self.state = {**self.state, **news}
         self._tell()
 
-    # -- from the page -------------------------------------------------------------------------------------------------
+    # -- from the client -----------------------------------------------------------------------------------------------
 
     def take(self, text: str) -> None:
         """Go on with a saved session; can be undone. One of another volume is asked about first."""

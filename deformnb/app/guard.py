@@ -44,7 +44,7 @@ FAREWELL_SECONDS = 0.5
 
 _ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
-_PER_SECOND = 240.0  # messages of one page that are read; a hand that drags makes 60, a camera another 60
+_PER_SECOND = 240.0  # messages of one page that are read; a drag makes 60, a camera another 60
 _AT_ONCE = 480.0
 
 _LOG = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ def checked_host(host: str) -> str:
     Raises
     ------
     DeformError
-        If it means all addresses, or is no address: the names under which pages may be asked for follow from it.
+        If it means all addresses, or is no address: the names under which pages may be requested follow from it.
 
     Examples
     --------
@@ -218,7 +218,7 @@ class MessageGuard:
         self.dropped = 0
         handler.functionMap.clear()
         handler.functionMap.update({name: (self, _without_self(self._guarded(name))) for name in answers})
-        handler.onMessage = self.receive  # asked for at each message
+        handler.onMessage = self.receive  # looked up at each message
         self._close = handler.onClose
         handler.onClose, handler.disconnectClients = self.leave, self.leave_all
 

@@ -71,7 +71,7 @@ class Pane(MouseLooks):
         """The view tells what goes wrong by itself."""
 
     def wake(self) -> None:
-        """A page has come; :meth:`update_size` has asked for its picture."""
+        """A page has come; :meth:`update_size` has requested its picture."""
 
     def give_up(self) -> None:
         """A page has gone; it held nothing but the mouse."""

@@ -93,7 +93,7 @@ def _lost(v: Any, html: Any) -> None:
 
 
 def _cut_off(v: Any, html: Any) -> None:
-    """A warning over the foot of the volume, so that no picture changes its size under a hand."""
+    """A warning over the foot of the volume, so that no picture changes its size under the pointer."""
     with html.Div(classes="dnb-app-cut", role="status", __properties=["role"]):
         html.Span("{{ cut_off }}", v_if=("cut_off",))
         v.VBtn(LARGER[0], v_if=("cut_off",), size="small", variant="flat", color="primary", click="trigger('fit_box')",

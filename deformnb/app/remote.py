@@ -26,7 +26,7 @@ from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
 from deformnb.widgets.worker import Worker
 
 AREA = "volume"
-"""Name of the area in the page."""
+"""Name of the area in the client."""
 
 _TARGET_MS = 200.0  # of a quick picture; its size adapts
 _SETTLE_MS = 300.0  # of rest, after which the full picture is drawn
@@ -89,19 +89,19 @@ class MouseLooks:
 class RemoteView(MouseLooks):
     """A scene behind trame's remote controlled area.
 
-    What is asked of it may come from any thread, before the first size of a page as well.
+    What is asked of it may come from any thread, before the first size of a client as well.
 
     Parameters
     ----------
-    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a page has said its size: a
+    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has said its size: a
         :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
-    push : called with a picture's JPEG and what the page wants to know of it: what trame's area does, and ``n`` (its
-        number, that the page answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer`` (1
-        for the original that is shown in turn) and ``badge`` (words for the corner).
+    push : called with a picture's JPEG and what the client wants to know of it: what trame's area does, and ``n`` (its
+        number, that the client answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer``
+        (1 for the original that is shown in turn) and ``badge`` (words for the corner).
     grid : whose box is seen.
     camera : of the first picture.
-    turned : called when a hand has turned it, in the thread of trame's loop.
+    turned : called when the user has turned it, in the thread of trame's loop.
     target_ms, settle_ms : time that a quick picture may take, and rest before the full one.
     """
 
@@ -125,7 +125,7 @@ class RemoteView(MouseLooks):
     # -- what trame calls, in the thread of its event loop -------------------------------------------------------------
 
     def update_size(self, size: Any) -> None:
-        """The page shows the area with this size, in CSS pixels."""
+        """The client shows the area with this size, in CSS pixels."""
         width, height, ratio = (_number(size, key, 1.0) for key in ("w", "h", "p"))
         if not (16 <= width <= 8192 and 16 <= height <= 8192 and 0.2 <= ratio <= 8):
             raise DeformError("no size of a picture.")
@@ -135,7 +135,7 @@ class RemoteView(MouseLooks):
         self._loop.change("size", lambda scene: scene.set_size(pixels))
 
     def seen(self, number: Any, page: Any = "") -> None:
-        """A page, by a name of its own, has received the picture of this number."""
+        """A client, by a name of its own, has received the picture of this number."""
         if self._frames.seen(whole(number, 1, 2**53), text(page)):
             self._loop.touch()
 
@@ -181,7 +181,7 @@ class RemoteView(MouseLooks):
         self._tell_turned()
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        with self._lock:  # a hand in the page and a button of the desk are two threads
+        with self._lock:  # the user of a client and a button of the desk are two threads
             camera = self._camera = change(self._camera)
             self.change("camera", lambda scene: self._turn(scene, camera))
 
@@ -254,7 +254,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
         return {**camera, "pan": [right - dx * seen, above - dy * seen]}
     plane = Plane.through((0, 0, 0), camera["direction"], camera["up"])
     right, up, ahead = np.asarray(plane.u), -np.asarray(plane.v), np.asarray(plane.normal)
-    # What is in front follows the hand: the viewer goes the other way, and looks more to where the hand goes.
+    # What is in front follows the pointer: the viewer goes the other way, and looks more to where the pointer goes.
     ahead, right = _turned(ahead, right, dx * _TURN)
     ahead, up = _turned(ahead, up, dy * _TURN)
     return {**camera, "direction": ahead.tolist(), "up": up.tolist()}

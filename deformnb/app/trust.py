@@ -77,7 +77,7 @@ class DeskTrust:
         }
 
     def look_at(self, point: int) -> None:
-        """Select a point in the page and bring it to the middle.
+        """Select a point in the client and bring it to the middle.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class DeskTrust:
             if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
                 haze = self._hazes.make(self._session)
             after = self._show if found is None else partial(self._take, found, left, *haze)
-        except Exception as error:  # shown, or the page would wait for its figures for ever
+        except Exception as error:  # shown, or the client would wait for its figures for ever
             _LOG.exception("a step could not be judged")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
         with contextlib.suppress(DeformError):  # the desk has been closed

@@ -27,8 +27,8 @@ _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been d
 class Volumes:
     """Volume display of a desk, in whatever way its clients can.
 
-    A page that renders follows the hand by itself. For one that gets pictures the editor's movements come to Python,
-    which costs every page messages: so they come from the moment on that a page asks for pictures.
+    A client that renders follows the pointer by itself. For one that gets pictures the editor's movements come to
+    Python, which costs every client messages: so they come from the moment on that a client requests pictures.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Volumes:
 
     Attributes
     ----------
-    live : the view in the page.
+    live : the view in the client.
     remote : the one drawn here; None before there is a server.
     """
 
@@ -114,18 +114,18 @@ class Volumes:
     # -- drawn here ----------------------------------------------------------------------------------------------------
 
     def serve(self, fail: Callable[[str], None], push: Callable[[bytes, dict[str, Any]], None]) -> RemoteView:
-        """Begin to be ready for pages that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
+        """Begin to be ready for clients that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
         self.remote = RemoteView(self._make_scene, fail, push, self._session.volume.grid, self.live.camera,
                                  turned=self._turned)
         self.remote.set_shows(self.live.shows)
         return self.remote
 
     def wake(self) -> None:
-        """A page has asked for pictures."""
+        """A client has requested pictures."""
         self._show_remote()
 
     def look(self, side: Any) -> None:
-        """A page that gets pictures looks from a side, by its name in :attr:`views`."""
+        """A client that gets pictures looks from a side, by its name in :attr:`views`."""
         views = self.views
         if not isinstance(side, str) or side not in views or self.remote is None:
             raise DeformError("there is no such side.")
@@ -156,7 +156,7 @@ class Volumes:
         self._change("clip", lambda scene: scene.set_clip(clip))
 
     def _turned(self) -> None:
-        """Somebody has turned the picture: other parts of the page must know from where it is seen."""
+        """Somebody has turned the picture: other parts of the client must know from where it is seen."""
         with contextlib.suppress(DeformError):  # the desk has been closed
             self._later(lambda: self.live.set_trait("camera", self.camera))
 

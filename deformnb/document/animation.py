@@ -45,7 +45,7 @@ class TimeMaps:
     -----
     Frame k is the moment k duration / (T - 1). Between two frames the maps are blended linearly; before the first and
     after the last nothing changes. As a texture, frame k lies at the coordinate (k + 1/2) / T, in the middle of its
-    texel, and a card that clamps to the edge and blends linearly makes exactly the same.
+    texel, and a GPU that clamps to the edge and blends linearly makes exactly the same.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def covering_raster(plane: Plane, grid: Grid, size: int | None = None) -> Raster
 
 
 MOST_FRAMES = 4096
-"""Of a stack: a longer one is no texture of any card."""
+"""Of a stack: a longer one is no texture of any GPU."""
 
 # Frames between two key frames where time passes unevenly: what is blended linearly lags behind by 1/300 of the way.
 _SMOOTH_FRAMES = 16

@@ -105,7 +105,7 @@ class Step:
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
-    cuts : along which matter comes apart (Eq. 7), in the same coordinates.
+    cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
     stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
         On a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.

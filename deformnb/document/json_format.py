@@ -225,7 +225,7 @@ result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the suppo
 "affine" shrinks across thin directions. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
-"""Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""
+"""Voxels of a result that a document may request; what there is no memory for is refused when it is made."""
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""

@@ -462,7 +462,7 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
         some = chosen.take(np.flatnonzero((own == side).all(axis=1)))
         if some.active.any() and some.displacement[some.active].any():
             result[here] = _forward(_fit(some, places, step), places[here], some)
-    # What is carried is asked for again as it is blended: at the strength of the step it must lie there.
+    # What is carried is evaluated again as it is blended: at the strength of the step it must lie there.
     return places + (result - places) / step.strength if step.strength else places
 
 

@@ -30,7 +30,7 @@ from deformnb.volume.volume import Grid
 Floats = NDArray[np.float64]
 
 LEAST = 0.05
-"""The smallest determinant that counts as safe: matter is shown at most twenty times its size."""
+"""The smallest determinant that counts as safe: tissue is shown at most twenty times its size."""
 
 _ON_PLANE, _SLICES, _IN_SPACE = 97, 9, 33
 
@@ -117,7 +117,7 @@ def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
     """Check that the determinant of a step is ``least`` or more at every node; False too if it cannot be fitted.
 
     In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
-    matter together; only where a curve of depth weakens it must it be looked at too, and have none.
+    tissue together; only where a curve of depth weakens it must it be looked at too, and have none.
     """
     if not least <= 1:
         raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; ask for less than 1.")
@@ -133,7 +133,7 @@ def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
 
 
 def _stages(step: Step, grid: Grid) -> Iterator[tuple[AbstractField, Sides]]:
-    """Every stage of every fit of a step, with the region between cuts whose matter it moves."""
+    """Every stage of every fit of a step, with the region between cuts whose tissue it moves."""
     for fits in step.fits_of_regions(grid):
         for sides, fit in fits.items():
             for stage in fit.fits if isinstance(fit, Staged) else (fit,):

@@ -108,7 +108,7 @@ def transform(volume: Volume, *, species: str = "Antigonia", source: str | None 
 
     Notes
     -----
-    The net keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
+    The grid keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
     plane = Plane.along(volume.grid, view)
@@ -138,7 +138,7 @@ def deformed_net(net: list[NDArray[np.float64]], deformation: Deformation, volum
 
 
 def field_of_view(grid: Grid, plane: Plane, nets: ThompsonMap) -> Grid:
-    """The volume's grid with voxels added so that the whole target net lies inside."""
+    """The volume's grid with voxels added so that the whole target grid lies inside."""
     rim = np.zeros((nets.target_nodes.reshape(-1, 2).shape[0], 3))
     rim[:, :2] = nets.target_nodes.reshape(-1, 2)
     rim[:, 2] = plane.to_plane(grid.center)[2]

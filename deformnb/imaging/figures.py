@@ -61,7 +61,7 @@ class Panel:
     at : a name of :data:`WHERE`.
     cuts : lines that are drawn yellow; the points on their sides are then red and green.
     parts : rigid parts, drawn as shaded places.
-    box : what is shown, (a_min, a_max, b_min, b_max); default is the picture and its net.
+    box : what is shown, (a_min, a_max, b_min, b_max); default is the picture and its grid.
     """
 
     picture: Picture | NDArray[np.uint8] | None = None
@@ -210,11 +210,11 @@ def _caption(axes: Axes, text: str, look: Style, room: float) -> None:
                   color=look.ink, fontsize=size, family="serif", parse_math=False)
 
 
-# ---- nets ------------------------------------------------------------------------------------------------------------
+# ---- grids -----------------------------------------------------------------------------------------------------------
 
 
 def net_lines(box: Box, columns: int, rows: int) -> Lines:
-    """A rectangular net over a box: so many cells across and down.
+    """A rectangular grid over a box: so many cells across and down.
 
     Examples
     --------

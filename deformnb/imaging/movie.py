@@ -118,8 +118,8 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
 
     Returns
     -------
-    Frames, an iterator of (height, width, 3) uint8. Nothing is computed before the first is asked for, and one thread
-    must ask for all.
+    Frames, an iterator of (height, width, 3) uint8. Nothing is computed before the first is requested, and one thread
+    must request all.
 
     Raises
     ------

@@ -91,7 +91,7 @@ class Scene:
     """Many pictures of one size in the same colours, as :func:`render_volume` makes them; closed at the end.
 
     What can be kept from picture to picture is kept: with VTK that is the window, its shaders and the voxels in its
-    memory. All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL asks for.
+    memory. All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL requires.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height
 class _VtkScene:
     """A window of VTK that is kept from picture to picture: its shaders are compiled once, its voxels overwritten.
 
-    It must be used and closed by one thread, which OpenGL asks for.
+    It must be used and closed by one thread, which OpenGL requires.
     """
 
     def __init__(self, transfer: TransferFunction, size: tuple[int, int],
@@ -321,7 +321,7 @@ def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
     return replace(volume, values=np.clip(volume.finite_values, volume.dtype.type(low), volume.dtype.type(high)))
 
 
-# VTK makes its tables as long as the smallest distance of two nodes asks for, up to a power of two and 16384 at most.
+# VTK makes its tables as long as the smallest distance of two nodes requires, up to a power of two and 16384 at most.
 _VTK_ENTRIES = 16000
 
 

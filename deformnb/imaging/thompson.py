@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_LINES = 64
-"""Cells of a net along its longer side at most."""
+"""Cells of a grid along its longer side at most."""
 
-_FINE = 300  # places along the longer side where areas are asked for
+_FINE = 300  # places along the longer side where areas are evaluated
 
 @dataclass(frozen=True, eq=False)
 class Grids:
@@ -50,8 +50,8 @@ class Grids:
     Parameters
     ----------
     field : backward displacement of the picture.
-    before, after : the net on the picture and on the deformed one; lines broken at cuts and folds have several pieces.
-    nodes : (rows, columns, 2) of the regular net.
+    before, after : the grid on the picture and on the deformed one; lines broken at cuts and folds have several pieces.
+    nodes : (rows, columns, 2) of the regular grid.
     moved : where the nodes are in the result; found : (rows, columns) whether they are anywhere.
     cell : the side of a cell.
     """
@@ -65,7 +65,7 @@ class Grids:
     cell: float
 
     def strain(self) -> Stretches:
-        """Stretches of the matter at the nodes of the net, in the result."""
+        """Stretches of the tissue at the nodes of the grid, in the result."""
         return stretches(self.field, self.moved)
 
 
@@ -136,13 +136,13 @@ class _Magnified(AbstractField):
 
 
 def _flat_grid(picture: Picture) -> Grid:
-    """A volume one voxel thick where the picture lies: its size is all that a fit asks for."""
+    """A volume one voxel thick where the picture lies: its size is all that a fit requires."""
     (nv, nu), (du, dv) = picture.raster.shape, picture.raster.spacing
     return Grid((1, nv, nu), (du, dv, min(du, dv)))
 
 
 def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids:
-    """The nets of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
+    """The grids of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
     if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_LINES):
         raise DeformError(f"a net has 1 to {MOST_LINES} cells along its longer side, got {lines!r}.")
     a0, a1, b0, b1 = box = picture.raster.box
@@ -199,7 +199,7 @@ _HEAD, _FOOT, _KEY = 0.42, 0.3, 0.42  # of title, captions and key
 _DPI = 300
 _LETTERS, _SMALL = 9.5, 7.5  # points
 _WIDE = 1.7  # pictures wider than that are stacked
-_FARTHEST = 0.5  # of the picture's sides, that a net is shown beyond it
+_FARTHEST = 0.5  # of the picture's sides, that a grid is shown beyond it
 _FEWEST = 700  # pixels along the longer side of a deformed picture, whose edge is cut out
 _AIR = 0.12  # of a cell, around all that is drawn
 _RANGES = (0.25, 0.5, 1.0, 2.0, 3.0)  # of the colours, in powers of 2
@@ -232,7 +232,7 @@ class Sheet:
 
     Parameters
     ----------
-    picture : as it was before; grids : the nets.
+    picture : as it was before; grids : the numbers of both grids.
     overlay : a name of :data:`OVERLAYS`; look : colours; width : inches.
     """
 
@@ -460,7 +460,7 @@ class Sheet:
         self._text(left + long + 0.1, y + high / 2, f"area grows{folds}", color=self.inks[1])
 
     def _strain_key(self) -> None:
-        """Two arms of a known strain, as they are drawn on the net."""
+        """Two arms of a known strain, as they are drawn on the grid."""
         share = _plain(min(0.5, 0.8 / self.gain))
         arm = share * self.gain * self.grids.cell * self.scale
         y, middle = _MARGIN + 0.18, self.width / 2
@@ -555,15 +555,15 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
                magnify: float = 1.0, grid: Grid | None = None, key: int = 0, landmarks: bool = True,
                title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
-    """The picture on a regular net, and the deformed picture on the deformed net.
+    """The picture on a regular grid, and the deformed picture on the deformed grid.
 
     Parameters
     ----------
     what : a step on the picture's plane, a deformation whose steps all lie there, or any field of dimension 2.
     picture : as it was before.
-    lines : cells of the net along the longer side of the picture.
-    overlay : a name of :data:`OVERLAYS`: "area" colours how matter grows (green) and shrinks (purple), "strain" draws
-        crosses along the principal directions, solid where matter is stretched and dashed where it is pressed.
+    lines : cells of the grid along the longer side of the picture.
+    overlay : a name of :data:`OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain" draws
+        crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
     grid : of the volume, which tells the reach of a point that has none of its own; default is that of the picture.

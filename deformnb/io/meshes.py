@@ -468,7 +468,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = Tr
 
 
 def check_mesh_target(path: Path) -> MeshFormat:
-    """The format that a path to write to asks for; VolumeFileError if there is none of its suffix."""
+    """The format that a path to write to selects; VolumeFileError if there is none of its suffix."""
     row = _row(path)
     if row is None:
         raise fail(path, f"the end of its name says no kind of surface file; write {mesh_suffixes()}.")

@@ -81,7 +81,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
         if kind not in ("", ".png"):
             check_target(place, overwrite=overwrite)
         MOVIES[kind](place, _watched(frames, total, progress, cancel), float(fps))
-    finally:  # frames that are made one by one hold a renderer, also when the last one was never asked for
+    finally:  # frames that are made one by one hold a renderer, also when the last one was never requested
         close = getattr(frames, "close", None)
         if close is not None:
             close()

@@ -43,7 +43,7 @@ class Stream(Protocol):
 
 
 class Inflate:
-    """Inflates zlib or gzip data (any number of members) and never holds more than was asked for.
+    """Inflates zlib or gzip data (any number of members) and never holds more than was requested.
 
     The check sums at the end of each member are verified; a member without its end raises EOFError.
     """

@@ -291,7 +291,7 @@ def _zlib(data: bytes, expected: int) -> bytes | None:
 
 
 def _lzma(data: bytes, expected: int) -> bytes | None:
-    # A stream may ask for a dictionary of 4 GiB; VTK's largest has 64 MiB, and twice the block is enough for any other.
+    # A stream may require a dictionary of 4 GiB; VTK's largest has 64 MiB, and twice the block is enough for any other.
     decoder = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=max(2**27, 2 * expected))
     unpacked = decoder.decompress(data, expected + 1)
     return unpacked if decoder.eof else None

@@ -234,7 +234,7 @@ def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> st
 
 
 def _bearable(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int, where: str) -> tuple[str, tuple[str, ...]]:
-    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one asked for."""
+    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one requested."""
     if n == 0 or trend.name in ("none", "translation"):
         return trend.name, ()
     if rank == 0:

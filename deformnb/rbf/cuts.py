@@ -50,7 +50,7 @@ Sides = tuple[bool, ...]
 
 @dataclass(frozen=True)
 class Cut:
-    """A line along which matter comes apart.
+    """A line along which tissue comes apart.
 
     Parameters
     ----------

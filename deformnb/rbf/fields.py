@@ -49,7 +49,7 @@ class AbstractField(ABC):
 
     @property
     def has_cuts(self) -> bool:
-        """True if the field jumps and hides matter along cuts; see :mod:`deformnb.rbf.cuts`."""
+        """True if the field jumps and hides tissue along cuts; see :mod:`deformnb.rbf.cuts`."""
         return False
 
     @property

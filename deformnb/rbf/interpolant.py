@@ -218,7 +218,7 @@ class RBFInterpolant(AbstractField):
     linear, constant : A (dim, dim) and t (dim,) of the trend of D in relative coordinates, physical units.
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
-    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
+    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
     remarks : those of the :attr:`notes` that are known without looking at the map.
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
@@ -608,7 +608,7 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
                           ready.ids, scales, smoothed)
 
 
-# Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to ask for 25 to 3600 times.
+# Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.
 _STEEP = 10.0
 
 _COLLAPSES = {

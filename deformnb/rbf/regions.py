@@ -28,7 +28,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 
 LARGEST_SHAPE = 512
-"""Vertices of a drawn line; a hand draws some dozens."""
+"""Vertices of a drawn line; drawing by hand gives some dozens."""
 
 # Directions whose sine is less count as parallel: rounding would let parallel ends of a line meet far away.
 _PARALLEL = 1e-9
@@ -400,7 +400,7 @@ class Mask(AbstractRegion):
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag asks for it at every block
+        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag needs it at every block
 
     @cached_property
     def _measured(self) -> tuple[NDArray[np.float32], Raster | Grid]:

@@ -50,7 +50,7 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """A turn and a shift of matter, forward: ``x -> matrix @ x + shift``.
+    """A turn and a shift of tissue, forward: ``x -> matrix @ x + shift``.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ _SAME_MOTION = 1e-6
 
 @dataclass(frozen=True)
 class RigidPart:
-    """A region whose matter is not deformed.
+    """A region whose tissue is not deformed.
 
     Parameters
     ----------
@@ -460,7 +460,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
 
     Parameters
     ----------
-    points : as for :func:`fit_rbf`. A point within a part that asks for what the part does anyway is left
+    points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
         out.
     parts : those that are switched on count; without any this is :func:`~deformnb.rbf.interpolant.fit_rbf`.
     kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
@@ -473,7 +473,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     Raises
     ------
     DeformError
-        If a point within a part asks for something else than the part does; names both.
+        If a point within a part requires something else than the part does; names both.
 
     Examples
     --------
@@ -508,11 +508,11 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
 
 
 HELD = ("refuse", "carry", "switch off")
-"""Treatments of control points within a rigid part that ask for another displacement than the part's."""
+"""Treatments of control points within a rigid part that require another displacement than the part's."""
 
 
 def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
-    """The control points beside rigid parts, without any that asks for something else than the part it lies in.
+    """The control points beside rigid parts, without any that requires something else than the part it lies in.
 
     Parameters
     ----------
@@ -569,7 +569,7 @@ def _size_of(points: ControlPoints) -> float:
 
 def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
                  distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
-    """Mask of active points beside all parts; refuses one that a part holds and that asks for another displacement."""
+    """Mask of active points beside all parts; refuses one that a part holds and that requires another displacement."""
     free, notes = points.active.copy(), []
     size = _size_of(points)
     within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits

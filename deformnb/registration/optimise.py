@@ -301,7 +301,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
                 least: float = 0.05, progress: Progress | None = None) -> Fitted:
     """Move all targets so that the deformed moving picture looks like the fixed one.
 
-    The likeness is differentiated through the fit and climbed by L-BFGS-B, coarse to fine. The energy of the fit
+    The likeness is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
     holds it back where the pictures say nothing, and a barrier where det J nears zero, so that the map does not fold.
 
     Parameters
@@ -417,7 +417,7 @@ class Snapped:
     Parameters
     ----------
     points : with the targets that were found.
-    ids : of the points that were asked for.
+    ids : of the points that were requested.
     score : the best correlation of each, NaN where none was looked for.
     shift : (n, dim) how each target was moved; 0 where it was left.
     left : why a point was left, by its id.

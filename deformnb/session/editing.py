@@ -153,7 +153,7 @@ class EditedDocument(traitlets.HasTraits):
         ----------
         label : what was done, for the history.
         kind : edits of one kind in quick succession are one step of undo; None never joins.
-        slides : it comes from a slider: a slow hand joins for half a minute, or until :meth:`take_hold`.
+        slides : it comes from a slider: a slow drag joins for half a minute, or until :meth:`take_hold`.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class EditedDocument(traitlets.HasTraits):
             self.notice = notice
 
     def take_hold(self) -> None:
-        """A hand has taken hold of a slider: what it does is a step of undo of its own."""
+        """The user has taken hold of a slider: the drag is a step of undo of its own."""
         with self._lock:
             self._history.take_hold()
 
@@ -438,7 +438,7 @@ class EditedSteps(EditedDocument):
                    slides: bool = False, points: ControlPoints | None = None) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rbf.rigid.RigidPart`; see :meth:`edit_cuts`.
 
-        A point inside a part that asks for something else than the part does is refused; ``slides`` is as of
+        A point inside a part that requires something else than the part does is refused; ``slides`` is as of
         :meth:`change`. ``points`` are other control points that belong to the same edit.
         """
         with self._lock:
@@ -453,7 +453,7 @@ class EditedSteps(EditedDocument):
         ----------
         part : the new part.
         label : what was done, for the history.
-        held : what becomes of points within a part that ask for something else than it does, one of
+        held : what becomes of points within a part that require something else than it does, one of
             :data:`~deformnb.rbf.rigid.HELD`: "carry" lets them go with the part, "switch off" switches them off,
             "refuse" raises.
 

@@ -70,7 +70,7 @@ class Seen:
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     background : "dark" or "light".
     clip : the part of the box that is seen, as a view's ``clip``.
-    show_folds : whether matter is red where the map folds.
+    show_folds : whether tissue is red where the map folds.
     scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
     still : makes what is quicker for a single picture, alike; None takes ``scene``.
     """
@@ -314,7 +314,7 @@ EXPORTS: dict[str, Export] = {
 
 
 def export_for(path: str | PathLike[str]) -> Export:
-    """The export that a path's suffix asks for.
+    """The export that a path's suffix selects.
 
     Raises
     ------

@@ -26,7 +26,7 @@ MOST_BYTES = 256 * 2**20
 
 # Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
 _JOIN_SECONDS = 0.8
-# A hand on a slider may stand still for so long, and still be on its way.
+# A pointer on a slider may stand still for so long, and still be on its way.
 _SLIDE_SECONDS = 30.0
 # Python objects, roughly: one of any kind, and the id, the name and the switches of one control point.
 _OBJECT, _POINT = 64, 100
@@ -113,7 +113,7 @@ class History:
 
         Parameters
         ----------
-        slides : it is one of a slider, whose hand may be slow; see :meth:`take_hold`.
+        slides : it is one of a slider, which may be dragged slowly; see :meth:`take_hold`.
         """
         now = time.monotonic() if now is None else now
         here = self._nodes[self._current]
@@ -131,7 +131,7 @@ class History:
         self._prune()
 
     def take_hold(self) -> None:
-        """A hand has taken hold of a slider: what it does joins no edit before."""
+        """The user has taken hold of a slider: the drag joins no edit before."""
         self._kind = None
 
     def step(self, way: str, current: Any) -> tuple[Any, str] | None:

@@ -186,7 +186,7 @@ class Session(EditedSteps):
             return Deformation(tuple(s for s in steps if s.enabled), mode=self.deformation.mode)
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
-        """The picture that is being edited, before the step that is edited; kept until something else is asked for."""
+        """The picture that is being edited, before the step that is edited; kept until something else is requested."""
         with self._drawing:  # one thread after the other, each for the document of one moment
             asked = self._asked()
             kept = self._picture
@@ -246,7 +246,7 @@ class Session(EditedSteps):
         self.output = None if grid == self.volume.grid else grid
 
     def fit_output(self, *, most: float = MOST, joins: bool = False) -> bool:
-        """Give the result a box as large as deformed matter needs, and at least that of the volume.
+        """Give the result a box as large as deformed foreground needs, and at least that of the volume.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class Session(EditedSteps):
 
         Returns
         -------
-        Whether all of the matter fits.
+        Whether all of the foreground fits.
         """
         with self._lock:
             deformation, field = self.deformation, self.field()
@@ -272,7 +272,7 @@ class Session(EditedSteps):
         return not found.is_limited
 
     def sides_left(self) -> tuple[str, ...]:
-        """The sides on which dragged matter leaves the box of the result, in words; takes a moment."""
+        """The sides on which dragged foreground leaves the box of the result, in words; takes a moment."""
         if not _moves(self.deformation):
             return ()
         return sides_left(landed(self.matter(), self.field()), self.box)

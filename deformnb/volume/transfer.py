@@ -264,7 +264,7 @@ def histogram(volume: Volume, low: float, high: float, bins: int = _BINS, slices
 
 
 def levels(volume: Volume) -> tuple[float, float, float, float]:
-    """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
+    """Air, the edge between air and tissue, the edge between tissue and dense tissue, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
     Outliers that stretch the range are left out, see :func:`typical_range`.

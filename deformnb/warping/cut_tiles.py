@@ -39,7 +39,7 @@ class CutPlan:
 
     Parameters
     ----------
-    apart : the displacement as if no matter could come from another region: right wherever a cut is far.
+    apart : the displacement as if no tissue could come from another region: right wherever a cut is far.
     tiles : parts of the output (slices along z, y, x) with voxels so near a cut that it may open or close there; they
         may end beyond the last voxel.
     maps : every region's maps (R, K, 2, A, B) over the two array axes across the normal.

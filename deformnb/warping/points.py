@@ -167,7 +167,7 @@ def _determinants(places: Array, field: AbstractField) -> Array:
 
 def _beside_cuts(x: Array, field: Decoupled, tolerance: float,
                  max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Matter moves with the region it lies in; by the paper's rule none is seen across a cut."""
+    """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
         if own is not None and mask.any():

@@ -114,7 +114,7 @@ class Warper:
     """A volume made ready for many edits; call it with a field. Parameters are those of :func:`warp`.
 
     What depends on the volume alone is made once: the array in JAX's memory, the coefficients of the cubic spline and,
-    where :meth:`prepare` asks for it, a copy with the axis of extrusion last in memory. May be called from several
+    where :meth:`prepare` requires it, a copy with the axis of extrusion last in memory. May be called from several
     threads at once.
 
     Notes

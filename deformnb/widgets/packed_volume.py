@@ -23,8 +23,8 @@ from deformnb.volume.volume import Grid, Volume
 
 Progress = Callable[[float], None]
 
-# A piece of the volume on its way to the page: below the 10 MB that proxies and servers refuse, large enough that the
-# round trip of some 50 ms does not count.
+# A piece of the volume on its way to the front end: below the 10 MB that proxies and servers refuse, large enough that
+# the round trip of some 50 ms does not count.
 _CHUNK_BYTES = 2**21
 _LEVEL = 1  # gzip: 16.8 MB in 0.1 to 0.4 s; level 6 takes five times as long for a tenth less
 
@@ -90,12 +90,12 @@ class ShownVolume:
         return start, gzip.compress(voxels.tobytes(), _LEVEL, mtime=0)
 
     def to_frame(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points in space as lengths along the index axes, from the centre of the first voxel: the card's frame."""
+        """Points in space as lengths along the index axes, from the centre of the first voxel: the GPU's frame."""
         return np.asarray(self.volume.grid.point_to_index(points) * np.asarray(self.volume.grid.spacing))
 
     @property
     def frame(self) -> NDArray[np.float64]:
-        """3 x 3 rows, from vectors in space to the card's frame."""
+        """3 x 3 rows, from vectors in space to the GPU's frame."""
         grid = self.volume.grid
         return np.asarray(np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None])
 
@@ -162,7 +162,7 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
 
     Parameters
     ----------
-    window : values that become 0 and 255; default is the whole range for bytes, and up to the densest matter (all but
+    window : values that become 0 and 255; default is the whole range for bytes, and up to the densest tissue (all but
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
     factors = factors_of(volume.grid, limit, largest)
@@ -220,7 +220,7 @@ def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
 
 
 def whole_window(volume: Volume) -> tuple[float, float]:
-    """The values of interest: all of bytes, and of others up to the densest matter."""
+    """The values of interest: all of bytes, and of others up to the densest tissue."""
     low, high = volume.value_range
     if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
         low, _, _, high = levels(volume)

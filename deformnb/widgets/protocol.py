@@ -37,7 +37,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 
 LONGEST_MESSAGE = 65536
-"""Bytes of a trait that the page sets at most."""
+"""Bytes of a trait that the front end sets at most."""
 
 LONGEST_EDIT = 2**20
 """Bytes of an edit at most: all the points that a fit takes."""
@@ -51,7 +51,7 @@ OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
 
 _LOG = logging.getLogger(__name__)
 
-# JavaScript counts exactly up to here; the page gives ids by adding one.
+# JavaScript counts exactly up to here; the front end gives ids by adding one.
 _LARGEST_ID = 2**53 - 1
 _LONGEST_NAME = 200
 _LONGEST_SENDER = 40
@@ -59,7 +59,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
-    """The list that the page gets."""
+    """The list that the front end gets."""
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
          "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
@@ -69,7 +69,7 @@ def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
 
 
 def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints:
-    """Control points of so many coordinates from the page's list; ids below ``next_id`` are not given again.
+    """Control points of so many coordinates from the front end's list; ids below ``next_id`` are not given again.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _is_number(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Message:
-    """Any message by a page: ``seq`` counts those of a sender, which is one window that shows the editor."""
+    """Any message by a front end: ``seq`` counts those of a sender, which is one window that shows the editor."""
 
     sender: str
     seq: int
@@ -133,7 +133,7 @@ class EditMessage(Message):
     kind : what was done, one of :data:`KINDS`.
     joins : True if it goes on with the edit before it, as arrow keys in quick succession do: one step of an undo.
     points : all points after the edit.
-    drawn : what the page has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
+    drawn : what the front end has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
         movement to its picture); else empty.
     """
 
@@ -146,14 +146,14 @@ class EditMessage(Message):
 
 @dataclass(frozen=True)
 class HistoryMessage(Message):
-    """The page asks for "undo" or "redo"; only where Python owns the history."""
+    """The front end requests "undo" or "redo"; only where Python owns the history."""
 
     way: str
 
 
 @dataclass(frozen=True)
 class RefusedMessage(Message):
-    """An edit with something wrong in it: the page must hear that it will not be taken."""
+    """An edit with something wrong in it: the front end must hear that it will not be taken."""
 
     reason: str
     what: str = "points"
@@ -211,7 +211,7 @@ def _drawn(said: Any) -> dict[str, float]:
 
 
 def checked_state(state: Any, own: Mapping[str, Callable[[Any], None]]) -> dict[str, Any]:
-    """The part of a state update by the page that is right; the rest is logged and dropped.
+    """The part of a state update by the front end that is right; the rest is logged and dropped.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class ChooseMessage(Message):
     Attributes
     ----------
     what : "cuts" or "parts"; empty for none.
-    index : its place in the page's list.
+    index : its place in the front end's list.
     shape : as much of it as tells it from others.
     """
 
@@ -424,7 +424,7 @@ def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage
 
 _LOG = logging.getLogger(__name__)
 
-# A message of the page says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
+# A message of the front end says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
 LONGEST_TEXT = 200
 _LARGEST_PICTURE = 2**26
 
@@ -433,7 +433,7 @@ MEASURED = ("drag_ms", "full_ms", "passes", "frames", "scale", "width", "height"
 
 
 def text(value: Any) -> str:
-    """The name of a page's view."""
+    """The name of a front end's view."""
     if not isinstance(value, str) or len(value) > LONGEST_TEXT:
         raise ValueError("a view without a name")
     return value
@@ -462,7 +462,7 @@ def measured(content: dict[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def dropping(what: str) -> Iterator[None]:
-    """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
     try:
         yield
     except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:
@@ -470,11 +470,11 @@ def dropping(what: str) -> Iterator[None]:
 
 
 def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, Any]], Any]) -> None:
-    """Put what a page says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
+    """Put what a front end says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
 
     Parameters
     ----------
-    said : values by name; of_page : the names a page may decide on.
+    said : values by name; of_page : the names a front end may decide on.
     """
     for name, value in dict(said).items():
         with dropping("a trait"):

@@ -47,7 +47,7 @@ Progress = Callable[[float], None]
 LIMIT = 128**3
 """Voxels in a file at most, if nothing else is said: about a megabyte."""
 
-# A graphics card shows at least 256 along an axis, every one of today 1024; a file cannot ask.
+# A GPU shows at least 256 along an axis, every one of today 1024; a file cannot ask.
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 

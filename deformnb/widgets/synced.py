@@ -36,15 +36,15 @@ class SyncedWidget(anywidget.AnyWidget):
     def setup_instance(self, *given: Any, **named: Any) -> None:
         """Called by traitlets before anything is set."""
         self._sending = threading.RLock()
-        self._sent_since: set[str] = set()  # since the page has set a trait
+        self._sent_since: set[str] = set()  # since the front end has set a trait
         super().setup_instance(*given, **named)
 
     @contextmanager
     def hold_sync(self) -> Iterator[None]:
-        """Tell the page of all traits at once, at the end; what another thread sets meanwhile is told with them.
+        """Tell the front end of all traits at once, at the end; what another thread sets meanwhile is told with them.
 
         ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
-        between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
+        between the two, such as the history of an edit while a picture is exchanged, would never reach the front end.
         """
         if self._holding_sync:
             yield
@@ -65,13 +65,13 @@ class SyncedWidget(anywidget.AnyWidget):
             return bool(super()._should_send_property(key, value))
 
     def send_state(self, key: Any = None) -> None:
-        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
+        """Tell the front end of traits; what is told last is what holds, whichever thread told it."""
         with self._sending:
             self._sent_since.update(self.keys if key is None else [key] if isinstance(key, str) else key)
             super().send_state(key)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits."""
+        """Take what the front end says of its traits."""
         with self._sending:
             self._sent_since.clear()
         super().set_state(sync_data)

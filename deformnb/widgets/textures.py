@@ -40,7 +40,7 @@ MOST_REGIONS = 32
 # half of such a step, a quarter of a millimetre on a body.
 _STEPS = 512
 
-# Places of origin beyond the box are asked for too, where the last samples would go on as they are.
+# Places of origin beyond the box are needed too, where the last samples would go on as they are.
 _MARGIN = 0.125
 
 # Nodes at which is looked which regions there are: small ones that nobody has put a point into must be found as well.
@@ -137,7 +137,7 @@ def distances(field: Decoupled, raster: Raster) -> NDArray[np.float32]:
 
 
 def softness_of(plane: CutPlane, grid: Grid) -> float:
-    """The width of the ramp at a cut, also at one that a page will draw: a voxel as it is seen on the plane."""
+    """The width of the ramp at a cut, also at one that a front end will draw: a voxel as it is seen on the plane."""
     if plane.cut is not None:
         return plane.cut.softness
     along = np.abs(plane.first.plane.frame[:2] @ np.asarray(grid.direction)) ** 2
@@ -256,7 +256,7 @@ def _all_sides(cut: Decoupled, here: NDArray[np.float64]) -> list[Sides]:
 # in between errs by less than a thousandth.
 _DEPTHS = 1025
 
-# The card holds at most 256 layers at once by the standard, and a sample adds up those whose weight is not zero.
+# The GPU holds at most 256 layers at once by the standard, and a sample adds up those whose weight is not zero.
 MOST_MAPS = 64
 
 
@@ -280,7 +280,7 @@ class CardMaps:
         return self.buffers[self.content["buffers"].index(name)]
 
     def without(self, name: str) -> CardMaps:
-        """The same message without one of them, for a page that has it."""
+        """The same message without one of them, for a front end that has it."""
         kept = [(n, b) for n, b in zip(self.content["buffers"], self.buffers, strict=True) if n != name]
         return CardMaps({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
 
@@ -409,7 +409,7 @@ def _cut_space(chain: CutChain, frame: NDArray[np.float64],
 def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
     """Check whether two extrusions are the same but for one map, so that a front end with that map needs no other.
 
-    A page that follows an editor divides that map by the editor's cuts itself, if there is no other.
+    A front end that follows an editor divides that map by the editor's cuts itself, if there is no other.
     """
     if old is None or new is None:
         return False

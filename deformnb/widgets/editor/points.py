@@ -109,14 +109,14 @@ EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
 
 DetailCallback = Callable[[EditMessage], None]
-"""Called with all that the page says of an edit."""
+"""Called with all that the front end says of an edit."""
 
 HistoryCallback = Callable[[str], None]
 """Called with "undo" or "redo"."""
 
 
 class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
-    """Control points of one dimension; in the page a plain list."""
+    """Control points of one dimension; in the front end a plain list."""
 
     def __init__(self, dim: int) -> None:
         super().__init__(ControlPoints.empty(dim))
@@ -135,7 +135,7 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
 
 
 class EditedPoints(SyncedWidget):
-    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor."""
+    """Control points that are edited in the front end; ``points`` is a :class:`PointsTrait` of each editor."""
 
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
@@ -165,7 +165,7 @@ class EditedPoints(SyncedWidget):
     def __init__(self, **given: Any) -> None:
         self._callbacks: list[tuple[Callable[..., None], bool]] = []
         self._history_callbacks: list[HistoryCallback] = []
-        self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
+        self.edit_under_way: Any = None  # for observers: the message that changes a trait, None for code
         self._drawn: dict[str, float] = {}
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
@@ -176,7 +176,8 @@ class EditedPoints(SyncedWidget):
         """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
 
         During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
-        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the page.
+        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the front
+        end.
 
         Parameters
         ----------
@@ -193,9 +194,9 @@ class EditedPoints(SyncedWidget):
         self.live = bool(self._callbacks)
 
     def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
-        """Call ``callback("undo")`` or ``callback("redo")`` when the page asks, if ``history`` is not empty.
+        """Call ``callback("undo")`` or ``callback("redo")`` when the front end asks, if ``history`` is not empty.
 
-        Exceptions of the callback are logged and shown in the page.
+        Exceptions of the callback are logged and shown in the front end.
         """
         if remove:
             self._history_callbacks.remove(callback)
@@ -208,11 +209,11 @@ class EditedPoints(SyncedWidget):
             return
         try:
             self._take(message)
-        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+        except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of an editor failed")
             self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
         finally:
-            self._note(message)  # whatever came of it: a page that waits for it takes no other points
+            self._note(message)  # whatever came of it: a front end that waits for it takes no other points
             self.send({"type": "done", "sender": message.sender, "seq": message.seq})
 
     def _read(self, content: Any) -> Message | None:
@@ -238,15 +239,15 @@ class EditedPoints(SyncedWidget):
                 callback(message) if details else callback(message.points, message.phase)
 
     def _note(self, message: Message) -> None:
-        # After the points and not together with them: until the page reads this it leaves the points alone, and two
-        # updates in order need no pause of all others (hold_sync), which threads would take from one another.
+        # After the points and not together with them: until the front end reads this it leaves the points alone, and
+        # two updates in order need no pause of all others (hold_sync), which threads would take from one another.
         if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
             return
         others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take what the front end says of its traits, as far as it is right."""
         state = checked_state(sync_data, self.page_traits)
         if state:
             super().set_state(state)
@@ -254,8 +255,8 @@ class EditedPoints(SyncedWidget):
     def stats(self) -> dict[str, float]:
         """Measurements of the front end in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
 
-        The first is how many pictures a second were drawn, the second the median from a movement of the hand to its
-        picture. 0 before the first such drag, and where a page does not measure.
+        The first is how many pictures a second were drawn, the second the median from a movement of the pointer to its
+        picture. 0 before the first such drag, and where a front end does not measure.
         """
         return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
 

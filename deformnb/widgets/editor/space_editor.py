@@ -59,7 +59,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
     points : control points of dimension 3; default is none.
     before : what was done to the volume before, a backward field in space.
     options : further fields of the step, such as its rigid ``parts``: see :meth:`step`.
-    window : values that are black and white; default is from the background to the densest matter.
+    window : values that are black and white; default is from the background to the densest tissue.
     transfer : of composite pictures, or the name of a preset.
     cursor : the place (x, y, z) through which the slices go; default is the middle.
     projection : "slice", or "mip", "composite" and "shaded" for all of the volume seen from that side.
@@ -72,7 +72,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
     It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
     ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
     ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
-    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what a hand does in the
+    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what the pointer does in the
     pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
     that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
 
@@ -169,7 +169,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         Raises
         ------
         DeformError
-            If the points cannot be fitted; the page shows the same message.
+            If the points cannot be fitted; the front end shows the same message.
         """
         return self.step().field(self.volume.grid)
 
@@ -217,7 +217,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
         return stream.getvalue()
 
-    # ---- the page ---------------------------------------------------------------------------------------------------
+    # ---- the front end ----------------------------------------------------------------------------------------------
 
     def _received(self, widget: Any, content: Any, buffers: Any) -> None:
         kind = content.get("type") if isinstance(content, dict) else None
@@ -252,10 +252,10 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         super()._take(message)
 
     def _held(self, points: ControlPoints) -> ControlPoints:
-        """Points of the page, new ones taking hold of what is seen where they were put.
+        """Points of the front end, new ones taking hold of what is seen where they were put.
 
-        A page knows the target only and sends it as the source. What is seen there comes from target + D, and with that
-        as its source nothing moves. Until the page has heard of it, it goes on sending the same.
+        A front end knows the target only and sends it as the source. What is seen there comes from target + D, and with
+        that as its source nothing moves. Until the front end has heard of it, it goes on sending the same.
         """
         known, source = set(self.points.ids), points.source.copy()
         for k, number in enumerate(points.ids):
@@ -284,7 +284,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         self._offer()
 
     def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
+        if self._has_page:  # a front end that comes later asks
             self._pacer.offer()
 
     def _ask(self, number: int) -> None:

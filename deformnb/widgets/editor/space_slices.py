@@ -99,7 +99,7 @@ class Pane:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One picture as the page gets it.
+    """One picture as the front end gets it.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class SpacePictures:
 
     Parameters
     ----------
-    window : values that are black and white; default is from the background to the densest matter.
+    window : values that are black and white; default is from the background to the densest tissue.
     transfer : colours and opacities of composite pictures.
     """
 

@@ -28,7 +28,7 @@ SCRIPTS = ("elements.js", "edit_link.js", "edited_page.js")
 """Scripts in front of those of every such widget."""
 
 LONGEST_MESSAGE = 65536
-"""Bytes of a message by the page at most."""
+"""Bytes of a message by the front end at most."""
 
 _LONGEST_NAME = 40
 _PAGES = 16  # that are told apart; an older one has long been closed
@@ -38,7 +38,7 @@ EditCallback = Callable[[Any, str], None]
 
 
 class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
-    """A value that is changed by hand in the page.
+    """A value that is changed by the user in the front end.
 
     Notes
     -----
@@ -67,10 +67,10 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _show(self) -> None:
-        """Call :meth:`_say` with what the page draws."""
+        """Call :meth:`_say` with what the front end draws."""
 
     def _say(self, **shown: Any) -> None:
-        # In one trait, for no page may meet a new value without knowing whether its own last edit is in it.
+        # In one trait, for no front end may meet a new value without knowing whether its own last edit is in it.
         self.shown = {**shown, "seen": dict(self._seen)}
 
     def _told(self, edit: Any) -> Any:
@@ -81,7 +81,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
 
         During a drag the traits stay as they were; only the callback sees the value on its way. Exceptions of the
-        callback are logged and shown in the page.
+        callback are logged and shown in the front end.
         """
         if remove:
             self._callbacks.remove(callback)
@@ -105,7 +105,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         except DeformError as error:
             _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
             self.send({"type": "error", "view": view, "message": str(error)})
-        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+        except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of %s failed", type(self).__name__)
             self.send({"type": "error", "view": view, "message": f"{type(error).__name__} in a callback: {error}"})
         finally:
@@ -121,7 +121,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             del self._seen[next(iter(self._seen))]
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits: only ipywidgets' own count of views."""
+        """Take what the front end says of its traits: only ipywidgets' own count of views."""
         given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
         count = given.get("_view_count")
         if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):
@@ -158,7 +158,7 @@ def is_number(value: Any) -> bool:
 
 
 def nodes_from_json(data: Any, fewest: int, most: int) -> tuple[tuple[float, float], ...]:
-    """Nodes (x, y) from the page's list, x not falling.
+    """Nodes (x, y) from the front end's list, x not falling.
 
     >>> nodes_from_json([[0, 1], [2, 0.5]], 2, 9)
     ((0.0, 1.0), (2.0, 0.5))

@@ -25,7 +25,7 @@ from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, nodes_from_jso
 Nodes: TypeAlias = tuple[tuple[float, float], ...]
 
 PARTS = 128
-"""The page puts nodes at multiples of 1/128, so that 129 values hold a curve exactly and give its nodes back."""
+"""The front end puts nodes at multiples of 1/128, so that 129 values hold a curve exactly and give its nodes back."""
 
 MOST_NODES = 64
 """More cannot be told apart on a plot of 360 pixels."""
@@ -114,7 +114,7 @@ Curve = str | tuple[float, ...]
 CURVES = {
     "constant 1": "1", "z": "z", "1 - z": "1-z", "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
 }
-"""Formulas that the page offers, by the name it shows."""
+"""Formulas that the front end offers, by the name it shows."""
 
 
 class _CurveTrait(traitlets.TraitType[Curve, Curve]):

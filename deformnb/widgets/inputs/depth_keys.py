@@ -19,7 +19,7 @@ from deformnb.widgets.bundle import joined, style
 from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, is_whole
 
 LEAST_APART = 0.01
-"""The page keeps keys this far apart; two at one depth would tear the volume."""
+"""The front end keeps keys this far apart; two at one depth would tear the volume."""
 
 MOST_KEYS = 64
 

@@ -15,12 +15,12 @@ LARGEST_DOWNLOAD = 128 * 2**20
 
 
 class HandOver(SyncedWidget):
-    """A line in the page that says what was handed over.
+    """A line in the front end that says what was handed over.
 
     Notes
     -----
-    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with
-    the bytes. The page sends nothing.
+    Messages to the front end: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}``
+    with the bytes. The front end sends nothing.
 
     Examples
     --------
@@ -51,4 +51,4 @@ class HandOver(SyncedWidget):
         self.send({"type": "download", "name": name}, [content])
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""

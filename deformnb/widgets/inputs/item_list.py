@@ -20,7 +20,7 @@ from deformnb.widgets.synced import SyncedWidget
 _LOG = logging.getLogger(__name__)
 
 LONGEST_NAME = 100
-"""Characters of a name that a page gives."""
+"""Characters of a name that a front end gives."""
 
 COMMANDS = ("rename", "up", "down", "double", "remove")
 """Commands for which a row may have a button."""
@@ -85,7 +85,7 @@ class ItemList(SyncedWidget):
             self.chosen = chosen
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(what, index, value)`` when the page's user wants something done."""
+        """Call ``callback(what, index, value)`` when the front end's user wants something done."""
         self._callbacks.append(callback)
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -96,7 +96,7 @@ class ItemList(SyncedWidget):
             elif content["version"] == self.version:
                 for callback in tuple(self._callbacks):
                     callback(*act)
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a list failed")
         finally:
             self.send({"type": "done"})
@@ -117,7 +117,7 @@ class ItemList(SyncedWidget):
         return (what, index, value) if isinstance(value, wanted) and len(str(value)) <= LONGEST_NAME else None
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
 
 def _identity(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -53,7 +53,7 @@ class Player(SyncedWidget):
     time : the moment that is shown; setting it goes there. What lies beyond the ends goes to the nearer one.
     duration : of the whole in seconds.
     marks : the times of the key frames, shown on the bar.
-    is_playing : setting it plays or pauses in all pages; at the end it becomes False by itself, unless it loops.
+    is_playing : setting it plays or pauses in all front ends; at the end it becomes False by itself, unless it loops.
     speed : 1 is real time.
     loop : a name of :data:`~deformnb.document.deformation.LOOPS`.
     step : seconds that an arrow key goes.
@@ -113,7 +113,7 @@ class Player(SyncedWidget):
         self.time = min(self.time, self.duration)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take what the front end says of its traits, as far as it is right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
 

@@ -126,10 +126,10 @@ class PointsTable(SyncedWidget):
             self.flags = flags.astype(np.uint8).tobytes()
             self.numbers = rows.astype("<f8").tobytes()
 
-    # -- what the page says --------------------------------------------------------------------------------------------
+    # -- what the front end says ---------------------------------------------------------------------------------------
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(act)`` when the page's user wants something done; it returns words, or None if refused."""
+        """Call ``callback(act)`` when the user requests an action; it returns words, or None if refused."""
         self._callback = callback
 
     def on_sight(self, callback: Callable[[], None]) -> None:
@@ -151,7 +151,7 @@ class PointsTable(SyncedWidget):
                 said = self._take_sight(view, act.value)
             else:
                 said = self._callback(act)
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a table of points failed")
         finally:
             self.send({"type": "done", "view": view, "seq": seq, "ok": said is not None, "text": said or ""})
@@ -160,14 +160,14 @@ class PointsTable(SyncedWidget):
         was = self.is_seen
         self._seen.pop(view, None)
         self._seen[view] = is_seen
-        while len(self._seen) > _VIEWS:  # a page that was closed without a word
+        while len(self._seen) > _VIEWS:  # a front end that was closed without a word
             del self._seen[next(iter(self._seen))]
         if self.is_seen and not was:
             self._sight_callback()
         return ""
 
     def set_state(self, sync_data: Any) -> None:
-        """Take the selection, if it is one; the page owns nothing else."""
+        """Take the selection, if it is one; the front end owns nothing else."""
         given = sync_data.get("selected") if isinstance(sync_data, dict) else None
         if isinstance(given, list) and len(given) <= LARGEST_SET and all(is_whole(i) and i >= 0 for i in given):
             super().set_state({"selected": given})

@@ -103,7 +103,7 @@ def fill(widget: ipw.Dropdown, options: list[tuple[str, str]]) -> None:
 
 def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
            layout: Any = None) -> Any:
-    """A slider that follows the hand."""
+    """A slider that follows the pointer."""
     return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
                            readout_format=text, tooltip=tooltip or description, continuous_update=True)
 

@@ -46,7 +46,7 @@ _UNKNOWN = "Too few points to tell which of them disagree."
 # Places along the longest side that go forth and back.
 _TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
 
-# Cells of a haze along the longer side: it is smooth, and the page spreads it.
+# Cells of an uncertainty overlay along the longer side: it is smooth, and the front end spreads it.
 _HAZE_CELLS = 96
 _CONTOURS = (0.3, 0.6, 0.9)
 _DIGITS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
@@ -205,7 +205,7 @@ def _texts(found: Judgement) -> dict[str, str]:
     return texts
 
 
-# ---- the haze --------------------------------------------------------------------------------------------------------
+# ---- the uncertainty overlay -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -251,13 +251,13 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
 
 
 class HazeKeeper:
-    """The haze of the picture of a session, made anew only where something else is asked for."""
+    """The uncertainty overlay of the picture of a session, made anew only where something else is requested."""
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[Any, ...], Haze, str] | None = None
 
     def make(self, session: Session) -> tuple[Haze, str]:
-        """The haze, or none and the reason why."""
+        """The uncertainty overlay, or none and the reason why."""
         asked = (session.step, session.key, session.volume.grid, session.picture().raster)
         kept = self._kept
         if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:

@@ -166,7 +166,7 @@ class StudioEditors:
 
 _MAKING = "The picture is being made"
 _FAILED = "The picture could not be made; below it says why"
-_STANDS = 1e-6  # of a direction's length: less is a rounding error of the page
+_STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 
 
 def picture_key(session: Session) -> Any:
@@ -243,7 +243,7 @@ class StudioPicture:
             self._set(wanted)
         except Exception as error:
             reason = reason_of(error)
-        if wanted == self._wanted():  # else another one is asked for by now
+        if wanted == self._wanted():  # else another one is requested by now
             self._settle(reason)
 
     def _settle(self, reason: str) -> None:
@@ -293,11 +293,11 @@ class StudioEdits:
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user asked for, be it with an editor or with a control; what was said of the edit before goes."""
+        """Do what a user requested, be it with an editor or with a control; what was said of the edit before goes."""
         self._words.say("")
         before, start = self._session.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
-        if self._session.deformation is not before:  # much that is asked for edits nothing
+        if self._session.deformation is not before:  # much that is requested edits nothing
             self.milliseconds = (time.perf_counter() - start) * 1e3
             self._timed()
         return is_done

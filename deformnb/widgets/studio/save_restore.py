@@ -45,7 +45,7 @@ class RestoreBar(SyncedWidget):
 
     Attributes
     ----------
-    offer : what is asked; written : when the session was last written, for a page whose kernel has gone.
+    offer : what is asked; written : when the session was last written, for a front end whose kernel has gone.
 
     Examples
     --------
@@ -95,13 +95,13 @@ class RestoreBar(SyncedWidget):
                 _LOG.warning("a message to the bar of lost sessions was dropped: %.200r", content)
             elif content.get("version") == self.version:
                 self._guard(lambda: self.recovery.act(what))
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("the bar of lost sessions failed")
         finally:
             self.send({"type": "done"})
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
     def close(self) -> None:
         """End; what was not saved stays in the history."""
@@ -201,13 +201,13 @@ class SaveButton(SyncedWidget):
         if isinstance(content, dict) and content.get("type") == "save":
             try:
                 self.press()
-            except Exception:  # it must not end the conversation with the page
+            except Exception:  # it must not end the conversation with the front end
                 _LOG.exception("the session could not be saved")
         else:
             _LOG.warning("a message to the button of saving was dropped: %.200r", content)
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
     def close(self) -> None:
         """End, and hear the session no more."""

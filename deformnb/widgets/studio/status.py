@@ -40,7 +40,7 @@ class StudioWords:
         self.notice.value = as_html(text, is_error)
 
     def guarded(self, action: Callable[[], None]) -> bool:
-        """Do something that may go wrong, and say it in the page if it does; returns whether it went well."""
+        """Do something that may go wrong, and say it in the front end if it does; returns whether it went well."""
         try:
             action()
         except Exception as error:

@@ -405,7 +405,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _show_status(self) -> None:
         self._tell_status()
-        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the page has told its times
+        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has told its times
 
     def _tell_status(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
@@ -487,7 +487,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
         ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
-        picture followed the hand in the last drag: ``drag_hz`` and ``picture_ms``, of
+        picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}

@@ -21,7 +21,7 @@ from deformnb.widgets.worker import Worker
 
 
 def followed_step(deformation: Deformation) -> int | None:
-    """The step whose drags a page can show by itself: the last in use, on a picture, and not added to others."""
+    """The step whose drags a front end can show by itself: the last in use, on a picture, and not added to others."""
     in_use = [k for k, step in enumerate(deformation.steps) if step.enabled]
     if not in_use or deformation.steps[in_use[-1]].plane is None:
         return None

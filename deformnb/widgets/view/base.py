@@ -46,7 +46,7 @@ class AbstractView(ABC):
     shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
-    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the viewer's hand change it.
+    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the user change it.
     draws_by_vtk : whether its pictures are VTK's, and so those in files too.
     """
 
@@ -83,7 +83,7 @@ class AbstractView(ABC):
 
         Notes
         -----
-        May be called after every edit: what is dragged meanwhile stays where the hand is. Unless a view has a way of
+        May be called after every edit: what is dragged meanwhile stays where the pointer is. Unless a view has a way of
         its own, the core fits the map anew and :meth:`show_deformation` shows it.
         """
         following, self._followed_output = self._following, output

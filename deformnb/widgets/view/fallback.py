@@ -33,7 +33,7 @@ class StandIn:
     Parameters
     ----------
     view : the view that is stood in for, held weakly; the two share camera, clip and the like.
-    say : a method of it that sends a message to its pages, held weakly too.
+    say : a method of it that sends a message to its front ends, held weakly too.
     options : of the :class:`~deformnb.widgets.VolumeView` that draws.
     """
 
@@ -47,7 +47,7 @@ class StandIn:
         self._came: Callable[[Any], None] | None = None
 
     def receive(self, said: Any) -> bool:
-        """Take what a page says to whoever draws for it; returns whether any page is left."""
+        """Take what a front end says to whoever draws for it; returns whether any front end is left."""
         self._view._receive(None, said, [])
         return bool(self._view._pages)
 
@@ -110,7 +110,7 @@ class StandIn:
 
 
 class _Unseen(VolumeView):
-    """A volume view whose pages are those of another widget: it has no line of its own to the front end."""
+    """A volume view whose front ends are those of another widget: it has no line of its own to the front end."""
 
     def __init__(self, say: weakref.WeakMethod[Say], **options: Any) -> None:
         self._to_pages = say

@@ -66,11 +66,11 @@ class AbstractMoments(traitlets.HasTraits):
 
     @abstractmethod
     def _offer(self) -> None:
-        """Send what is shown, as soon as a page is ready for it."""
+        """Send what is shown, as soon as a front end is ready for it."""
 
     @abstractmethod
     def _tell_stand_in(self) -> None:
-        """Let whoever draws for pages that cannot draw what is shown now."""
+        """Let whoever draws for front ends that cannot draw what is shown now."""
 
     def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
         """Show the moments of an animation as a player in the same page goes through them.
@@ -103,7 +103,7 @@ class AbstractMoments(traitlets.HasTraits):
 
 _LOG = logging.getLogger(__name__)
 
-_ANY = 2**53  # a number of voxels that no card limits
+_ANY = 2**53  # a number of voxels that no GPU limits
 
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
@@ -111,7 +111,7 @@ OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "wid
 
 
 class AnswersPages(AbstractMoments):
-    """A part of a live view: what it sends to its pages, and what it does about their messages."""
+    """A part of a live view: what it sends to its front ends, and what it does about their messages."""
 
     is_quick: bool
     editor: Any
@@ -126,13 +126,13 @@ class AnswersPages(AbstractMoments):
     _output: Grid | None = None
     _followed: dict[str, Any] | None = None
     _transfer: TransferFunction | None = None
-    _maps: CardMaps | None = None  # of the field, made when a page wants them
-    _stand_in: StandIn | None = None  # draws for the pages that cannot
+    _maps: CardMaps | None = None  # of the field, made when a front end wants them
+    _stand_in: StandIn | None = None  # draws for the front ends that cannot
 
     def _meet_pages(self) -> None:
         self._lock = threading.RLock()  # callbacks run in another thread than cells
-        self._largest = 2048  # along an axis of a texture, until a page says less
-        self._sent_cut: str | None = None  # whose distances all pages have
+        self._largest = 2048  # along an axis of a texture, until a front end says less
+        self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
         self._has_page = False
         self._page_theme = "dark"
@@ -155,15 +155,15 @@ class AnswersPages(AbstractMoments):
         pieces = self._pieces
         return None if pieces is None else pieces.shown
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the front ends ---------------------------------------------------------------------------------------------
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
+        """The picture that is on the screen now, (height, width, 3); without a front end the one of :meth:`still`.
 
         Parameters
         ----------
-        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
-            while this is awaited, and the still is returned.
+        timeout : seconds to wait for the front end. Where a front end delivers messages only between cells, nothing
+            comes while this is awaited, and the still is returned.
         """
         loop, number = asyncio.get_running_loop(), next(self._numbers)
         answer: asyncio.Future[bytes] = loop.create_future()
@@ -185,7 +185,7 @@ class AnswersPages(AbstractMoments):
         self.send(content, buffers)
 
     def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
+        if self._has_page:  # a front end that comes later asks
             self._pacer.offer()
 
     def _send_field(self, number: int, view: str | None = None) -> None:
@@ -209,7 +209,7 @@ class AnswersPages(AbstractMoments):
         return card_maps(self._field, shown, self._output, self._map_size, nodes)
 
     def _tell_stand_in(self) -> None:
-        """Let whoever draws for pages that cannot draw what is shown now."""
+        """Let whoever draws for front ends that cannot draw what is shown now."""
         with self._lock:
             if self._stand_in is None or self._volume is None:
                 return
@@ -221,7 +221,7 @@ class AnswersPages(AbstractMoments):
                 self._stand_in.hear(self.player, self._tell_stand_in)
 
     def _draw_here(self) -> StandIn:
-        """Whoever draws for pages that cannot."""
+        """Whoever draws for front ends that cannot."""
         from deformnb.widgets.view.fallback import StandIn
 
         with self._lock:
@@ -237,10 +237,10 @@ class AnswersPages(AbstractMoments):
         if stand_in is not None:
             stand_in.close()
 
-    # -- from the pages ------------------------------------------------------------------------------------------------
+    # -- from the front ends -------------------------------------------------------------------------------------------
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
         try:
             kind = content.get("type") if isinstance(content, dict) else None
             answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
@@ -258,7 +258,7 @@ class AnswersPages(AbstractMoments):
         self._has_page = True
         voxels = whole(content.get("voxels", _ANY), 1, _ANY)
         if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
-            view = None  # for all pages: what they have is of a finer volume
+            view = None  # for all front ends: what they have is of a finer volume
         self._send_field(0, view)
 
     def _make_smaller(self, largest: int, voxels: int) -> bool:
@@ -288,7 +288,7 @@ class AnswersPages(AbstractMoments):
     def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
         if pieces is None or content.get("id") != pieces.shown.id:
-            return  # of a volume that was shown before: the page will notice
+            return  # of a volume that was shown before: the front end will notice
         index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
         start, packed = pieces[index]
         self._sent["volume_bytes"] += len(packed)
@@ -346,15 +346,16 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
     projection : "shaded", "composite" or "mip".
     background : "auto" follows the page, "dark" and "light" do not.
     shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.camera.SHOWS`.
-    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The page
-        writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
+    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The front
+        end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
+        together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
-    limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
+    limit : voxels sent to the front end at most; a larger volume is averaged and the view says so.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
-    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
 
@@ -414,7 +415,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
 
         Parameters
         ----------
-        window : values that are told apart; default is the whole range for bytes, and up to the densest matter (all
+        window : values that are told apart; default is the whole range for bytes, and up to the densest tissue (all
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
             that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
         """
@@ -434,7 +435,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
             self._volume, self._window, self._pieces = volume, window, Pieces(shown)
             self._hold(field, output, followed)
             self.label = f"Volume {volume.name}".strip()
-            self.volume_info = shown.info()  # before the colours: a page keeps the old ones until the voxels have come
+            self.volume_info = shown.info()  # before the colours: clients keep the old ones until the voxels have come
             self.set_transfer(self._wanted_transfer)
 
     def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
@@ -509,15 +510,15 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
 
         Notes
         -----
-        May be called after every edit: the page keeps its connection, and what the editor has gone on to show stays. To
-        let the editor move another map, follow with the other index first and then give it that map's points.
+        May be called after every edit: the front end keeps its connection, and what the editor has gone on to show
+        stays. To let the editor move another map, follow with the other index first and then give it that map's points.
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
         followed = None if editor is None else state_followed(editor, index)
         goes_on = followed is not None and self._moments is None and (
             editor, index, output) == (self.editor, self.editor_map, self._output)
-        if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
+        if goes_on and differ_only_in(index, self._field, field):  # the front end made that map itself: nothing to send
             self._hold(field, output, followed)
         else:
             self._take(field, output, followed)
@@ -531,7 +532,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
             return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
             function = self._transfer = _function(self._wanted_transfer, self._volume)
-            table = function.table(*self._shown.window)  # alphas as they are: the page fits them
+            table = function.table(*self._shown.window)  # alphas as they are: the front end fits them
             with self.hold_sync():
                 self.unit = function.unit
                 self.table = np.ascontiguousarray(table, "<f4").tobytes()
@@ -575,9 +576,9 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         """Last measurements of the front end, and counts of sent data.
 
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
-        ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the page), ``received`` (bytes); of Python
-        ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and ``stand_in``:
-        what was measured where Python draws for a page that cannot.
+        ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the front end), ``received`` (bytes); of
+        Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
+        ``stand_in``: what was measured where Python draws for a front end that cannot.
         """
         shown = self._shown
         drawn = {"stand_in": stand_in.stats()} if (stand_in := self._stand_in) is not None else {}
@@ -585,11 +586,11 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         return {**self._page_stats, **self._sent, **own, **drawn}
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take what the front end says of its traits, as far as it is right."""
         take_traits(sync_data, OF_PAGE, super().set_state)
 
     def close(self) -> None:
-        """Leave the pages, and end what draws for those that cannot."""
+        """Leave the front ends, and end what draws for those that cannot."""
         if self._sharpener is not None:
             self._sharpener.cancel()
         self._draw_no_more()

@@ -21,11 +21,11 @@ POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_r
 
 POINT_STYLES = ("editor.css", "space_points.css")
 
-# Samples along the longest side of a displacement while points move: 0.4 MB, which a page gets 30 times a second. What
-# lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
+# Samples along the longest side of a displacement while points move: 0.4 MB, which a front end gets 30 times a second.
+# What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32
 
-_REST = 1.5  # seconds after the last movement, if no end of it is heard: a hand may rest, and a kernel be slow
+_REST = 1.5  # seconds after the last movement, if no end of it is heard: a pointer may rest, and a kernel be slow
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 FieldOf = Callable[[ControlPoints], AbstractField]
@@ -57,8 +57,8 @@ class ShowsPoints(traitlets.HasTraits):
 
         Notes
         -----
-        In the page: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a voxel;
-        a double click on the body puts a point there.
+        In the front end: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a
+        voxel; a double click on the body puts a point there.
         """
         leave = getattr(self, "_leave_points", None)
         if leave is not None:

@@ -157,8 +157,8 @@ def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: 
                eye: Eye | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
-    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value. Half a voxel
-    # between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
+    # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value. Half a
+    # voxel between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
     background = BACKGROUNDS[scene.background]
     picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
                       spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye,
@@ -219,7 +219,7 @@ _QUICK_SHARE = 0.35
 
 _LIMIT, _LARGEST = 256**3, 2048
 
-# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a graphics card 5 s and 10 s more for its
+# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a GPU 5 s and 10 s more for its
 # shader. The core's time grows with the voxels, that of VTK with the pixels.
 _MOST_BY_CORE = 160**3
 
@@ -347,9 +347,9 @@ def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, i
 
 
 class StillAsSeen:
-    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a graphics card too.
+    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a GPU too.
 
-    The core draws it, but for large volumes and where matter is red because it folds, which the core does not show.
+    The core draws it, but for large volumes and where tissue is red because it folds, which the core does not show.
     Parameters are those of :func:`scene_as_seen`.
     """
 

@@ -49,7 +49,7 @@ _MOST = 8  # of one view; an older one has been closed without a word
 
 
 class Pages:
-    """Sizes by name of a page; may be used by several threads.
+    """Sizes by name of a front end; may be used by several threads.
 
     Examples
     --------
@@ -79,12 +79,12 @@ class Pages:
             self.theme = str(content["background"])
 
     def drop(self, name: str) -> None:
-        """A page is closed."""
+        """A front end is closed."""
         with self._lock:
             self._sizes.pop(name, None)
 
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
-        """The largest of what the pages show."""
+        """The largest of what the front ends show."""
         with self._lock:
             return max(self._sizes.values(), key=lambda s: s[0] * s[1], default=default)
 
@@ -120,7 +120,7 @@ def carrier(name: str) -> Any:
 
 
 class ServesPages(traitlets.HasTraits):
-    """A view that sends pictures to its pages and takes what they say.
+    """A view that sends pictures to its front ends and takes what they say.
 
     Attributes
     ----------
@@ -141,14 +141,14 @@ class ServesPages(traitlets.HasTraits):
         self._frames = FrameSender()
         self._notice = ""
         self._carrier: Any = None  # of pictures that do not go the notebook's way
-        self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
+        self._shown_camera: tuple[str, int] = ("", 0)  # of which front end, and its newest number in the scene
         super().__init__(*args, **traits)
 
     def _left(self) -> None:
-        """The last page has gone."""
+        """The last front end has gone."""
         raise NotImplementedError
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the front ends ---------------------------------------------------------------------------------------------
 
     def _deliver(self, frame: Frame) -> None:
         view, number = self._shown_camera
@@ -162,10 +162,10 @@ class ServesPages(traitlets.HasTraits):
         self._notice = notice
         self.send({"type": "notice", "text": notice})
 
-    # -- from the pages ------------------------------------------------------------------------------------------------
+    # -- from the front ends -------------------------------------------------------------------------------------------
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take what the front end says of its traits, as far as it is right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)  # type: ignore[misc]
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
@@ -186,13 +186,13 @@ class ServesPages(traitlets.HasTraits):
                 self.send({"type": kind, "text": words})
 
     def _carry(self, view: str, origin: Any) -> None:
-        """Tell a page where its frame gets the pictures."""
+        """Tell a front end where its frame gets the pictures."""
         if self._carrier is None:
             self._carrier = carrier(self.transport)(self)
         self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
 
     def draw_again(self) -> None:
-        """A page has come that was not there when the last picture was sent: none is on its way to it."""
+        """A front end has come that was not there when the last picture was sent: none is on its way to it."""
         self._frames.lost()
         if self._loop is not None and self._pages:
             self._loop.touch()
@@ -231,7 +231,7 @@ class ServesPages(traitlets.HasTraits):
         return self._pages.theme if self.background == "auto" else str(self.background)
 
     def _size(self) -> tuple[int, int]:
-        """The largest of what the pages show, or what the traits say."""
+        """The largest of what the front ends show, or what the traits say."""
         return self._pages.size((self.width, self.height))
 
     def _change_page(self) -> None:
@@ -287,24 +287,24 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     volume : shown at once if given.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
-    background : "dark", "light" or "auto", which is the page's.
+    background : "dark", "light" or "auto", which is the front end's.
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
-    transport : how pictures reach the page: "comm" is the notebook's own channel, "trame" a server of this process
+    transport : how pictures reach the front end: "comm" is the notebook's own channel, "trame" a server of this process
         with trame's remote view in a frame, which only a browser on this machine reaches.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
-    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
     method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
         first that works.
     map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
 
     Notes
     -----
-    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone, or
-    some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
+    The window of VTK is made when a front end or a still requests a picture, and given back when the last front end has
+    gone, or some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
     :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
 
     Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
@@ -407,7 +407,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
 
         Notes
         -----
-        May be called after every edit: what is dragged meanwhile stays where the hand is.
+        May be called after every edit: what is dragged meanwhile stays where the pointer is.
         """
         following = self._following
         if following is not None and following.goes_on(editor, index):
@@ -462,7 +462,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         DeformError
             Where VTK cannot draw, and whatever ``function`` raises.
         """
-        self._has_guests = True  # from now on the scene stays, also while no page shows it
+        self._has_guests = True  # from now on the scene stays, also while no front end shows it
         result = self._do(lambda scene: function(scene.plotter))
         if self._pages:
             self._awake().touch()
@@ -514,7 +514,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         self._tell_folds(scene)
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
-        if self._is_closed:  # a page's mouse may go on for a moment
+        if self._is_closed:  # a front end's mouse may go on for a moment
             return
         loop = self._awake() if self._pages and self._content is not None else self._loop
         if loop is not None:
@@ -552,7 +552,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
             loop.close()
 
     def close(self) -> None:
-        """End the thread that renders, give back its window, and leave the pages."""
+        """End the thread that renders, give back its window, and leave the front ends."""
         with self._lock:
             self._is_closed = True
         self._stop_following()
@@ -563,7 +563,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
-        """The picture in full, (height, width, 3), rendered as the view renders; needs no page.
+        """The picture in full, (height, width, 3), rendered as the view renders; needs no front end.
 
         Parameters
         ----------
@@ -574,7 +574,7 @@ class VolumeView(ShowsPoints, TellsFolds, ServesPages, AbstractView, SyncedWidge
         return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The full picture that the page has of all that was asked for; without a page the one of :meth:`still`.
+        """The full picture of all changes so far in the front end; without one that of :meth:`still`.
 
         Parameters
         ----------

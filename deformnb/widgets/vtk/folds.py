@@ -30,7 +30,7 @@ _NODES = 33
 # Changes of slope of the weights of several maps; of more than these a bound must do.
 _MOST_BENDS = 64
 
-# VTK asks for a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
+# VTK computes a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
 # turned over must be known before.
 REPLACED_FOR_FOLDS = {
     "texture2D(in_colorTransferFunc_0[0],": "dnb_tinted(in_colorTransferFunc_0[0],",

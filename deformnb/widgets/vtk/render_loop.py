@@ -30,7 +30,7 @@ _Result = TypeVar("_Result")
 _BAND_MS = 50.0  # a part of a full picture: a change waits for this and one quick picture
 _SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
 _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
-_RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture
+_RETRY = 1.0  # seconds after which nobody waits any longer for a front end to say that it has shown a picture
 _KEPT = 50  # times that medians are taken of
 _RATES = 3
 _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
@@ -107,7 +107,7 @@ class SceneLoop:
 
         Parameters
         ----------
-        draw : False where nobody looks: the next picture that someone asks for is early enough.
+        draw : False where nobody looks: the next picture that someone requests is early enough.
         """
         with self._lock:
             self._changes[key] = function

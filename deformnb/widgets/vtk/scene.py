@@ -176,7 +176,7 @@ class SceneVoxels:
         return np.where(shares[:, 0] > 0, low, 0.0), np.where(shares[:, 1] < 1, np.maximum(low, high), last)
 
     def write(self, kind: str, field: AbstractField | None, kept: Box | None) -> None:
-        """Have other voxels in the memory that VTK has, which it sends to the card with the next picture.
+        """Have other voxels in the memory that VTK has, which it sends to the GPU with the next picture.
 
         Parameters
         ----------
@@ -597,7 +597,7 @@ class VtkScene:
             self._actor = None
 
     def close(self) -> None:
-        """Give back the window and all that is on the card; a second time does nothing."""
+        """Give back the window and all that is on the GPU; a second time does nothing."""
         if self._plotter is not None:
             self._close_actor()
             self._plotter.close()

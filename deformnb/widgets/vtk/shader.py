@@ -442,7 +442,7 @@ class VolumeWarp:
 
     def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
-        values = np.zeros((*n[::-1], 4), np.float32)  # four: cards are slow with three
+        values = np.zeros((*n[::-1], 4), np.float32)  # four: GPUs are slow with three
         values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
         self._uniforms.SetUniform3f("dnb_scale", (scale / spacing / n).tolist())
         self._uniforms.SetUniform3f("dnb_shift", (((shift - about["origin"]) / spacing + 0.5) / n).tolist())
@@ -464,7 +464,7 @@ def _along(plane: dict[str, Any], axis: str, scale: Float3, shift: Float3, start
 
 
 class _Texture:
-    """Samples on the card, interpolated linearly and constant beyond the outermost."""
+    """Samples on the GPU, interpolated linearly and constant beyond the outermost."""
 
     def __init__(self, window: Any) -> None:
         from vtkmodules.vtkRenderingOpenGL2 import vtkTextureObject

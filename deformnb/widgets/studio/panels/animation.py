@@ -31,7 +31,7 @@ _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
 _EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
 _STYLE = {"description_width": "initial"}
-# The page tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
+# The front end tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
 _LATE = 1.0
 
 

@@ -35,7 +35,7 @@ class DepthPanel(Panel):
 
     Parameters
     ----------
-    preview : shows a step that is on its way while a hand moves the curve or a key; None gives it up.
+    preview : shows a step that is on its way while the user moves the curve or a key; None gives it up.
 
     Attributes
     ----------

@@ -130,7 +130,7 @@ class TrustPanel(Panel):
             editor.selected = [point]
             editor.look_at(point)
 
-    # -- the haze ------------------------------------------------------------------------------------------------------
+    # -- the uncertainty overlay ---------------------------------------------------------------------------------------
 
     def _overlay_changed(self, _change: Any) -> None:
         self.refresh()
@@ -148,7 +148,7 @@ class TrustPanel(Panel):
     # -- what is done --------------------------------------------------------------------------------------------------
 
     def _soon(self, method: Callable[[Any], None]) -> None:
-        """In the thread, its errors in the page."""
+        """In the thread, its errors in the front end."""
         self.guard(lambda: self._worker.latest("make safe", weakly(self, _guarded(method), _is_open)))
 
     def _keep_changed(self, change: Any) -> None:

@@ -145,7 +145,7 @@ class FilesPanel(Panel):
     def _progress(self, job: Job, share: float) -> None:
         if job.is_cancelled:
             raise Cancelled("stopped in the studio.")
-        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
+        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the front end
             with self._ending:
                 if self._job is job:
                     self.bar.value = share
@@ -294,7 +294,7 @@ class Question:
 
 
 def plain_name(text: str) -> str:
-    """A file name without folders, as a page may give it.
+    """A file name without folders, as a front end may give it.
 
     Raises
     ------

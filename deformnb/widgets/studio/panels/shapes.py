@@ -32,7 +32,7 @@ _AXES = np.eye(3)
 
 @lru_cache(maxsize=32)
 def middle_of(region: AbstractRegion) -> tuple[float, ...]:
-    """The place about which a part is turned: the middle of its matter, or the place on the boundary of a half space.
+    """The place about which a part is turned: the middle of its voxels, or the place on the boundary of a half space.
 
     Examples
     --------

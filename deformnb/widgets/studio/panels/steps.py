@@ -149,7 +149,7 @@ class HistoryPanel(Panel):
         self.refresh()
 
     def arrange(self) -> None:
-        if not self._is_seen:  # hundreds of rows would go to the page after every edit
+        if not self._is_seen:  # hundreds of rows would go to the front end after every edit
             return
         nodes = self.session.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
         if nodes == self._shown:
