@@ -85,11 +85,11 @@ class FitQuality:
 
 def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
                 trend: str = "affine", smoothing: float = 0.0) -> FitQuality:
-    """Judge the fit that :func:`~deformnb.rbf.interpolant.fit_rbf` makes of these points.
+    """Assess the fit that :func:`~deformnb.rbf.interpolant.fit_rbf` makes of these points.
 
     A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
     and, in units of what the others can know there, by twice the median of all points at least. The one whose
-    leaving-out eases the fit most is named and left out, then the rest are asked again, so that the neighbours of a
+    leaving-out eases the fit most is named and left out, then the rest are checked again, so that the neighbours of a
     wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
     dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
     not dragged and lies on the convex hull of all: it holds the rim, and what the others know of the rim is a guess.

@@ -100,7 +100,7 @@ class FitSystem:
     def without(self, k: int) -> FitSystem:
         """The system of all points but one, by a change of rank one; for the errors of the rest, not for a new fit.
 
-        Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` tells.
+        Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` marks it.
         """
         c, kept = self.energy, self.kept.copy()
         energy = scipy.linalg.blas.dger(-1 / c[k, k], c[:, k], c[k], a=np.array(c, order="F"), overwrite_a=1)

@@ -25,7 +25,7 @@ from deformnb.errors import DeformError
 from deformnb.widgets.inputs.base import is_whole
 
 TOPIC = "deformnb.widget"
-"""Under which clients hear of messages for their widgets."""
+"""Topic under which clients receive messages for their widgets."""
 
 _MOST_WAITING = 256  # messages of clients that wait for the desk; a user on a slider never gets there
 _LONGEST_NAME = 64
@@ -86,7 +86,7 @@ class Bridge:
         self.desk.thread.call(self._tell)  # what has changed before there was a loop
 
     def close(self) -> None:
-        """Say no more to the clients."""
+        """Send no more to the clients."""
         self._root = None
 
     def in_loop(self, function: Callable[..., Any], *args: Any) -> None:

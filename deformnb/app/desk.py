@@ -101,7 +101,7 @@ class Desk:
     # -- what the client requests --------------------------------------------------------------------------------------
 
     def set(self, name: str, value: Any) -> None:
-        """Set a control; what is wrong is said in :attr:`error` and nothing changes."""
+        """Set a control; an error is reported in :attr:`error` and nothing changes."""
         control = self.controls.get(name)
         if control is None:
             raise DeformError("there is no such control.")
@@ -269,7 +269,7 @@ class Desk:
             self._try(lambda: self._edit(lambda: self.session.edit_parts(shapes, label, points=points)))
 
     def _edited(self, edit: Callable[[], Any]) -> bool:
-        """Something was done in one of the smaller widgets; says whether it could be."""
+        """Do an action of one of the smaller widgets; returns whether it could be done."""
         self._try(lambda: self._edit(edit))
         return not self.error
 
@@ -297,7 +297,7 @@ class Desk:
         self.changed()
 
     def _show(self) -> None:
-        """Bring the widgets to what the session says."""
+        """Bring the widgets to the state of the session."""
         session, editor = self.session, self.editor
         if session.step.plane is None:
             _choose_a_picture(session)
@@ -344,7 +344,7 @@ class Desk:
         self.volumes.set_transfer(self._colours)
 
     def fail(self, message: str) -> None:
-        """Say in the client what is wrong; may be called from any thread."""
+        """Report an error in the client; may be called from any thread."""
         def tell() -> None:
             self.error = message
             self.changed()
@@ -388,7 +388,7 @@ def _choose_a_picture(session: Session) -> None:
 
 
 def _answer(editor: Any, content: dict[str, Any]) -> None:
-    """Say that a message was heard, without doing what it requests: its client waits for that."""
+    """Confirm a message without doing what it requests: its client waits for that."""
     sender, number = content.get("sender"), content.get("seq")
     if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
         editor.send({"type": "done", "sender": sender, "seq": number})

@@ -44,7 +44,7 @@ class DeskFiles:
 
     Parameters
     ----------
-    session : what is written. seen : says how the client shows it now.
+    session : what is written. seen : gives the client's display settings of now.
     live : the view whose looks a page without Python takes on; editor : the same of the picture.
     tell : called from any thread when :attr:`state` is another one.
     """
@@ -165,18 +165,18 @@ class DeskFiles:
         self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def take_anyway(self) -> None:
-        """Go on with the session that was asked about."""
+        """Go on with the session of the question."""
         document = self._doubtful
         self.forget()
         if document is not None:
             self._session.take(document, allow_other_volume=True)
 
     def pass_on(self) -> None:
-        """Say no more what went well: it was read, or there is something else to say. What went wrong stays."""
+        """Remove the report of a success: it was read, or there is another report. That of a failure stays."""
         if self._passing and self.state["said"] == self._passing:
             self._say(said="")
 
     def forget(self) -> None:
-        """Ask nothing, say nothing."""
+        """Remove the question and the report."""
         self._doubtful = None
         self._say(doubt="", said="" if not self.state["busy"] else self.state["said"])

@@ -31,7 +31,7 @@ LONGEST_OTHER = 65536
 """Bytes of any other message by the page."""
 
 LONGEST_OF_STRANGERS = 512
-"""Bytes of a message before the password: it has room in them, and nothing else is heard."""
+"""Bytes of a message before the password: it has room in them, and nothing else is received."""
 
 MOST_PAGES = 16
 """Connections at a time: a classroom looks at one projector."""
@@ -123,7 +123,7 @@ def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by
 
     Parameters
     ----------
-    names : the server's own, see :func:`own_names`; asked at each request, for the port is chosen late.
+    names : the server's own, see :func:`own_names`; looked up at each request, for the port is chosen late.
     handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it says goodbye, so
         that a plain request, as of an ``<img>`` in any page, would stay for ever.
     framed_by : the one origin whose pages may show ours in a frame.

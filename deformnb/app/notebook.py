@@ -68,7 +68,7 @@ class Pane(MouseLooks):
         return {}
 
     def fail(self, message: str) -> None:
-        """The view tells what goes wrong by itself."""
+        """The view reports errors by itself."""
 
     def wake(self) -> None:
         """A page has come; :meth:`update_size` has requested its picture."""
@@ -96,7 +96,7 @@ class Pane(MouseLooks):
         """No file is ready."""
 
     def update_size(self, size: Any) -> None:
-        """A page is there. How large the pictures shall be is said by the view's own page around it."""
+        """A page is there. The view's own page around it sends the size of the pictures."""
         self.is_used = True
         view = self._view()
         if view is not None:
@@ -107,7 +107,7 @@ class Pane(MouseLooks):
         self._say({"type": "seen", "seq": whole(number, 1, 2**53)}, text(page))
 
     def on_event(self, event: Any) -> None:
-        """The mouse over the area, as :meth:`MouseLooks.on_event` takes it; the view hears of its end."""
+        """The mouse over the area, as :meth:`MouseLooks.on_event` takes it; the view receives its end."""
         view = self._view()
         if view is None:
             return

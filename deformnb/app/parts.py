@@ -44,7 +44,7 @@ class DeskParts:
     session : what they edit.
     editor, live : picture and volume, which they share selection and camera with.
     preview : shows a step that is on its way; None gives it up.
-    guard : does an edit and says what went wrong; says whether it was done.
+    guard : does an edit and reports errors; returns whether it was done.
     recolour : called with colours and opacities, and with whether that was the end of the movement.
     """
 

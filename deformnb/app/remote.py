@@ -93,7 +93,7 @@ class RemoteView(MouseLooks):
 
     Parameters
     ----------
-    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has said its size: a
+    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has sent its size: a
         :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
     push : called with a picture's JPEG and what the client wants to know of it: what trame's area does, and ``n`` (its
@@ -154,7 +154,7 @@ class RemoteView(MouseLooks):
     def change(self, key: str, function: Callable[[Any], None]) -> None:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
 
-        ``function`` is called in the thread of the scene; what it raises is told by ``fail``.
+        ``function`` is called in the thread of the scene; what it raises is reported by ``fail``.
         """
         self._loop.change(key, function, draw=self.is_used)
 

@@ -206,7 +206,7 @@ class AppServer:
         served.app.router.add_get("/deformnb/file/{key}", self._file)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
-        """A file that was written for a page, which alone has heard of this address."""
+        """A file that was written for a page, which alone has received this address."""
         path = self.desk.files.path(request.match_info["key"])
         if path is None:
             return web.Response(status=404, text="there is no such file any more\n")

@@ -33,13 +33,13 @@ _LOG = logging.getLogger(__name__)
 
 
 class DeskTrust:
-    """Judges the step that a desk edits.
+    """Computes the diagnostics of the step that a desk edits.
 
     Parameters
     ----------
     session, editor : the desk's.
     later : does something in the desk's thread.
-    show : called there when the session has changed, or something is to be said.
+    show : called there when the session has changed, or something is to be reported.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class DeskTrust:
         self.keep_free = False
 
     def soon(self) -> None:
-        """Judge what the session says now."""
+        """Compute the diagnostics of the session's current state."""
         if not self._worker.is_closed:
             self._worker.latest("judge", self._judge)
 

@@ -33,7 +33,7 @@ class Volumes:
     Parameters
     ----------
     session : whose volume is shown.
-    say : called with what people must know of the pictures, from any thread.
+    say : called with notes for people about the pictures, from any thread.
     later : does something in the desk's thread.
 
     Attributes

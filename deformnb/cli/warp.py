@@ -37,7 +37,7 @@ def note(*notes: str) -> None:
 
 @contextlib.contextmanager
 def stages() -> Iterator[Stage]:
-    """A function that begins a piece of work by name and returns what is told how far it has come.
+    """A function that begins a piece of work by name and returns the function that receives its progress.
 
     What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
     """
@@ -310,7 +310,7 @@ def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
 
 
 def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
-    """A volume of a file; a mesh becomes a body. What is to be said of it is printed."""
+    """A volume of a file; a mesh becomes a body. Its notes are printed."""
     from deformnb.io import read_volume
     from deformnb.io.meshes import is_mesh, read_mesh
     from deformnb.session.inputs import body_of

@@ -22,7 +22,7 @@ from deformnb.volume.volume import Float3, Grid, Volume
 from deformnb.warping.points import warp_points
 
 Stage = Callable[[str], Callable[[float], None]]
-"""Announces a piece of work by name and returns the function that is told how far it has come, from 0 to 1."""
+"""Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""
 
 # Pixels of the subject: brighter than this share of the range of the picture, in at least this share of a row or
 # column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.

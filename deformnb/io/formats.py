@@ -180,7 +180,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
     max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.
-    progress : told the share done, 0 to 1; may raise Cancelled.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw.
     path : ends in a suffix of a writable row of :data:`FORMATS`.
     overwrite : whether an existing file may be replaced.
-    progress : told the share done, 0 to 1; may raise Cancelled.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
     ------

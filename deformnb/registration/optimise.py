@@ -143,7 +143,7 @@ class Climb:
     moving, fixed : the two pictures.
     iterations : of each level, at most.
     least : det J that is kept.
-    progress : told the finished share.
+    progress : receives the finished share.
 
     Attributes
     ----------

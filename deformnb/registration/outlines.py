@@ -191,7 +191,7 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
     source_outline, target_outline : closed polylines (n, 2), such as :func:`outline` gives.
     count : how many points are added.
     iterations : of the sliding; 0 leaves them as the arc length has them.
-    progress : told the finished share.
+    progress : receives the finished share.
     """
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
@@ -235,7 +235,7 @@ def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequ
     ids : which points slide; they are put onto the nearest outline first. Default: all whose targets lie on one.
     iterations : at most.
     closed : whether the polylines go back to where they begin.
-    progress : told the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
+    progress : receives the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
 
     Raises
     ------

@@ -300,7 +300,7 @@ class _Job:
         self.held = None
 
     def say(self, error: Exception) -> None:
-        """Tell trouble once."""
+        """Report a failure once."""
         if self.has_trouble:
             return
         self.has_trouble = True
@@ -396,7 +396,7 @@ class Recovery:
     Parameters
     ----------
     session : what is edited.
-    say : told of trouble, and of a document that was made on another volume.
+    say : receives failures, and notes on a document that was made on another volume.
     changed : called when there is another offer, or something was written; from any thread.
     options : of :class:`~deformnb.session.autosave.Autosave`.
 

@@ -26,7 +26,7 @@ from deformnb.volume.sampling import METHODS, on_device
 from deformnb.volume.volume import Grid
 
 Progress = Callable[[float], None]
-"""Told the finished share of the work, from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`."""
+"""Receives the finished share of the work, from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`."""
 
 _Part = TypeVar("_Part")
 

@@ -153,7 +153,7 @@ class HistoryMessage(Message):
 
 @dataclass(frozen=True)
 class RefusedMessage(Message):
-    """An edit with something wrong in it: the front end must hear that it will not be taken."""
+    """An edit with something wrong in it: the front end must be told that it will not be taken."""
 
     reason: str
     what: str = "points"
@@ -162,7 +162,7 @@ class RefusedMessage(Message):
 def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
     """Parse a custom message to an editor of such points.
 
-    None, and a line in the log, where it does not even say who sent it.
+    None, and a line in the log, where it does not even name its sender.
     """
     try:
         sender, seq = header(content)
@@ -470,7 +470,7 @@ def dropping(what: str) -> Iterator[None]:
 
 
 def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, Any]], Any]) -> None:
-    """Put what a front end says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
+    """Put the trait values that a front end sends, one by one: a wrong one is logged, dropped, and costs no other.
 
     Parameters
     ----------

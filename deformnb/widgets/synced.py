@@ -41,7 +41,7 @@ class SyncedWidget(anywidget.AnyWidget):
 
     @contextmanager
     def hold_sync(self) -> Iterator[None]:
-        """Tell the front end of all traits at once, at the end; what another thread sets meanwhile is told with them.
+        """Send all traits to the front end at once, at the end, with those that another thread sets meanwhile.
 
         ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
         between the two, such as the history of an edit while a picture is exchanged, would never reach the front end.
@@ -65,13 +65,13 @@ class SyncedWidget(anywidget.AnyWidget):
             return bool(super()._should_send_property(key, value))
 
     def send_state(self, key: Any = None) -> None:
-        """Tell the front end of traits; what is told last is what holds, whichever thread told it."""
+        """Send traits to the front end; the value sent last holds, whichever thread sent it."""
         with self._sending:
             self._sent_since.update(self.keys if key is None else [key] if isinstance(key, str) else key)
             super().send_state(key)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits."""
+        """Take the trait values that the front end sends."""
         with self._sending:
             self._sent_since.clear()
         super().set_state(sync_data)

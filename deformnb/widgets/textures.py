@@ -64,7 +64,7 @@ class CutPlane:
 
     @property
     def first(self) -> Extrusion:
-        """An extrusion that says what all have in common: plane, depth and weights."""
+        """An extrusion with all that they have in common: plane, depth and weights."""
         return self.regions[0]
 
     @property
@@ -262,7 +262,7 @@ MOST_MAPS = 64
 
 @dataclass(frozen=True, eq=False)
 class CardMaps:
-    """A message: what it says, and its buffers, whose names are in ``content["buffers"]``.
+    """A message: its content, and its buffers, whose names are in ``content["buffers"]``.
 
     ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
     """

@@ -181,7 +181,7 @@ class _Queue:
             self.changed.notify_all()
 
     def tell(self, error: Exception) -> None:
-        """Tell whoever wants to know that a job has failed; not when nobody is there any more."""
+        """Report that a job has failed; not when nobody is there any more."""
         if self.failed is None or self.closed:
             return
         try:
@@ -303,7 +303,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
 
 
 def _cell_and_run() -> tuple[str, str] | None:
-    """Ids of the cell that runs and of its run, where the front end tells them."""
+    """Ids of the cell that runs and of its run, where the front end sends them."""
     ipython = sys.modules.get("IPython")  # whoever runs cells has it; nobody else needs it
     shell = ipython.get_ipython() if ipython is not None else None
     parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}

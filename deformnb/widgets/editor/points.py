@@ -109,7 +109,7 @@ EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
 
 DetailCallback = Callable[[EditMessage], None]
-"""Called with all that the front end says of an edit."""
+"""Called with all that the front end sends of an edit."""
 
 HistoryCallback = Callable[[str], None]
 """Called with "undo" or "redo"."""
@@ -194,7 +194,7 @@ class EditedPoints(SyncedWidget):
         self.live = bool(self._callbacks)
 
     def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
-        """Call ``callback("undo")`` or ``callback("redo")`` when the front end asks, if ``history`` is not empty.
+        """Call ``callback("undo")`` or ``callback("redo")`` when the user requests it, if ``history`` is not empty.
 
         Exceptions of the callback are logged and shown in the front end.
         """
@@ -247,7 +247,7 @@ class EditedPoints(SyncedWidget):
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         state = checked_state(sync_data, self.page_traits)
         if state:
             super().set_state(state)

@@ -255,7 +255,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         """Points of the front end, new ones taking hold of what is seen where they were put.
 
         A front end knows the target only and sends it as the source. What is seen there comes from target + D, and with
-        that as its source nothing moves. Until the front end has heard of it, it goes on sending the same.
+        that as its source nothing moves. Until the front end has received it, it goes on sending the same.
         """
         known, source = set(self.points.ids), points.source.copy()
         for k, number in enumerate(points.ids):

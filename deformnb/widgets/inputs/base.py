@@ -42,7 +42,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     Notes
     -----
-    ``on_edit(callback)`` hears of every movement of a drag; the traits change at its end only.
+    ``on_edit(callback)`` receives every movement of a drag; the traits change at its end only.
     """
 
     shown = traitlets.Dict(help="what the page draws").tag(sync=True)
@@ -121,7 +121,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             del self._seen[next(iter(self._seen))]
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits: only ipywidgets' own count of views."""
+        """Take the trait values that the front end sends: only ipywidgets' own count of views."""
         given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
         count = given.get("_view_count")
         if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):

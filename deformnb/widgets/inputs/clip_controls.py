@@ -41,4 +41,4 @@ class ClipControls(SyncedWidget):
         super().__init__(view=view, **traits)
 
     def set_state(self, sync_data: Any) -> None:
-        """The front end decides on nothing here: what it cuts away is said to the view."""
+        """The front end decides on nothing here: the clipping is sent to the view."""

@@ -15,7 +15,7 @@ LARGEST_DOWNLOAD = 128 * 2**20
 
 
 class HandOver(SyncedWidget):
-    """A line in the front end that says what was handed over.
+    """A line in the front end that reports each transfer.
 
     Notes
     -----
@@ -39,7 +39,7 @@ class HandOver(SyncedWidget):
 
         Parameters
         ----------
-        note : what to do with it, said along with how much was copied.
+        note : what to do with it, shown along with how much was copied.
         """
         self.send({"type": "copy", "text": text, "note": note})
 

@@ -57,7 +57,7 @@ class Player(SyncedWidget):
     speed : 1 is real time.
     loop : a name of :data:`~deformnb.document.deformation.LOOPS`.
     step : seconds that an arrow key goes.
-    sync_ms : how often Python hears of the time while it plays.
+    sync_ms : how often Python receives the time while it plays.
     theme : "auto" follows the page, "light" and "dark" do not.
 
     Examples
@@ -113,7 +113,7 @@ class Player(SyncedWidget):
         self.time = min(self.time, self.duration)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
 

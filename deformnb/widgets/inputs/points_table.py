@@ -57,7 +57,7 @@ class TableAct:
 
 
 ActCallback = Callable[[TableAct], str | None]
-"""Does it and returns what to say about it, or None if it was refused."""
+"""Does it and returns a report, or None if it was refused."""
 
 
 class PointsTable(SyncedWidget):

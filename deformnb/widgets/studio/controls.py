@@ -25,7 +25,7 @@ from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.inputs.clip_controls import ClipControls
 
 Guard = Callable[[Callable[[], None]], bool]
-"""Runs an edit and shows what went wrong with it; says whether it was done."""
+"""Runs an edit and shows its error; returns whether it was done."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
@@ -170,7 +170,7 @@ class Panel:
         """Show or hide what depends on the session, and fill the menus."""
 
     def opened(self, is_open: bool) -> None:
-        """Told when the tab of the panel is chosen, and when it is left."""
+        """Called when the tab of the panel is chosen, and when it is left."""
 
     def close(self) -> None:
         """Stop what the panel does on its own."""

@@ -58,8 +58,8 @@ class Judgement:
 
     Parameters
     ----------
-    step, key : what is judged.
-    folds, trip, quality, bending : None where they could not be found; ``reason`` then says why.
+    step, key : of the diagnostics.
+    folds, trip, quality, bending : None where they could not be found; ``reason`` then explains why.
     unit : of lengths, in words.
     """
 
@@ -89,7 +89,7 @@ class Judgement:
 
 
 def judge(step: Step, key: int, grid: Grid) -> Judgement:
-    """Judge a step; takes some hundredths of a second, more for points in space."""
+    """Diagnostics of a step; takes some hundredths of a second, more for points in space."""
     unit, reasons = unit_of(grid), []
     folds = trip = quality = bending = None
     try:
@@ -122,7 +122,7 @@ _JUDGING = threading.Lock()
 
 
 def judgement_of(session: Session) -> Judgement:
-    """The judgement of the step that a session edits; the last one is kept."""
+    """The diagnostics of the step that a session edits; the last ones are kept."""
     with _JUDGING:
         state = session.deformation, session.index, session.key
         kept = _JUDGED.get(session)
@@ -300,7 +300,7 @@ class Safety:
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
     def look(self, keep_free: bool = False) -> Judgement | None:
-        """Judge the session; None if it has changed meanwhile, so that it must be judged anew.
+        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed anew.
 
         Parameters
         ----------

@@ -182,7 +182,7 @@ class StudioPicture:
 
     Parameters
     ----------
-    session : says which picture is wanted; editors : show it.
+    session : determines the picture; editors : show it.
     link : shows the volume from the side of the picture; view : where.
     worker : the thread that makes it.
     undo : takes back the last edit.
@@ -211,7 +211,7 @@ class StudioPicture:
         return bool(self._shown == self._wanted())
 
     def renew(self) -> bool:
-        """Ask for the picture that the session wants, if it is another than the one that is shown; says whether."""
+        """Request the picture that the session wants, if it is not the one that is shown; returns whether."""
         if not self.is_shown:
             self.ask()
             return True
@@ -247,7 +247,7 @@ class StudioPicture:
             self._settle(reason)
 
     def _settle(self, reason: str) -> None:
-        """Let the editor be used, or say why not: points of one picture on another are worse than none."""
+        """Enable the editor, or show why not: points of one picture on another are worse than none."""
         self._reason.value = as_html(reason, is_error=True)
         self._editors.tell(waiting=_FAILED if reason else "")
         self.ways_on.layout.display = "" if reason else "none"
@@ -274,7 +274,7 @@ class StudioEdits:
     Parameters
     ----------
     session : is edited.
-    words : says what went wrong.
+    words : reports errors.
     timed : called when there is a new time of an edit.
 
     Attributes
@@ -293,7 +293,7 @@ class StudioEdits:
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user requested, be it with an editor or with a control; what was said of the edit before goes."""
+        """Do what a user requested, be it with an editor or with a control; the report of the edit before goes."""
         self._words.say("")
         before, start = self._session.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
@@ -327,7 +327,7 @@ class StudioEdits:
             self._take(editor, lambda: session.edit_parts(shapes, label, points=points))
 
     def travel(self, way: str) -> None:
-        """Go "undo" or "redo", and say what that was."""
+        """Go "undo" or "redo", and report what that was."""
         self._words.say("")
         what = self._session.undo() if way == "undo" else self._session.redo()
         if what:

@@ -79,7 +79,7 @@ _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in furthe
 
 
 def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> None:
-    """Go to a state of a session's history or to an earlier session, and say so in its notice.
+    """Go to a state of a session's history or to an earlier session, and report that in its notice.
 
     Raises
     ------

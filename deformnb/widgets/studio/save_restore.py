@@ -45,7 +45,7 @@ class RestoreBar(SyncedWidget):
 
     Attributes
     ----------
-    offer : what is asked; written : when the session was last written, for a front end whose kernel has gone.
+    offer : the question; written : when the session was last written, for a front end whose kernel has gone.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class SaveButton(SyncedWidget):
     Attributes
     ----------
     unsaved : whether the document is another than the one in the file.
-    tip : what the button says while the mouse rests on it.
+    tip : the tooltip of the button.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class SaveButton(SyncedWidget):
         """The front end owns nothing here."""
 
     def close(self) -> None:
-        """End, and hear the session no more."""
+        """End, and stop observing the session."""
         if hasattr(self, "_heard"):
             self._session.unobserve(self._heard, ["deformation", "saved", "file"])
             del self._heard

@@ -14,7 +14,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class StudioWords:
-    """The two texts below a studio, and the guard that no error gets past without being said.
+    """The two texts below a studio, and the guard that lets no error pass unreported.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class StudioWords:
         self.notice.value = as_html(text, is_error)
 
     def guarded(self, action: Callable[[], None]) -> bool:
-        """Do something that may go wrong, and say it in the front end if it does; returns whether it went well."""
+        """Do something that may fail, and report that in the front end; returns whether it went well."""
         try:
             action()
         except Exception as error:
@@ -49,7 +49,7 @@ class StudioWords:
         return True
 
     def failed(self, error: Exception) -> None:
-        """Say what went wrong in a thread, which has been logged."""
+        """Report an error of a thread, which has been logged."""
         self.say(_in_words(error), is_error=True)
 
 

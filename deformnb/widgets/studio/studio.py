@@ -143,7 +143,7 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: 
 
 
 def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
-    """Tells panels which of them is seen; keeps none of them alive."""
+    """Notifies panels which of them is seen; keeps none of them alive."""
     known = [weakref.ref(panel) for panel in panels]
 
     def chosen(change: Any) -> None:

@@ -30,7 +30,7 @@ class PanelParts:
 
     Parameters
     ----------
-    guard : does what a user requested and says in the front end what went wrong.
+    guard : does what a user requested and shows errors in the front end.
     editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
     worker : the studio's thread, ``worker.latest(name, work)``.
     opacity : the editor of the opacity curve.

@@ -87,7 +87,7 @@ class StudioLink:
         self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
 
     def close(self) -> None:
-        """Hear no editor any more."""
+        """Stop observing the editors."""
         self._hear(None)
         if self._in_space is not None:
             self._view.edit_points(None)

@@ -99,7 +99,7 @@ class AbstractView(ABC):
         self.show_deformation(make(), output=self._followed_output)
 
     def _stop_following(self) -> None:
-        """Hear the editor no more."""
+        """Stop observing the editor."""
         following, self._following = self._following, None
         if following is not None:
             following.close()
@@ -234,7 +234,7 @@ class Refit:
         self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
 
     def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
-        """The field with the map of these points; the last one where they cannot be fitted, as the editor says."""
+        """The field with the map of these points; the last one where they cannot be fitted, as the editor reports."""
         field, (of, good) = self._field, self._good  # another thread may put another field meanwhile
         last = good if of is field else field
         with contextlib.suppress(DeformError):
@@ -302,7 +302,7 @@ class Following:
         return partial(self._refit, *moving)
 
     def close(self) -> None:
-        """Hear the editor no more."""
+        """Stop observing the editor."""
         self._editor.on_edit(self._tell, remove=True)
         self._editor.unobserve(self._changed, _OBSERVED)
 

@@ -47,7 +47,7 @@ class StandIn:
         self._came: Callable[[Any], None] | None = None
 
     def receive(self, said: Any) -> bool:
-        """Take what a front end says to whoever draws for it; returns whether any front end is left."""
+        """Take a front end's message to the server renderer; returns whether any front end is left."""
         self._view._receive(None, said, [])
         return bool(self._view._pages)
 
@@ -102,7 +102,7 @@ class StandIn:
         return self._view.stats()
 
     def close(self) -> None:
-        """Give back the window that was drawn in, and hear no editor any more."""
+        """Give back the window that was drawn in, and stop observing the editor."""
         self._hear_no_more()
         for link in self._links:
             link.unlink()

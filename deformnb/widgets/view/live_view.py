@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from deformnb.widgets.view.fallback import StandIn
 
 class AbstractMoments(traitlets.HasTraits):
-    """A part of a live view: the frames of an animation, and the player that says which of them is seen."""
+    """A part of a live view: the frames of an animation, and the player that chooses which of them is seen."""
 
     player = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
 
@@ -586,7 +586,7 @@ class LiveView(ShowsPoints, AnswersPages, AbstractView, SyncedWidget, metaclass=
         return {**self._page_stats, **self._sent, **own, **drawn}
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, OF_PAGE, super().set_state)
 
     def close(self) -> None:

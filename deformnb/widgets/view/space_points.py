@@ -97,7 +97,7 @@ def _weakly(view: ShowsPoints, make: FieldOf, points: ControlPoints) -> Callable
 
 
 def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -> Callable[[], None]:
-    """Tell a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
+    """Notify a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
 
     def tell(points: ControlPoints, phase: str) -> None:
         show = held()

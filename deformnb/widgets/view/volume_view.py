@@ -120,7 +120,7 @@ def carrier(name: str) -> Any:
 
 
 class ServesPages(traitlets.HasTraits):
-    """A view that sends pictures to its front ends and takes what they say.
+    """A view that sends pictures to its front ends and takes their messages.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class ServesPages(traitlets.HasTraits):
     # -- from the front ends -------------------------------------------------------------------------------------------
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the front end says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)  # type: ignore[misc]
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
@@ -186,7 +186,7 @@ class ServesPages(traitlets.HasTraits):
                 self.send({"type": kind, "text": words})
 
     def _carry(self, view: str, origin: Any) -> None:
-        """Tell a front end where its frame gets the pictures."""
+        """Send a front end the address from which its frame gets the pictures."""
         if self._carrier is None:
             self._carrier = carrier(self.transport)(self)
         self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
@@ -231,7 +231,7 @@ class ServesPages(traitlets.HasTraits):
         return self._pages.theme if self.background == "auto" else str(self.background)
 
     def _size(self) -> tuple[int, int]:
-        """The largest of what the front ends show, or what the traits say."""
+        """The largest size of the front ends, or that of the traits."""
         return self._pages.size((self.width, self.height))
 
     def _change_page(self) -> None:
@@ -252,7 +252,7 @@ _ANSWERS: dict[str, Callable[[ServesPages, str, dict[str, Any]], None]] = {
 
 
 class TellsFolds(traitlets.HasTraits):
-    """A view that paints red where the map folds, or else says that it folds."""
+    """A view that paints red where the map folds, or else reports that it folds."""
 
     show_folds = traitlets.Bool(True).tag(sync=True)
 

@@ -76,7 +76,7 @@ class SceneLoop:
     make : makes the scene; called in the thread, before the first picture.
     deliver : called in the thread with each picture.
     failed : called in the thread with what went wrong, for people; the last good picture stays.
-    ready : says whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
+    ready : returns whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
     target_ms : time that a quick picture may take.
     settle_ms : rest after which the full picture is drawn.
     longest_ms : time that a full picture may take; on slow machines it has fewer pixels.

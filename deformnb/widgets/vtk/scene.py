@@ -319,7 +319,7 @@ class VtkScene:
 
     Attributes
     ----------
-    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` says what that means here.
+    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` explains what that means here.
 
     Raises
     ------
@@ -466,7 +466,7 @@ class VtkScene:
         coarseness : samples lie this many times farther apart along a ray.
         shows : instead of what was set.
         bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
-        interrupted : asked between two parts; if it says True, the work is dropped and None returned.
+        interrupted : called between two parts; if it returns True, the work is dropped and None returned.
         progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
@@ -608,7 +608,7 @@ class VtkScene:
 def texture_works() -> bool:
     """Check that VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
 
-    To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
+    To be called by a thread that renders. VTK's message about a shader that it cannot compile is not shown.
     """
     return _is_right(*probe())
 

@@ -263,7 +263,7 @@ class Question:
 
     Attributes
     ----------
-    box : the line; text : what is asked; agree, refuse : the buttons.
+    box : the line; text : the question; agree, refuse : the buttons.
     """
 
     def __init__(self, guard: Guard) -> None:
@@ -275,14 +275,14 @@ class Question:
         self.forget()
 
     def ask(self, text: str, agreement: str, action: Callable[[], None]) -> None:
-        """Ask, and do this if the answer is yes; what was asked before is forgotten."""
+        """Ask, and do this if the answer is yes; an earlier question is dropped."""
         self._action = action
         self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
         self.agree.description = self.agree.tooltip = agreement
         self.box.layout.display = ""
 
     def forget(self) -> None:
-        """Ask nothing."""
+        """Remove the question."""
         self._action = None
         self.box.layout.display = "none"
 

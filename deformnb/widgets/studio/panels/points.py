@@ -80,7 +80,7 @@ class PointsPanel(Panel):
                 self._send()
 
     def _send(self) -> None:
-        """The points with what is known of their errors: those of the edit before until they are judged again."""
+        """The points with what is known of their errors: those of the edit before until they are computed again."""
         points = self.session.points
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)

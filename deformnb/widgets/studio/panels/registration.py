@@ -359,7 +359,7 @@ class FitPanel(Panel):
         return words
 
     def _finish(self, action: Callable[[], str]) -> None:
-        """Do it in the thread and say how it ended."""
+        """Do it in the thread and report the result."""
         said = ""
         try:
             said = action()
@@ -432,7 +432,7 @@ class FitPanel(Panel):
             self._thread.latest("preview", self._show_preview)
 
     def _show_preview(self) -> None:
-        """Both pictures; what keeps them from being made is said where it matters, at the buttons."""
+        """Both pictures; an error in making them is shown at the buttons."""
         if self.session.step.plane is None:
             return
         try:

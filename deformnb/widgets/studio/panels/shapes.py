@@ -78,7 +78,7 @@ class PartControls(Panel):
 
     Parameters
     ----------
-    index : tells which part of the step is chosen, None for none.
+    index : gives the chosen part of the step, None for none.
     """
 
     def __init__(self, session: Session, guard: Guard, index: Any) -> None:

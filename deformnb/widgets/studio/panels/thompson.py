@@ -47,7 +47,7 @@ class ThompsonPanel(Panel):
     Parameters
     ----------
     session : what is deformed.
-    guard : does what was requested and says what went wrong; default says it in the panel.
+    guard : does what was requested and reports errors; default shows them in the panel.
     editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
         shown by itself: the last expression of a cell, or its ``box``.
     folder : where figures are written.
