@@ -174,6 +174,24 @@ def test_import_leaves_global_jax_settings_alone() -> None:
     assert _python(code).strip() == "True"
 
 
+OF_A_WHOLE_PACKAGE = {
+    "app/test_app.py": "the application's parts together", "app/test_security.py": "the server against strangers",
+    "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
+    "io/test_round_trip.py": "every format, written and read",
+}
+
+
+def test_the_tests_mirror_the_package() -> None:
+    for path in sorted((ROOT / "tests").glob("*/**/test_*.py")):
+        name = path.relative_to(ROOT / "tests").as_posix()
+        if name.startswith(("browser/", "js/")) or name in OF_A_WHOLE_PACKAGE:
+            continue
+        folder = PACKAGE / path.parent.relative_to(ROOT / "tests")
+        modules = {module.stem for module in folder.iterdir() if module.suffix == ".py" or module.is_dir()}
+        assert any(f"{path.stem}_".startswith(f"test_{module}_") for module in modules), f"{name}: no such module"
+    assert all((ROOT / "tests" / name).is_file() for name in OF_A_WHOLE_PACKAGE)
+
+
 def test_imports_point_one_way() -> None:
     command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -245,6 +263,12 @@ def test_documented_commands_exist(name: str) -> None:
     used = set(re.findall(r"^(?:sh run|make) (\w+)", blocks, re.MULTILINE))
     assert used
     assert used <= _run_tasks()
+
+
+def test_contributing_names_files_that_exist() -> None:
+    named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", (ROOT / "CONTRIBUTING.md").read_text()))
+    assert len(named) > 30
+    assert [name for name in named if not (ROOT / name).exists() and not (PACKAGE / name).exists()] == []
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import determinant, one_plus
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import POINTS_AT_A_TIME
-
-Progress = Callable[[float], None]
 
 # Nodes of a grid at a time: nine derivatives of each fill 36 bytes.
 _NODES_AT_A_TIME = 2**18

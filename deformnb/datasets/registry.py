@@ -11,17 +11,14 @@ import hashlib
 import os
 import shutil
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.volume.volume import Float3, Volume
-
-Progress = Callable[[float], None]
-
+from deformnb.volume.volume import Volume
 
 CHUNK = 1 << 14
 """Bytes read at a time: about two hundred steps of the bar for the smallest file."""

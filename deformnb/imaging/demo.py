@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, thompson_pairs
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.picture import project
 from deformnb.volume.plane import Picture, Plane
-from deformnb.volume.volume import Float3, Grid, Volume
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
 
 Stage = Callable[[str], Callable[[float], None]]

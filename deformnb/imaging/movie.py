@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deformnb._typing import Image
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -23,7 +24,6 @@ from deformnb.warping.warper import Warper
 
 __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
 
-Image = NDArray[np.uint8]
 
 SHOWS = ("after", "pair")
 """Contents of a frame: the deformed volume alone, or the volume as it was to its left."""

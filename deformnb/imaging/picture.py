@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.imaging.raycast import Blocks, Eye, blocks, composite, faces_of, knots
 from deformnb.rbf.fields import Identity
@@ -23,8 +24,6 @@ from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, preset, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
 from deformnb.warping.warper import warp
-
-Progress = Callable[[float], None]
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
 _LAYERS = 32

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Image, Progress
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import project
 from deformnb.io.atomic import atomic_write
@@ -21,9 +22,6 @@ from deformnb.io.headers import shown
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, preset, typical_range
 from deformnb.volume.volume import Grid, Volume
-
-Progress = Callable[[float], None]
-Image = NDArray[np.uint8]
 
 _SMALLEST = 8  # letters that can still be read, in pixels
 

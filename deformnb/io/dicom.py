@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.errors import DeformError, MissingPackageError, VolumeFileError
 from deformnb.io.headers import Header, fail, shown, triple, volume_shape
-from deformnb.volume.volume import Float3, Matrix3
+from deformnb.volume.volume import Matrix3
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 

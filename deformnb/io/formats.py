@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3, Progress
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
-from deformnb.io.streams import Progress
 from deformnb.volume.known_spacings import known_spacing
-from deformnb.volume.volume import Float3, Grid, Volume, voxel_checksum
+from deformnb.volume.volume import Grid, Volume, voxel_checksum
 
-Writer = Callable[[Volume, Path, bool, Progress], None]
+Writer = Callable[[Volume, Path, bool, Progress | None], None]
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _read_header(path: Path, series: str | int | None) -> tuple[str, Header]:
 
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
                 spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
-                max_bytes: int | None = None, progress: Progress = None) -> Volume:
+                max_bytes: int | None = None, progress: Progress | None = None) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
@@ -216,7 +216,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
 
 
 def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: bool = True,
-                 progress: Progress = None) -> None:
+                 progress: Progress | None = None) -> None:
     """Write a volume; the suffix chooses the format. The file is complete at once or untouched.
 
     Parameters
@@ -239,7 +239,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
 
 
 def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
-                  voxels: bool = False, progress: Progress = None) -> FileDescription:
+                  voxels: bool = False, progress: Progress | None = None) -> FileDescription:
     """Describe a volume file; reads its header alone unless the range of values is requested with ``voxels``.
 
     (The voxels are read too where the header is that of a volume in :mod:`deformnb.volume.known_spacings`.)
@@ -322,7 +322,7 @@ def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
                             f"{advice}")
 
 
-def _load(header: Header, stride: int, progress: Progress) -> NDArray[Any]:
+def _load(header: Header, stride: int, progress: Progress | None) -> NDArray[Any]:
     """The voxels [z, y, x], scaled, every ``stride``-th along each axis."""
     shape = header.shape[::-1] if header.transposed else header.shape
     out = np.empty(_kept(shape, stride), header.loaded_dtype)

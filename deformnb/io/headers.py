@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.volume.volume import IDENTITY, Float3, Grid, Matrix3
+from deformnb.volume.volume import IDENTITY, Grid, Matrix3
 
 HEADER_BYTES = 2**20
 """Longest text header that is read. Real ones have a few kB; scanners' private fields stay below 100 kB."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from deformnb._typing import Float3, Progress
 from deformnb.io.headers import (
     HEADER_BYTES,
     Header,
@@ -25,8 +26,8 @@ from deformnb.io.headers import (
     shown,
     volume_shape,
 )
-from deformnb.io.streams import Progress, Source, checked_blocks, stored_dtype, write_packed, write_pair
-from deformnb.volume.volume import Float3, Matrix3, Volume
+from deformnb.io.streams import Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
@@ -144,7 +145,7 @@ def _geometry(path: Path, fields: dict[str, str], dimension: int) -> tuple[Float
     return spacing, origin, rows
 
 
-def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write MetaImage: one file with plain voxels, or for .mhd a header and ``<name>.mhd.<check sum>.raw``.
 
     Not compressed: the header would have to know the compressed size before the voxels are packed.

@@ -19,12 +19,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Image
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
 from deformnb.io.headers import fail, shown
 
-Image = NDArray[np.uint8]
-Progress = Callable[[int, int], None]
+FrameProgress = Callable[[int, int], None]
 
 _FASTEST_GIF = 50.0  # frames a second: what is shown for less than 0.02 s browsers show for 0.1 s
 _LEVELS = 64  # of each of red, green and blue, told apart when the colours of a GIF are chosen
@@ -33,7 +33,7 @@ _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float = 24.0, *,
-                overwrite: bool = True, progress: Progress | None = None,
+                overwrite: bool = True, progress: FrameProgress | None = None,
                 cancel: Callable[[], bool] | None = None) -> Path:
     """Write pictures as a movie.
 
@@ -88,7 +88,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     return place.parent if kind == ".png" else place
 
 
-def _watched(frames: Iterable[Image], total: int, progress: Progress | None,
+def _watched(frames: Iterable[Image], total: int, progress: FrameProgress | None,
              cancel: Callable[[], bool] | None) -> Iterator[Image]:
     """The frames, checked one by one; says after each that it is done."""
     source, shape, done = iter(frames), None, 0

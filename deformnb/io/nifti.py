@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3, Progress
 from deformnb.io.headers import Header, fail, triple, volume_shape
-from deformnb.io.streams import Progress, Source, take, write_packed
-from deformnb.volume.volume import Float3, Grid, Matrix3, Volume
+from deformnb.io.streams import Source, take, write_packed
+from deformnb.volume.volume import Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
@@ -195,7 +196,7 @@ def _quaternion(turn: NDArray[np.float64]) -> tuple[float, float, float]:
     return sign * b, sign * c, sign * d
 
 
-def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write NIfTI-1; sform and qform are the same, lengths in millimetres, bool becomes uint8."""
     if max(volume.shape) > _LARGEST:
         raise fail(path, f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {max(volume.shape)}; "

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.io.headers import (
     HEADER_BYTES,
     Header,
@@ -28,7 +29,7 @@ from deformnb.io.headers import (
     triple,
     volume_shape,
 )
-from deformnb.io.streams import Progress, Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import Source, checked_blocks, stored_dtype, write_packed, write_pair
 from deformnb.volume.volume import Volume
 
 _TYPES = {
@@ -238,7 +239,7 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
     return {"spacing": triple(spacing), "origin": triple(first)}
 
 
-def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write NRRD: gzip in one file, or for .nhdr a header and plain voxels in ``<name>.nhdr.<check sum>.raw``."""
     if path.suffix.lower() == ".nhdr":
         write_pair(volume, path, partial(_header_text, volume, "raw"),

@@ -25,10 +25,11 @@ from typing import Any
 
 import numpy as np
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.headers import Blocks, Header, fail, shown, volume_shape
-from deformnb.io.streams import Progress, Source, checked_bytes, slabs_of_bytes
+from deformnb.io.streams import Source, checked_bytes, slabs_of_bytes
 from deformnb.volume.volume import Volume, cast
 
 _FORMAT = "deformnb volume"
@@ -185,12 +186,12 @@ def _npy_fields(path: Path, text: bytes) -> tuple[np.dtype[Any], bool, list[int]
     return dtype, fortran, list(shape)
 
 
-def write_raw(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write_raw(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write plain little-endian voxels and their side file."""
     _write_with_side_file(volume, path, b"", overwrite, progress)
 
 
-def write_npy(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write_npy(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write a NumPy file and a side file with the geometry, which NumPy's format cannot hold."""
     dtype = volume.dtype.newbyteorder("<")
     fields = f"{{'descr': {dtype.str!r}, 'fortran_order': False, 'shape': {volume.shape!r}, }}"
@@ -199,7 +200,8 @@ def write_npy(volume: Volume, path: Path, overwrite: bool, progress: Progress) -
     _write_with_side_file(volume, path, header, overwrite, progress)
 
 
-def _write_with_side_file(volume: Volume, path: Path, header: bytes, overwrite: bool, progress: Progress) -> None:
+def _write_with_side_file(volume: Volume, path: Path, header: bytes, overwrite: bool,
+                          progress: Progress | None) -> None:
     side = _side_path(path)
     check_target(side, overwrite=overwrite)
     dtype = volume.dtype.newbyteorder("<")

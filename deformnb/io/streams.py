@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.atomic import atomic_write, check_target, flush_folder, sweep
 from deformnb.io.headers import Blocks, detached_name, fail, is_detached_name, shown
@@ -228,7 +229,6 @@ def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[
                      f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same."))
 
 
-Progress = Callable[[float], None] | None
 
 # Level 1 is three to five times faster than zlib's 6 for files about a tenth larger; nibabel chose the same.
 LEVEL = 1
@@ -245,7 +245,8 @@ def stored_dtype(volume: Volume) -> np.dtype[Any]:
     return np.dtype(np.uint8) if volume.dtype == np.bool_ else volume.dtype.newbyteorder("<")
 
 
-def slabs_of_bytes(values: NDArray[Any], dtype: np.dtype[Any], progress: Progress = None) -> Iterator[memoryview]:
+def slabs_of_bytes(values: NDArray[Any], dtype: np.dtype[Any],
+                   progress: Progress | None = None) -> Iterator[memoryview]:
     """The voxels in order as little-endian bytes, some slices at a time; progress is told after each."""
     nz = values.shape[0]
     rows = max(1, _SLAB // max(1, values[0].size * dtype.itemsize))
@@ -274,7 +275,7 @@ def needed_bytes(volume: Volume, encoding: str) -> int:
     return size if encoding == "raw" else int(_PACKED_SHARE * size)
 
 
-def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overwrite: bool, progress: Progress,
+def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overwrite: bool, progress: Progress | None,
                  *, header_outside: bool = False) -> None:
     """A header and the voxels in one file; ``header_outside`` leaves the header itself uncompressed."""
     with atomic_write(path, overwrite=overwrite, needed=needed_bytes(volume, encoding)) as file:
@@ -287,7 +288,7 @@ def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overw
 
 
 def write_pair(volume: Volume, path: Path, header: Callable[[str, int], bytes], named: Callable[[Path], str | None],
-               overwrite: bool, progress: Progress) -> None:
+               overwrite: bool, progress: Progress | None) -> None:
     """A header and a detached file of plain voxels, whose name has the check sum of its bytes in it.
 
     So new voxels never take the place of old ones: they are on the disk before the header, whose own rename is the

@@ -24,9 +24,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.errors import MissingPackageError
 from deformnb.io.headers import Header, fail, regular_file, shown, volume_shape
-from deformnb.volume.volume import Float3
 
 SUFFIXES = (".tif", ".tiff")
 

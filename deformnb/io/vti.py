@@ -11,9 +11,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from deformnb._typing import Progress
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import Header, fail, floats, integers, shown, triple, volume_shape
-from deformnb.io.streams import LEVEL, Progress, needed_bytes, slabs_of_bytes, stored_dtype, stream_blocks
+from deformnb.io.streams import LEVEL, needed_bytes, slabs_of_bytes, stored_dtype, stream_blocks
 from deformnb.io.vtk_xml import TYPES, Tag, VtkXml
 from deformnb.volume.volume import Matrix3, Volume
 
@@ -79,7 +80,7 @@ def _geometry(file: VtkXml) -> tuple[list[int], dict[str, Any]]:
     }
 
 
-def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> None:
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write VTI: appended raw zlib blocks of one MiB; bool becomes uint8, labels are called "labels"."""
     dtype = stored_dtype(volume)
     size = volume.grid.size * dtype.itemsize
@@ -94,7 +95,7 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress) -> No
         file.write(np.array([blocks, _BLOCK, size % _BLOCK, *counts], dtype="<u8").tobytes())
 
 
-def _blocks(volume: Volume, dtype: np.dtype[Any], progress: Progress) -> Iterator[bytes]:
+def _blocks(volume: Volume, dtype: np.dtype[Any], progress: Progress | None) -> Iterator[bytes]:
     waiting = b""
     for piece in slabs_of_bytes(volume.values, dtype, progress):
         data = waiting + bytes(piece)

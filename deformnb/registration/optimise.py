@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize, signal
 
 from deformnb._jax import float64
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, fit_rbf
@@ -39,7 +40,6 @@ from deformnb.registration.similarity import (
 )
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Volume
-from deformnb.warping.planning import Progress
 
 Pictured: TypeAlias = Picture | Volume
 

@@ -17,10 +17,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
-from deformnb.warping.planning import Progress
 
 Floats = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.io.atomic import hold, sweep
@@ -426,7 +427,8 @@ class Recovery:
         self._ready = threading.Event()
         self._differs = session.deformation if session.deformation.volume is not None else None
         self._folder = Path(options.pop("folder", None) or state_folder())
-        self.autosave = Autosave(session, self._folder, on_ready=_weakly(self._look), on_written=_weakly(self._note),
+        self.autosave = Autosave(session, self._folder,
+                                 on_ready=weakly(self, Recovery._look), on_written=weakly(self, Recovery._note),
                                  on_trouble=say, **options)
 
     @property
@@ -510,15 +512,3 @@ class Recovery:
         if written != self.written:
             self.written = written
             self._changed()
-
-
-def _weakly(method: Callable[[Any], None]) -> Callable[[Any], None]:
-    """A bound method that does not keep its object: the thread that calls it must not keep a session alive."""
-    reference = weakref.WeakMethod(method)
-
-    def call(given: Any) -> None:
-        found = reference()
-        if found is not None:
-            found(given)
-
-    return call

@@ -13,12 +13,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
 
+from deformnb._typing import Image, Progress
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
-from deformnb.imaging.movie import Frames, Image, animation_frames, deformation_frames, swing, write_movie
+from deformnb.imaging.movie import Frames, animation_frames, deformation_frames, swing, write_movie
 from deformnb.imaging.picture import project
 from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
@@ -31,7 +32,6 @@ from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 
-Progress = Callable[[float], None]
 """Called with the finished share from 0 to 1; raises :class:`~deformnb.errors.Cancelled` to stop."""
 
 _RENDERING = (1600, 1200)

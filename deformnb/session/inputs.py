@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import without_surrogates
 from deformnb.io.documents import read_deformation
@@ -16,7 +17,6 @@ from deformnb.io.meshes import is_mesh, read_mesh
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Volume
 from deformnb.warping.mesh import Mesh, filled, signed_distance
-from deformnb.warping.planning import Progress
 
 
 def as_volume(given: Any) -> Volume:

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.volume.volume import Float3, Grid
+from deformnb._typing import Float3
+from deformnb.volume.volume import Grid
 
 
 @dataclass(frozen=True)

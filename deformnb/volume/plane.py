@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Float3
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
     from deformnb.volume.volume import Grid
 
-Float3 = tuple[float, float, float]
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Float3
 from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
 
@@ -306,7 +307,6 @@ class MappedFile:
         return type(None), ()  # a pickled or deep copied array lies in memory
 
 
-Float3 = tuple[float, float, float]
 Matrix3 = tuple[Float3, Float3, Float3]
 
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -8,13 +8,14 @@ returned.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import unchanging_axes
 from deformnb.rbf.fields import AbstractField, DisplacementField
@@ -23,7 +24,6 @@ from deformnb.volume.volume import Grid
 from deformnb.warping.points import POINTS_AT_A_TIME, checked_points, default_tolerance, moved, warp_points
 
 Array = NDArray[np.float64]
-Progress = Callable[[float], None]
 
 # A thousandth of the smallest step of the lattice: far less than what linear interpolation between nodes errs by.
 _NODE_TOLERANCE = 1e-3

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid, Volume, optional_package
 from deformnb.warping import triangles
-from deformnb.warping.planning import Progress
 from deformnb.warping.points import warp_points
 
 _DISAGREE = "the faces of the mesh do not agree on their outside: where bodies overlap, inside and outside take turns"

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
@@ -24,9 +25,6 @@ from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, ra
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.sampling import METHODS, on_device
 from deformnb.volume.volume import Grid
-
-Progress = Callable[[float], None]
-"""Receives the finished share of the work, from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`."""
 
 _Part = TypeVar("_Part")
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
-from deformnb.warping.planning import Progress, share
+from deformnb.warping.planning import share
 
 Array = NDArray[Any]
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
@@ -28,7 +29,6 @@ from deformnb.volume.volume import DTYPES, Grid, Volume
 from deformnb.warping import planning
 from deformnb.warping.composed import Chain
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
-from deformnb.warping.planning import Progress
 
 
 def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:

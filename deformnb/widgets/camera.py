@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.volume.clip import WHOLE, Clip, checked_clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-
-Image: TypeAlias = NDArray[np.uint8]
-Progress: TypeAlias = Callable[[float], None]
 
 BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.918, 0.923, 0.932)}
 """The middle tone of the view's two backgrounds."""

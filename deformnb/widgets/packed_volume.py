@@ -9,19 +9,17 @@ from __future__ import annotations
 import gzip
 import threading
 import uuid
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
-
-Progress = Callable[[float], None]
 
 # A piece of the volume on its way to the front end: below the 10 MB that proxies and servers refuse, large enough that
 # the round trip of some 50 ms does not count.

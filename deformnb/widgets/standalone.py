@@ -15,7 +15,6 @@ import html
 import json
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
@@ -41,8 +41,6 @@ from deformnb.widgets.textures import MOST_MAPS, CardMaps, card_maps, cut_plane
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png, render_scene
-
-Progress = Callable[[float], None]
 
 LIMIT = 128**3
 """Voxels in a file at most, if nothing else is said: about a megabyte."""

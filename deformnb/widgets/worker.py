@@ -312,17 +312,6 @@ def _cell_and_run() -> tuple[str, str] | None:
     return (cell, run) if isinstance(cell, str) and isinstance(run, str) else None
 
 
-def weakly(owner: Any, method: Callable[..., Any], is_open: Callable[[Any], bool]) -> Callable[..., None]:
-    """A callback ``method(owner, ...)`` that does not keep its owner alive, and does nothing once it is closed."""
-    reference = weakref.ref(owner)
-
-    def call(*given: Any) -> None:
-        found = reference()
-        if found is not None and is_open(found):
-            method(found, *given)
-    return call
-
-
 @contextmanager
 def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
     """Close the widgets that this thread makes meanwhile, should it end with an error: nobody else could.

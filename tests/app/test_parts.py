@@ -160,7 +160,7 @@ def test_what_was_written_for_the_points_of_another_side_is_refused(desk: Desk) 
 
 
 def test_what_is_cut_away_is_cut_in_pages_pictures_and_files(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    from test_app_volumes import Scene, ask
+    from app.test_volumes import Scene, ask
 
     scene = Scene([])
     monkeypatch.setattr("deformnb.app.volumes.make_scene", lambda *given, **looks: (scene, ""))
@@ -175,7 +175,7 @@ def test_what_is_cut_away_is_cut_in_pages_pictures_and_files(desk: Desk, monkeyp
 
 
 def test_what_is_opened_towards_the_viewer_is_seen_in_the_pictures(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    from test_app_volumes import Scene, ask
+    from app.test_volumes import Scene, ask
 
     monkeypatch.setattr("deformnb.app.volumes.make_scene", lambda *given, **looks: (Scene([]), ""))
     remote = desk.volumes.serve(desk.fail, lambda data, about: None)

@@ -99,7 +99,7 @@ def seeds(folder: Path, suffix: str) -> str:
                          photometric="minisblack")
     elif suffix in FORMATS["dicom"].suffixes:
         pytest.importorskip("pydicom")
-        from test_io_dicom import write_slice
+        from dicom_series import write_slice
 
         write_slice(folder / name, values[0].view(np.uint16), (1, 2, 3))
     else:
@@ -122,7 +122,7 @@ def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: P
 
 def test_random_damage_in_a_folder_of_slices(tmp_path: Path) -> None:
     pytest.importorskip("pydicom")
-    from test_io_dicom import NORMAL, VOXELS, write_slice
+    from dicom_series import NORMAL, VOXELS, write_slice
 
     from deformnb import DeformError
     from deformnb.io import read_volume

@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from deformnb._typing import Progress
 from deformnb.datasets.phantoms.abdomen import LABELS as ABDOMEN_LABELS
 from deformnb.datasets.phantoms.abdomen import abdomen, abdomen_labels
 from deformnb.datasets.phantoms.bar import bar
@@ -27,7 +28,7 @@ from deformnb.datasets.phantoms.horse import horse
 from deformnb.datasets.phantoms.knee import LABELS as KNEE_LABELS
 from deformnb.datasets.phantoms.knee import knee, knee_labels
 from deformnb.datasets.phantoms.lobster import lobster
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
 from deformnb.volume.volume import Volume
 
 __all__ = ["PHANTOMS", "Part", "Phantom", "Scene", "abdomen", "abdomen_labels", "bar", "fish", "head", "horse", "knee",

@@ -10,7 +10,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render, render_labels
+from deformnb._typing import Progress
+from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,

@@ -9,7 +9,8 @@ from functools import cache
 
 import numpy as np
 
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render
+from deformnb._typing import Progress
+from deformnb.datasets.phantoms.scene import Part, Scene, render
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,

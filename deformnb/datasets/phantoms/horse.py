@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render
+from deformnb._typing import Progress
+from deformnb.datasets.phantoms.scene import Part, Scene, render
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
 from deformnb.volume.volume import Volume
 

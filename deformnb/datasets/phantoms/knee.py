@@ -10,7 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, render, render_labels
+from deformnb._typing import Progress
+from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
 from deformnb.datasets.phantoms.shapes import Array, Blend, Both, Ellipsoid, Loft, Shell, Solid, Triple, Tube, path
 from deformnb.volume.volume import Volume
 

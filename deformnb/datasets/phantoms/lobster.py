@@ -11,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.datasets.phantoms.scene import Part, Progress, Scene, Value, render
+from deformnb._typing import Progress
+from deformnb.datasets.phantoms.scene import Part, Scene, Value, render
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3, Progress
 from deformnb.datasets.phantoms.shapes import Array, Solid, window
 from deformnb.errors import DeformError
-from deformnb.volume.volume import DTYPES, Float3, Grid, Volume
+from deformnb.volume.volume import DTYPES, Grid, Volume
 
 Value = float | Callable[[Array, Array, Array], Array]
-Progress = Callable[[float], None]
 
 SLAB_VOXELS = 1_500_000
 """Voxels painted at a time: about 6 MB of float32, so that temporaries stay near the processor's cache."""

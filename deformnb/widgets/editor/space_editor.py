@@ -13,7 +13,6 @@ import io
 import logging
 import threading
 import time
-import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import Step, lone_support
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, compose
@@ -230,7 +230,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
 
     def _hello(self, view: str, content: dict[str, Any]) -> None:
         self._has_page = True
-        self._worker.latest(f"hello {view}", _weakly(self, lambda editor: editor._draw(0, view)))
+        self._worker.latest(f"hello {view}", weakly(self, lambda editor: editor._draw(0, view)))
 
     def _seen(self, view: str, content: dict[str, Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
@@ -288,7 +288,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
             self._pacer.offer()
 
     def _ask(self, number: int) -> None:
-        self._worker.latest("pictures", _weakly(self, lambda editor: editor._draw(number, None)))
+        self._worker.latest("pictures", weakly(self, lambda editor: editor._draw(number, None)))
 
     def _rest(self) -> None:
         self._is_moving = False
@@ -328,7 +328,7 @@ class SpaceEditor(SpaceHandTraits, EditedPoints):
         self.send({"type": "pictures", "seq": number, "view": view, "panes": said, "facts": facts}, parts)
         if is_moving:
             self._pace += 0.3 * (time.monotonic() - start - self._pace)
-            self._worker.at_rest(_REST, _weakly(self, SpaceEditor._rest))
+            self._worker.at_rest(_REST, weakly(self, SpaceEditor._rest))
 
     def _images(self, field: AbstractField | None, is_moving: bool, *, all_of_them: bool) -> dict[int, Shown]:
         """The pictures that have changed since the last ones."""
@@ -379,15 +379,3 @@ _ANSWERS = {"hello": SpaceEditor._hello, "look": SpaceEditor._look, "seen": Spac
 
 def _is_same(a: Any, b: Any) -> bool:
     return isinstance(a, str | float | int | None) and isinstance(b, str | float | int | None) and a == b
-
-
-def _weakly(editor: SpaceEditor, work: Any) -> Any:
-    """Work for the editor's thread, which must not keep an editor alive that nobody uses any more."""
-    held = weakref.ref(editor)
-
-    def job() -> None:
-        alive = held()
-        if alive is not None:
-            work(alive)
-
-    return job

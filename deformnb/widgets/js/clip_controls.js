@@ -1,4 +1,4 @@
-// The clip controls: a view's sliders in a cell of their own. Joined behind the files that clip_controls.py names.
+// The clip controls: a view's sliders in a cell of their own. Joined behind the files that widgets/inputs/clip_controls.py names.
 
 async function render({ model, el }) {
   let sliders = null, ticket = null;

@@ -1,4 +1,4 @@
-// The curve editor: f(z) over the depth, by hand or by formula. Joined behind the files that curve_editor.py names.
+// The curve editor: f(z) over the depth, by hand or by formula. Joined behind the files that widgets/inputs/curve_editor.py names.
 
 class CurveEditorPage extends CurvePlot {
   constructor(model, el) {

@@ -1,5 +1,5 @@
 // The maps of a field as the ray caster takes them, with those that an editor makes put in. Needs regions.js, cut_fits.js.
-// No DOM. Equal to deformnb/widgets/card_cuts.py: one layer for each map of each region, and the distance to each cut.
+// No DOM. Equal to deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
 const CUT_STEPS = 512, CUT_MARGIN = 0.125; // nodes along the longer side, and how far beyond the maps they go
 const CUT_TILE = 32; // nodes along a square that only the near edges of an outline are asked for

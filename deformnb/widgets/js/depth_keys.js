@@ -1,4 +1,4 @@
-// Depths of the key pictures as marks on a bar, of which one is selected. Joined behind the files that depth_keys.py
+// Depths of the key pictures as marks on a bar, of which one is selected. Joined behind the files that widgets/inputs/depth_keys.py
 // names.
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };

@@ -1,4 +1,4 @@
-// The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor.py names.
+// The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor/editor.py names.
 // To Python: edit and history, by sender.js. From Python: done (sender, seq), error (message).
 
 const SETTINGS = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];

@@ -1,4 +1,4 @@
-// The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/live_view.py
+// The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/view/live_view.py
 // names.
 // To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
 

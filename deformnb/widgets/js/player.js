@@ -1,5 +1,5 @@
 // The player of an animation: play and pause, a bar with the key frames, speed and loop. Joined behind the files that
-// player.py names. The page writes the traits time, is_playing, speed and loop, a few times a second while it plays
+// widgets/inputs/player.py names. The page writes the traits time, is_playing, speed and loop, a few times a second while it plays
 // and exactly where it rests.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];

@@ -1,4 +1,4 @@
-// The table of control points. Joined behind the files that deformnb/widgets/points_table.py names.
+// The table of control points. Joined behind the files that deformnb/widgets/inputs/points_table.py names.
 //
 // Only the rows in sight are in the page. Python sends the points (ids, names, flags, numbers); the page tells what shall
 // be done: {type: "act", view, seq, what, ids, field, axis, value}, and is answered {type: "done", view, seq, ok}.

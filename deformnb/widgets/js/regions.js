@@ -1,4 +1,4 @@
-// Regions of a picture, equal to deformnb/regions.py in the plane. No DOM. Masks need region_masks.js.
+// Regions of a picture, equal to deformnb/rbf/regions.py in the plane. No DOM. Masks need region_masks.js.
 //
 //   regionDistance(data)    -> (a, b) => signed distance to the region's boundary, negative inside
 //   regionOf(data)          -> {kind, distance(a, b), near(a, b, radius)}, made once for each object of data

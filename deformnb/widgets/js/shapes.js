@@ -9,7 +9,7 @@ function withShape(shapes, index, change) {
 }
 
 // Where the shape at a place of a list is after an edit of the list, or null: the same one is equal, or the only one
-// that was changed. Python follows by the same rule (shape_messages.py).
+// that was changed. Python follows by the same rule (widgets/protocol.py).
 function followedShape(before, after, index) {
   if (before[index] === undefined) return null;
   const texts = after.map((shape) => JSON.stringify(shape)), was = before.map((shape) => JSON.stringify(shape));

@@ -1,5 +1,5 @@
 // The editor in space: three linked pictures with the same points. Joined behind the files that
-// deformnb/widgets/space_editor.py names.
+// deformnb/widgets/editor/space_editor.py names.
 // To Python: edit and history, by sender.js; hello, look, seen. From Python: pictures, error, done.
 
 const SPACE_PROJECTIONS = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };

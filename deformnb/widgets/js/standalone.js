@@ -202,7 +202,7 @@ class StandalonePage {
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
 
-  // Locks and radii stand beside the points, as deformnb/document.py writes them.
+  // Locks and radii stand beside the points, as deformnb/document/json_format.py writes them.
   #own(points) {
     const locked = points.filter((p) => p.locked).map((p) => p.id);
     const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);

@@ -1,5 +1,5 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both. Joined behind the
-// files that transfer_editor.py names.
+// files that widgets/inputs/transfer_editor.py names.
 
 const ROWS = { ...PLOT, left: 58, bottom: 92 }; // room for colours and window under the axis
 const LEAST_BAR = 1.5; // CSS pixels

@@ -1,4 +1,4 @@
-// The volume view: pictures that Python draws. Joined behind the files that deformnb/widgets/volume_view.py names.
+// The volume view: pictures that Python draws. Joined behind the files that deformnb/widgets/view/volume_view.py names.
 
 function render({ model, el }) { return opened(new PicturesPage(model, el)); }
 

@@ -34,6 +34,15 @@ _ROUNDING = 0.501  # of a slider's step
 _SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
 
 
+def raising(error: Exception) -> Callable[[], None]:
+    """An action that raises an error: a guard shows it as it shows those of its own actions."""
+
+    def action() -> None:
+        raise error
+
+    return action
+
+
 def wide(**more: str) -> ipw.Layout:
     """A layout that shares a row evenly; each widget needs one of its own, or hiding one would hide all."""
     return ipw.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})

@@ -14,6 +14,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import lone_support
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.session import Session
@@ -25,7 +26,7 @@ from deformnb.widgets.studio.controls import button, row
 from deformnb.widgets.studio.labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioWords, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
-from deformnb.widgets.worker import Worker, parts_of_another, weakly
+from deformnb.widgets.worker import Worker, parts_of_another
 
 _OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 

@@ -22,13 +22,13 @@ from typing import Any
 
 import traitlets
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import joined, style
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.worker import weakly
 
 _LOG = logging.getLogger(__name__)
 

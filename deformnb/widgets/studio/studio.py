@@ -23,6 +23,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.exports import export
@@ -50,7 +51,6 @@ from deformnb.widgets.worker import (
     closed_on_failure,
     leave_to_another,
     parts_of_another,
-    weakly,
 )
 
 WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "

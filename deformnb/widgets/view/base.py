@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import traitlets
 from numpy.typing import ArrayLike
 
+from deformnb._typing import Image
 from deformnb.document.deformation import Deformation, support_radius
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, decoupled_fits
@@ -24,7 +25,6 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.stages import Fit, fit_points
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.camera import Image
 from deformnb.widgets.protocol import shapes_of
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 

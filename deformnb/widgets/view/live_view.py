@@ -30,6 +30,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
+from deformnb._typing import Image
 from deformnb.document.animation import TimeMaps
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -38,7 +39,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, turned
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.packed_volume import Pieces, ShownVolume, fine_window, is_fine_enough, shown_volume, whole_window
 from deformnb.widgets.protocol import measured, picture, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget

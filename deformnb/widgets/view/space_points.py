@@ -10,6 +10,7 @@ from typing import Any
 import ipywidgets
 import traitlets
 
+from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -80,20 +81,13 @@ class ShowsPoints(traitlets.HasTraits):
         self.is_quick = phase == "move"
         self.show_deformation(field, output=self.shown_output)
         if self.is_quick:  # a drag that is given up ends without a word
-            self._rest_timer = threading.Timer(_REST, _weakly(self, make, points))
+            show = weakly(self, ShowsPoints._show_finely, lambda view: view.is_quick)
+            self._rest_timer = threading.Timer(_REST, show, (make, points))
             self._rest_timer.daemon = True
             self._rest_timer.start()
 
-
-def _weakly(view: ShowsPoints, make: FieldOf, points: ControlPoints) -> Callable[[], None]:
-    held = weakref.ref(view)
-
-    def rest() -> None:
-        alive = held()
-        if alive is not None and alive.is_quick:
-            alive._show_points(make, points, "end")
-
-    return rest
+    def _show_finely(self, make: FieldOf, points: ControlPoints) -> None:
+        self._show_points(make, points, "end")
 
 
 def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -> Callable[[], None]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import project
@@ -27,7 +28,7 @@ from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, Image, Progress, checked_camera, seen_height, within
+from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, checked_camera, seen_height, within
 from deformnb.widgets.packed_volume import ShownVolume, coarser, factors_of, shown_volume
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from deformnb.widgets.camera import Image
+from deformnb._typing import Image
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, Scene
 

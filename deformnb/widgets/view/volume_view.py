@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 import traitlets
 from numpy.typing import ArrayLike
 
+from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
@@ -31,7 +32,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.camera import CameraTrait, ClipTrait, Image, ShowsTrait, checked_camera, turned
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
 from deformnb.widgets.packed_volume import ShownVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget

@@ -20,8 +20,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from deformnb._typing import Image
 from deformnb.errors import DeformError
-from deformnb.widgets.camera import Image
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)

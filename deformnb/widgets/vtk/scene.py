@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.render import clipped_for, for_vtk, gl_status, placement, set_vtk_transfer, straight_image
@@ -35,17 +36,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import (
-    BACKGROUNDS,
-    INKS,
-    SHOWS,
-    STANDOFF,
-    Image,
-    checked_camera,
-    known,
-    seen_height,
-    within,
-)
+from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, STANDOFF, checked_camera, known, seen_height, within
 from deformnb.widgets.packed_volume import ShownVolume
 from deformnb.widgets.textures import CardMaps, card_maps
 from deformnb.widgets.vtk.folds import Folding
@@ -90,8 +81,8 @@ def has_overlay(plotter: Any, usual: int) -> bool:
                for renderer in plotter.renderers for prop in renderer.GetViewProps())
 
 
-Float3 = NDArray[np.float64]
-Box = tuple[Float3, Float3]
+Vector = NDArray[np.float64]
+Box = tuple[Vector, Vector]
 """Lowest and highest index (i, j, k) of what is seen of a lattice."""
 
 
@@ -163,7 +154,7 @@ class SceneVoxels:
         return (np.where(shares[:, 0] > 0, low, self._low - margin),
                 np.where(shares[:, 1] < 1, high, self._high + margin))
 
-    def _cut_at(self, shares: Float3) -> Box:
+    def _cut_at(self, shares: Vector) -> Box:
         length = self._high - self._low
         return self._low + shares[:, 0] * length, self._low + shares[:, 1] * length
 

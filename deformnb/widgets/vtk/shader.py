@@ -205,7 +205,7 @@ REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = 
 """Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
 
 
-Float3 = NDArray[np.float64]
+Vector = NDArray[np.float64]
 
 _BARE = 1.5  # voxels, beside the one that a slope reaches
 
@@ -340,7 +340,7 @@ class VolumeWarp:
         for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 
-    def set_box(self, low: Float3, high: Float3, lattice: Grid, is_cut: Float3 | None = None) -> None:
+    def set_box(self, low: Vector, high: Vector, lattice: Grid, is_cut: Vector | None = None) -> None:
         """Set the visible box, in indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
 
         Parameters
@@ -376,7 +376,7 @@ class VolumeWarp:
         self._is_lit = is_lit
         self._inject(*self._what)
 
-    def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Float3) -> None:
+    def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Vector) -> None:
         """Displace by these maps; None for no deformation.
 
         Parameters
@@ -405,7 +405,7 @@ class VolumeWarp:
             self._set_space(space, maps.buffer("space"), scale, shift)
         self._bind()
 
-    def _set_planar(self, about: dict[str, Any], given: CardMaps, scale: Float3, shift: Float3) -> None:
+    def _set_planar(self, about: dict[str, Any], given: CardMaps, scale: Vector, shift: Vector) -> None:
         count, rows, columns = about["shape"]
         regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
         maps = np.frombuffer(given.buffer("maps"), "<f4").reshape(count * rows, columns, 2)
@@ -427,8 +427,8 @@ class VolumeWarp:
         self._textures["dnb_maps"].load(maps)
         self._textures["dnb_weights"].load(weights[..., None])
 
-    def _set_cut(self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Float3,
-                 shift: Float3) -> None:
+    def _set_cut(self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Vector,
+                 shift: Vector) -> None:
         count, rows, columns = about["shape"]
         if count * rows > self._textures["dnb_cuts"].largest:
             raise DeformError(f"{count} cuts are more than the graphics card takes; use fewer.")
@@ -440,7 +440,7 @@ class VolumeWarp:
         u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
         self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
 
-    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Float3, shift: Float3) -> None:
+    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Vector, shift: Vector) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
         values = np.zeros((*n[::-1], 4), np.float32)  # four: GPUs are slow with three
         values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
@@ -455,7 +455,7 @@ class VolumeWarp:
             texture.close()
 
 
-def _along(plane: dict[str, Any], axis: str, scale: Float3, shift: Float3, start: float, length: float,
+def _along(plane: dict[str, Any], axis: str, scale: Vector, shift: Vector, start: float, length: float,
            offset: float = 0.0) -> list[float]:
     """Four numbers that turn a texture coordinate of the volume into one of a raster over a plane."""
     w = np.asarray(plane[axis])

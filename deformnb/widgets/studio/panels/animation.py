@@ -23,7 +23,7 @@ from deformnb.session.exports import Frozen, movie_frames
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST, Playback, Player
-from deformnb.widgets.studio.controls import Guard, Panel, button, row
+from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row
 from deformnb.widgets.studio.panels.files import plain_name
 from deformnb.widgets.worker import Worker
 
@@ -255,7 +255,7 @@ class MovieControls:
             said = f"Stopped; {path.name} was not written."
         except Exception as error:
             reason = error
-            self._guard(lambda: _raise(reason))
+            self._guard(raising(reason))
         finally:
             self.said.value, self._is_writing = said, False
             self.bar.layout.visibility = "hidden"
@@ -272,7 +272,3 @@ class MovieControls:
         """Stop what is being written."""
         self._stop.set()
         self._thread.close()
-
-
-def _raise(error: Exception) -> None:
-    raise error

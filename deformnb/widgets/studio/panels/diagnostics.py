@@ -12,6 +12,7 @@ from typing import Any
 import ipywidgets as ipw
 import traitlets
 
+from deformnb._weak import weakly
 from deformnb.document.step_checks import LEAST
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
@@ -25,7 +26,7 @@ from deformnb.widgets.studio.diagnostics import (
     point_name,
     suspects_of,
 )
-from deformnb.widgets.worker import Worker, close_all, weakly
+from deformnb.widgets.worker import Worker, close_all
 
 _WAITING = "<i>Looking at the map ...</i>"
 

@@ -13,7 +13,6 @@ import html
 import os
 import re
 import threading
-import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -23,6 +22,7 @@ from typing import Any
 
 import ipywidgets as ipw
 
+from deformnb._weak import weakly
 from deformnb.analysis.extent import grown
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import LONGEST, from_json
@@ -34,7 +34,7 @@ from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid
 from deformnb.widgets.inputs.file_transfer import HandOver
-from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
+from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, raising, row
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
 
@@ -140,7 +140,7 @@ class FilesPanel(Panel):
         except Exception as error:
             reason = error
             if self._ended(job, ""):
-                self.guard(lambda: _raise(reason))
+                self.guard(raising(reason))
 
     def _progress(self, job: Job, share: float) -> None:
         if job.is_cancelled:
@@ -312,10 +312,6 @@ def plain_name(text: str) -> str:
     return name
 
 
-def _raise(error: Exception) -> None:
-    raise error
-
-
 def _size(path: Path) -> str:
     size = path.stat().st_size
     return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
@@ -438,10 +434,14 @@ class ResultBox(Panel):
 
     def _ask(self) -> None:
         if not self._worker.is_closed:
-            self._worker.latest("result box", _weakly(self))
+            self._worker.latest("result box", weakly(self, ResultBox._look_again))
 
     def _fit(self) -> None:
         self.session.fit_output()
+
+    def _look_again(self) -> None:
+        with contextlib.suppress(DeformError):  # of an edit that has already said it
+            self.look()
 
     def look(self) -> None:
         """Make the box as large as is needed, or look what it cuts off; takes a moment."""
@@ -468,14 +468,3 @@ def cut_off_text(sides: tuple[str, ...]) -> str:
 
 def _listed(sides: tuple[str, ...]) -> str:
     return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]
-
-
-def _weakly(box: ResultBox) -> Callable[[], None]:
-    held: Any = weakref.ref(box)
-
-    def look() -> None:
-        alive = held()
-        if alive is not None:
-            with contextlib.suppress(DeformError):  # of an edit that has already said it
-                alive.look()
-    return look

@@ -15,6 +15,7 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.io.landmarks import parsed_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
@@ -23,7 +24,7 @@ from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
 from deformnb.widgets.studio.diagnostics import judgement_of
 from deformnb.widgets.studio.labels import edit_label
-from deformnb.widgets.worker import Worker, weakly
+from deformnb.widgets.worker import Worker
 
 _AXES = {2: ("a", "b"), 3: ("x", "y", "z")}
 

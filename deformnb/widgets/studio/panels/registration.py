@@ -23,6 +23,7 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation, lone_support
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.picture import project
@@ -36,9 +37,8 @@ from deformnb.registration.similarity import MEASURES
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
-from deformnb.warping.planning import Progress
 from deformnb.warping.warper import warp, warp_picture
-from deformnb.widgets.studio.controls import Guard, Panel, button, row, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row, slider
 from deformnb.widgets.view.stills import as_png
 from deformnb.widgets.worker import Worker
 
@@ -367,7 +367,7 @@ class FitPanel(Panel):
             said = "Stopped; nothing was changed."
         except Exception as error:
             reason = error
-            self.guard(lambda: _raise(reason))
+            self.guard(raising(reason))
         finally:
             self._is_busy = False
             self.said.value = _words(said)
@@ -477,7 +477,3 @@ def _bent(energy: tuple[float, ...]) -> str:
 
 def _words(text: str) -> str:
     return f'<div role="status" style="line-height: 1.35">{html.escape(text)}</div>' if text else ""
-
-
-def _raise(error: Exception) -> None:
-    raise error

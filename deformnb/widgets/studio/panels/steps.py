@@ -11,6 +11,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 
+from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.session.autosave import Recovery
 from deformnb.session.history import HistoryNode
@@ -20,7 +21,6 @@ from deformnb.widgets.camera import SIDES
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.studio.controls import Guard, Panel, button, prose, row
 from deformnb.widgets.studio.labels import go_to, history_rows
-from deformnb.widgets.worker import weakly
 
 MODES = {"compose": "one after the other", "blend": "added up"}
 """Labels of the compositions of steps."""

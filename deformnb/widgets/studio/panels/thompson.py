@@ -26,7 +26,7 @@ from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import HandOver
 from deformnb.widgets.protocol import checked_shapes, shapes_of
-from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
 from deformnb.widgets.studio.labels import edit_label
 from deformnb.widgets.studio.panels.files import plain_name
@@ -193,7 +193,7 @@ class ThompsonPanel(Panel):
                 self.hand_over.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
-            self.guard(lambda: _raise(reason))
+            self.guard(raising(reason))
         finally:
             if said or self.said.value.startswith("Writing"):
                 self.said.value = said
@@ -280,7 +280,3 @@ def _place(side: str) -> ipw.Box:
 def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
     words = [ipw.HTML(text)] if text else []
     return ipw.VBox([ipw.HTML(f"<b>{title}</b>"), place, *words], layout=ipw.Layout(flex="1 1 320px", min_width="0"))
-
-
-def _raise(error: Exception) -> None:
-    raise error
