@@ -1,4 +1,4 @@
-"""``python -m deformnb`` is the command ``deformnb``."""
+"""Entry point of ``python -m deformnb``, which is the command ``deformnb``."""
 
 import sys
 

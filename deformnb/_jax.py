@@ -1,12 +1,11 @@
-"""How this package compiles with JAX: float64 only where asked for, results of compilation kept on disk.
+"""JAX compilation: float64 only where asked for, a compilation cache on disk; closed-form algebra of small matrices.
 
 The global ``jax_enable_x64`` flag is never touched. The cache folder is set once, at the first compiled call, and
 only where the user has not set one; ``DEFORMNB_COMPILATION_CACHE=off`` leaves JAX alone altogether.
 
-Closed forms for very many 2 x 2 or 3 x 3 matrices: NumPy's own take five to fifty times as long for these.
-
-All matrices have their rows and columns on the first two axes, ``a[m, k, ...]``, and vectors their components on the
-first one: every entry is then an array of its own, and nothing is gathered.
+The functions on 2 x 2 and 3 x 3 matrices are closed forms for very many of them: NumPy's own take five to fifty times
+as long for these. All matrices have their rows and columns on the first two axes, ``a[m, k, ...]``, and vectors their
+components on the first one: every entry is then an array of its own, and nothing is gathered.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ _is_forked = False  # from a process that had computed before
 
 
 def _in_child() -> None:
-    """What a forked child does first: it has JAX's locks, but none of the threads that would release them."""
+    """Prepare a forked child: it has JAX's locks, but none of the threads that would release them."""
     global _is_forked  # noqa: PLW0603
     _is_forked = True
 

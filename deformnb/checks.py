@@ -1,4 +1,4 @@
-"""What callers pass as numbers: any type, any size and any text becomes an array, a number or one sentence."""
+"""Checks of numeric arguments: any type, any size and any text becomes an array, a number or one sentence."""
 
 from __future__ import annotations
 

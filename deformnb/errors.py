@@ -1,6 +1,6 @@
-"""The one family of exceptions that a user's mistake can raise.
+"""Exceptions for mistakes of a user, as one family.
 
-Every message says what is wrong, which item, why, and what to do next. A notebook or the command line
+Every message names the fault, the item, the reason, and the next thing to do. A notebook or the command line
 shows the message alone; nothing is ever half changed when one of these is raised. :func:`show_tracebacks` lets a
 notebook show all.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 
 _PACKAGE = str(Path(__file__).parent)
-_SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that asks for one line
+_SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that prints one line
 
 
 class _ShortInNotebooks:

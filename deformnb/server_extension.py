@@ -1,9 +1,9 @@
-"""A Jupyter Server extension that sends small messages at once.
+"""Jupyter Server extension that sends small messages without delay.
 
 A kernel answers a widget with several small messages in a row. TCP as Jupyter leaves it keeps the second of them back
-until the page has acknowledged the first (Nagle's algorithm), and the page's side waits up to 40 ms before it does. A
-dragged point feels that wait at every step. The extension switches it off (TCP_NODELAY) for the websockets of kernels
-and changes nothing else.
+until the front end has acknowledged the first (Nagle's algorithm), and the front end's side waits up to 40 ms before
+it does. A dragged point is delayed by that wait at every step. The extension switches it off (TCP_NODELAY) for the
+websockets of kernels and changes nothing else.
 
 It comes with the package: ``etc/jupyter/jupyter_server_config.d/deformnb.json`` enables it for JupyterLab, Notebook 7
 and Voila inside either. Voila on its own loads no extensions; the class can be named to it instead::

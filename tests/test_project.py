@@ -13,6 +13,7 @@ import textwrap
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -265,6 +266,17 @@ def test_public_names_are_documented() -> None:
     assert public
     constants = {name for name, thing in public.items() if not callable(thing) and not isinstance(thing, property)}
     assert {name for name, thing in public.items() if not inspect.getdoc(thing)} - constants == set()
+
+
+def test_docstrings_of_modules_begin_with_their_subject_and_name_modules_that_exist() -> None:
+    for path in sorted(PACKAGE.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        first = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
+        assert first.endswith("."), path
+        assert not re.match(r"(What|How|When|Where|Who|Whose|Whether|Which)\b", first), path
+        for name in re.findall(r":mod:`~?([\w.]+)`", text):
+            assert name.startswith("deformnb."), f"{path}: {name} is not a full path"
+            assert find_spec(name) is not None, f"{path}: there is no {name}"
 
 
 def test_version_is_one_and_in_the_changelog() -> None:

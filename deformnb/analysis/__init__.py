@@ -1,1 +1,1 @@
-"""What a deformation does: folds, strain, fit quality, uncertainty, extent."""
+"""Analysis of a deformation: folds, strain, fit quality, uncertainty, extent."""

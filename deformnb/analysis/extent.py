@@ -1,9 +1,9 @@
-"""The field of view: how large a box deformed matter needs, and on which sides it leaves the box it has.
+"""Field of view: the size of the box that the deformed foreground needs, and the sides on which it leaves its box.
 
-The volume's box is where matter was, not where it goes: what is dragged out of it is cut off, unless the result gets a
-larger grid. Where matter goes is asked both ways. Forwards, the corners of small boxes around all matter at the surface
-are followed through the map, which is exact. Backwards, the nodes of a lattice around what was found are looked up in
-the matter: they find what a fold shows a second time.
+The volume's box is where the foreground was, not where it goes: voxels that are dragged out of it are cut off, unless
+the result gets a larger grid. The extent is found in both directions. Forwards, the corners of small boxes around all
+foreground at the surface are followed through the map, which is exact. Backwards, the nodes of a lattice around that
+extent are looked up in the foreground: they find the second copy of the tissue that a fold shows.
 """
 
 from __future__ import annotations
@@ -27,26 +27,30 @@ Array = NDArray[np.float64]
 MOST = 8.0
 """A box is made as large as this many times the voxels of the volume, and no larger."""
 
-# Boxes along the longest axis: enough that their corners lie close to the matter, few enough to be followed at once.
+# Boxes along the longest axis: enough that their corners lie close to the foreground, few enough to be followed at
+# once.
 _BLOCKS = 16
 
 # Newton's method may end at this share of a voxel, and a box may cut off as much.
 _EXACT = 0.02
 _SLACK = 0.05
 
-# Voxels more on a side that grows: a bent face may stick out between two corners, and the voxels around matter fade.
+# Voxels more on a side that grows: a bent face may stick out between two corners, and the voxels around foreground
+# fade.
 _RIM = 1
 
 # Nodes along each axis of the lattice that is looked up backwards, how far it goes beyond what was found, and how often
-# it is made anew because matter lies on its edge.
+# it is made anew because foreground lies on its edge.
 _NODES = 24
 _AROUND = 0.15
 _ROUNDS = 8
 
-# Matter that a fold shows apart from the rest is looked for as far away from the volume as these shares of its edges.
+# Foreground that a fold shows apart from the rest is looked for as far away from the volume as these shares of its
+# edges.
 _SCALES = (0.2, 0.6, 1.8)
 
-# Matter leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through tissue.
+# Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
+# tissue.
 _LEAVES = 0.01
 
 # With the letters that views show at their edges: in a picture from the front, left is on the right.
@@ -55,7 +59,7 @@ _TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("to
 
 @dataclass(frozen=True, eq=False)
 class Matter:
-    """Where a volume holds something, as small boxes of whole voxels; make it by :func:`matter_of`.
+    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`matter_of`.
 
     Parameters
     ----------
@@ -90,7 +94,7 @@ class Matter:
         return bool(self.holds(np.asarray(point, dtype=np.float64)[None])[0])
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in space lie in one of the boxes."""
+        """Test points (n, 3) in space for lying in one of the boxes."""
         at = self.grid.point_to_index(points)
         part = np.floor((np.where(np.isfinite(at), at, -1e9) + 0.5) / self.block).astype(np.int64)
         inside = ((part >= 0) & (part < np.array(self.table.shape[::-1]))).all(axis=1)
@@ -103,7 +107,7 @@ class Matter:
 
 
 def matter_of(volume: Volume) -> Matter:
-    """Where a volume holds something: what is brighter than the edge between air and tissue, or has a label.
+    """Find the foreground of a volume: voxels brighter than the edge between air and tissue, or with a label.
 
     Examples
     --------
@@ -137,7 +141,7 @@ def matter_of(volume: Volume) -> Matter:
 
 
 def landed(matter: Matter, field: AbstractField | None) -> Array:
-    """Places (n, 3) in space that deformed matter reaches, the outermost among them.
+    """Places (n, 3) in space that deformed foreground reaches, the outermost among them.
 
     Parameters
     ----------
@@ -165,7 +169,7 @@ def landed(matter: Matter, field: AbstractField | None) -> Array:
 
 
 def _beside_nodes(matter: Matter, followed: Array, places: Array) -> Array:
-    """Two corners of the box of places, a cell of the lattice farther where only its nodes have found matter."""
+    """Two corners of the box of places, a cell of the lattice farther where only its nodes have found foreground."""
     (first, last), (low, high) = _box(matter, followed), _box(matter, places)
     cell = (high - low) * (1 + 2 * _AROUND) / (_NODES - 1)
     low, high = np.where(low < first - 1, low - cell, low), np.where(high > last + 1, high + cell, high)
@@ -173,7 +177,7 @@ def _beside_nodes(matter: Matter, followed: Array, places: Array) -> Array:
 
 
 def _far(matter: Matter, field: AbstractField) -> Iterator[Array]:
-    """Where matter is seen around the volume, coarsely, at several scales: a fold shows it in places that lie apart."""
+    """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
     counts = np.array(matter.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
         yield _looked_up(matter, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
@@ -190,7 +194,7 @@ def _lattice(matter: Matter, low: Array, high: Array) -> Array:
 
 
 def _looked_up(matter: Matter, field: AbstractField, low: Array, high: Array, around: Array) -> tuple[Array, bool]:
-    """The nodes of a lattice around a box at which matter is seen, and whether it is seen on the lattice's edge."""
+    """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
     nodes = _lattice(matter, low - around, high + around)
     seen = matter.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
     at_edge = any(bool(np.take(seen, (0, -1), axis=axis).any()) for axis in range(3))
@@ -199,12 +203,12 @@ def _looked_up(matter: Matter, field: AbstractField, low: Array, high: Array, ar
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The box that deformed matter needs.
+    """The box that deformed foreground needs.
 
     Parameters
     ----------
     grid : the volume's own lattice of voxels, with as many more on each side as it takes.
-    is_limited : whether it takes more than may be, so that some matter is cut off still.
+    is_limited : whether it takes more than may be, so that some foreground is cut off still.
     """
 
     grid: Grid
@@ -212,7 +216,7 @@ class FieldOfView:
 
 
 def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most: float = MOST) -> FieldOfView:
-    """The volume's grid, made as much larger as deformed matter needs, by whole voxels; it is never made smaller.
+    """The volume's grid, made as much larger as deformed foreground needs, by whole voxels; it is never made smaller.
 
     Parameters
     ----------
@@ -248,7 +252,7 @@ def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most:
 
 
 def _share(shape: tuple[int, int, int], before: Any, after: Any, most: float) -> float:
-    """How much of the growth leaves no more than ``most`` times the voxels; 1 if all of it."""
+    """The largest share of the growth that leaves no more than ``most`` times the voxels; 1 if all of it does."""
     counts = np.array(shape[::-1], dtype=np.float64)
 
     def fits(share: float) -> bool:

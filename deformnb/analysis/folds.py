@@ -1,8 +1,8 @@
-"""Where a map folds: the determinant of its derivative, and how far one may go before it does.
+"""Folds of a map: the determinant of its derivative, and the largest drag that stays free of them.
 
 ``output(x) = input(x + D(x))``. With ``J = 1 + dD/dx`` a small piece at x shows ``det J`` times its own size of the
-input: 1 keeps areas (volumes in space), 2 shows matter shrunk to a half, 1/2 matter grown to twice its size. Where
-``det J <= 0`` the map folds: matter is seen twice, and mirrored. The forward map has the determinant ``1 / det J``, see
+input: 1 keeps areas (volumes in space), 2 shows tissue shrunk to a half, 1/2 tissue grown to twice its size. Where
+``det J <= 0`` the map folds: tissue is seen twice, and mirrored. The forward map has the determinant ``1 / det J``, see
 :mod:`deformnb.analysis.strain`.
 """
 
@@ -123,15 +123,15 @@ def folds_of(field: AbstractField, lattice: Grid | Raster, progress: Progress | 
 
 
 def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | Raster, *, least: float = 0.05) -> float:
-    """How much of a drag can be done without coming near a fold.
+    """The largest share of a drag that does not come near a fold.
 
     Goes from 0 towards 1 in eighths as far as all is well, and then halves the way to the first that is not.
 
     Parameters
     ----------
     make_field : the field of a share t of the drag, from 0 to 1. One that cannot be fitted (DeformError) is not safe.
-    lattice : where the determinant is asked for.
-    least : the smallest determinant that is still safe; the default shows matter at most twenty times its size.
+    lattice : the nodes at which the determinant is evaluated.
+    least : the smallest determinant that is still safe; the default shows tissue at most twenty times its size.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | R
 
 
 def largest_share(is_safe: Callable[[float], bool]) -> float:
-    """How much of a way from 0 to 1 is safe: in eighths as far as all is well, then by halves; 0 if nothing is."""
+    """Largest safe share of a way from 0 to 1: in eighths as far as all is well, then by halves; 0 if nothing is."""
     if not is_safe(0.0):
         return 0.0
     low, high = 0.0, 0.0

@@ -1,8 +1,8 @@
-r"""How well a fit agrees with itself: residuals, leave-one-out errors, who disagrees, and how much the map bends.
+"""Goodness of fit: residuals, leave-one-out errors, possible outliers, and bending energy.
 
-Leave-one-out asks of every control point what the others would have done with it. No fit is made for that. With C of
-:mod:`uncertainty`, leaving point i out of the system changes C by ``C_i C_i^T / C_ii``, and the others' prediction
-misses its displacement by
+The leave-one-out error of a control point is the distance between its displacement and the prediction of the others.
+No fit is made for that. With C of :mod:`deformnb.analysis.uncertainty`, leaving point i out of the system changes C by
+``C_i C_i^T / C_ii``, and the others' prediction misses its displacement by
 
     e_i = [C (d - X A_i^T)]_i / C_ii
 
@@ -33,7 +33,7 @@ from deformnb.rbf.trends import TRENDS, Span, ridge_of, steadied, thin_direction
 _ALONE = 1e-9
 
 STRAIN = 0.5
-"""Leave-one-out errors of this share of the way to the nearest point ask for a strain that is near to a fold."""
+"""Leave-one-out errors of this share of the way to the nearest point require a strain that is near to a fold."""
 
 # An error must stand out from those of the other points, or all of them disagree and none is to blame. Measured in
 # standard deviations of what the others could know: errors at the edge of a set are large without anybody's fault. Of
@@ -44,7 +44,7 @@ _MOST_SUSPECTS = 16
 
 @dataclass(frozen=True, eq=False)
 class FitQuality:
-    """What the control points of a fit say of each other. Arrays have one row for each active point.
+    """Goodness of fit of control points. Arrays have one row for each active point.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class FitQuality:
     residual : (N, dim) D(target) - (source - target): what smoothing left; zero but for rounding without it.
     leave_one_out : (N, dim) source - target less what the fit of all other points displaces the target by.
     disagreement : (N,) length of that over the distance to the nearest target at another place: the strain that this
-        point alone asks for. Zero for a single point.
+        point alone requires. Zero for a single point.
     suspects : ids of points that disagree with their neighbours; see :func:`fit_quality`.
     energy : alpha^T Phi alpha of all components, in squared lengths: the squared norm of the bending part in the
         kernel's own space. Comparable between fits of one kernel and support. NaN beside radii of their own.
@@ -85,11 +85,11 @@ class FitQuality:
 
 def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
                 trend: str = "affine", smoothing: float = 0.0) -> FitQuality:
-    """Judge the fit that :func:`~deformnb.rbf.interpolant.fit_rbf` makes of these points.
+    """Assess the fit that :func:`~deformnb.rbf.interpolant.fit_rbf` makes of these points.
 
     A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
     and, in units of what the others can know there, by twice the median of all points at least. The one whose
-    leaving-out eases the fit most is named and left out, then the rest are asked again, so that the neighbours of a
+    leaving-out eases the fit most is named and left out, then the rest are checked again, so that the neighbours of a
     wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
     dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
     not dragged and lies on the convex hull of all: it holds the rim, and what the others know of the rim is a guess.
@@ -283,7 +283,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
 
 
 def _holding_the_rim(system: FitSystem) -> NDArray[np.bool_]:
-    """Which places are not dragged and lie on the convex hull of all."""
+    """Mask of the places that are not dragged and lie on the convex hull of all."""
     holds = np.zeros(system.count, dtype=bool)
     with contextlib.suppress(scipy.spatial.QhullError):  # all on one line, or in one plane of space
         holds[scipy.spatial.ConvexHull(system.x).vertices] = True

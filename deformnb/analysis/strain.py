@@ -1,8 +1,8 @@
-"""What a deformation does to small pieces of matter: how much they grow, and along which directions they stretch.
+"""Strain: principal stretches of a deformation, their directions, and the change of volume.
 
-The backward map has the derivative ``J = 1 + dD/dx``; matter itself is deformed by its inverse ``F = J^-1``, taken at
-places of the result. A small circle of matter becomes an ellipse there, whose axes are the left singular vectors of F
-and whose half-lengths, in units of the circle's, are the singular values: ``F = U diag(principal) V^T``.
+The backward map has the derivative ``J = 1 + dD/dx``; the tissue itself is deformed by its inverse ``F = J^-1``, taken
+at places of the result. A small circle of tissue becomes an ellipse there, whose axes are the left singular vectors of
+F and whose half-lengths, in units of the circle's, are the singular values: ``F = U diag(principal) V^T``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _POINTS_AT_A_TIME = 2**16
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """How matter is deformed at places of the result. NaN where the map folds, for there is no forward map.
+    """Principal stretches of the tissue at places of the result. NaN where the map folds: there is no forward map.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Stretches:
 
 
 def stretches(field: AbstractField, points: ArrayLike) -> Stretches:
-    """The principal stretches of matter that the deformation has brought to points (..., dim).
+    """The principal stretches of tissue that the deformation has brought to points (..., dim).
 
     Parameters
     ----------

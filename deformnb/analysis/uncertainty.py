@@ -1,4 +1,4 @@
-r"""The linear system of a fit turned round: what each control point weighs, and how sure the map is between them.
+"""Kriging uncertainty of a fit: the inverse of its linear system, weights of control points, variance between them.
 
 An interpolant of radial functions is the mean of a Gaussian process with the same kernel ("kriging"), its trend a mean
 of unknown parameters. With K = Phi + diag(lambda / w), P the polynomials that the system itself carries (ones; for
@@ -83,7 +83,7 @@ class FitSystem:
 
     @property
     def free_parameters(self) -> int:
-        """How many numbers the trend takes from the points."""
+        """Number of parameters that the trend takes from the points."""
         dim, rank = self.dim, self.ready.span.basis.shape[1]
         turns = dim * (dim - 1) // 2 - (dim == 3 and rank == 1)  # about the line of all points nothing is known
         return {"none": 0, "translation": dim, "rigid": dim + turns, "similarity": dim + turns + 1,
@@ -100,7 +100,7 @@ class FitSystem:
     def without(self, k: int) -> FitSystem:
         """The system of all points but one, by a change of rank one; for the errors of the rest, not for a new fit.
 
-        Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` tells.
+        Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` marks it.
         """
         c, kept = self.energy, self.kept.copy()
         energy = scipy.linalg.blas.dger(-1 / c[k, k], c[:, k], c[k], a=np.array(c, order="F"), overwrite_a=1)
@@ -236,7 +236,7 @@ class Uncertainty:
         return self.at(np.moveaxis(places, 0, -1)).astype(np.float32)
 
     def _variance(self, x: Floats) -> Floats:
-        """What is left of the variance at relative places (m, dim), in units of sigma^2."""
+        """The remaining variance at relative places (m, dim), in units of sigma^2."""
         s, m = self.system, len(x)
         n, blocks = s.count, max(1, few_sizes(-(-m // _BLOCK)))
         places = np.zeros((blocks * _BLOCK, self.dim))
@@ -271,7 +271,7 @@ _variances = compiled(_variances_of, static_argnames="kernel")
 
 def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
                 trend: str = "affine", smoothing: float = 0.0, sigma: float | None = None) -> Uncertainty:
-    """How sure the map of control points is, everywhere: the deviation of the Gaussian process with the same kernel.
+    """Uncertainty of the map of control points: the deviation of the Gaussian process with the same kernel.
 
     It is zero at the points (without smoothing) and grows away from them; where it is large, the map is only a guess
     that the kernel makes. Across points on one line, or in one plane of space, the trend's own deviation is not
@@ -301,7 +301,7 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
 
 
 def _open_part(system: FitSystem) -> Floats | None:
-    """What the trend's linear part leaves open: sum over its generators L_m of G^-1_ml L_m^T L_l, relative."""
+    """Variance left open by the trend's linear part: sum over its generators L_m of G^-1_ml L_m^T L_l, relative."""
     if not system.has_second_step:
         return None
     generators = _generators(system)

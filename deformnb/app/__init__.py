@@ -1,7 +1,7 @@
-"""The tool as a web page of its own, without Jupyter: ``deformnb app FILE SESSION``.
+"""Web application without Jupyter, served by trame: ``deformnb app FILE SESSION``.
 
-A picture with points to drag, the volume beside it, and what a session has to choose from, served by trame to the
-browsers of this machine. What is edited and remembered is a :class:`Session`, as in a notebook.
+A picture with points to drag, the volume beside it, and the settings of a session, served by trame to the
+browsers of this machine. The edits and the state are those of a :class:`Session`, as in a notebook.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 IDLE_MINUTES = 240.0
-"""The server ends when no page was connected for so long; a lesson begins an hour after it was started."""
+"""The server ends when no client was connected for so long; a lesson begins an hour after it was started."""
 
 VIEWERS = ("live", "vtk")
-"""Where the volume is rendered: in the page, or by VTK here, which sends pictures."""
+"""Renderers of the volume: in the client, or by VTK on the server, which sends pictures."""
 
 
 def add_app(commands: Any, run: Callable[[Any], None]) -> None:

@@ -1,7 +1,8 @@
-"""Carries the widgets' conversations with their pages over trame's socket, and the page's controls to the desk.
+"""Bridge between the widgets' comms and trame's socket, and from the client's controls to the desk.
 
-A widget speaks to its page through its comm. Here the comm is one of ours: what the widget sends is published to all
-connected pages, and what a page sends is handed to the comm in the desk's thread. To the widget nothing is different.
+A widget exchanges messages with its front end through its comm. Here the comm is one of ours: the messages that the
+widget sends are published to all connected clients, and those that a client sends are passed to the comm in the desk's
+thread. To the widget nothing is different.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from deformnb.widgets.web.remote_area import for_area
 from deformnb.widgets.web.server import PageServer
 
 TOPIC = "deformnb.widget"
-"""Under which pages hear of messages for their widgets."""
+"""Topic under which clients receive messages for their widgets."""
 
-_MOST_WAITING = 256  # messages of pages that wait for the desk; a hand on a slider never gets there
+_MOST_WAITING = 256  # messages of clients that wait for the desk; a user on a slider never gets there
 _LONGEST_NAME = 64
 
 # Of the widgets' traits what belongs to Jupyter.
@@ -38,18 +39,18 @@ _LOG = logging.getLogger(__name__)
 
 
 class Bridge:
-    """Between one desk and the pages of one server.
+    """Between one desk and the clients of one server.
 
     Parameters
     ----------
     desk : whose widgets are shown.
-    server : for the pages, and trame's state and triggers.
+    server : sends to the clients, and has trame's state and triggers.
     """
 
     def __init__(self, desk: Desk, server: PageServer) -> None:
         self.desk, self._server = desk, server
         self._waiting = 0
-        self._newest: dict[str, int] = {}  # number of the last value that a page has set a control to
+        self._newest: dict[str, int] = {}  # number of the last value that a client has set a control to
         self._done: dict[str, int] = {}  # and of the one that the desk has come to
         for name, widget in desk.widgets.items():
             widget.comm = PageComm(partial(self._to_pages, name))
@@ -61,7 +62,7 @@ class Bridge:
     # -- for the server ------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Tell the pages what has changed before there was a loop."""
+        """Send the clients what has changed before there was a loop."""
         self.desk.thread.call(self._tell)
 
     def assets(self) -> dict[str, tuple[str, str]]:
@@ -71,27 +72,27 @@ class Bridge:
                 "/deformnb/widgets.css": ("\n".join(sheets), "text/css")}
 
     def file(self, key: str) -> Path | None:
-        """A file that the desk has written for a page."""
+        """A file that the desk has written for a client."""
         return self.desk.files.path(key)
 
     def left(self) -> None:
-        """A page has gone: what it was dragging is given up."""
+        """A client has gone: its drag is given up."""
         self.desk.thread.call(self.desk.give_up)
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the clients ------------------------------------------------------------------------------------------------
 
     def _to_pages(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
         kind = data.get("method")
         if kind == "custom":
             message = {"widget": name, "content": data["content"], "buffers": buffers}
-        elif kind == "update":  # echoes are for front ends that share a kernel; pages are told in _relay
+        elif kind == "update":  # echoes are for front ends that share a kernel; clients are told in _relay
             message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
         else:
             return
         self._server.in_loop(self._server.publish, TOPIC, message)
 
     def _tell(self) -> None:
-        """The desk's values to the pages, but for those that a page has set anew meanwhile."""
+        """The desk's values to the clients, but for those that a client has set anew meanwhile."""
         self._server.in_loop(self._push, self.desk.state())
 
     def _push(self, values: dict[str, Any]) -> None:
@@ -99,10 +100,10 @@ class Bridge:
             state.update({name: value for name, value in values.items()
                           if self._newest.get(name) == self._done.get(name)})
 
-    # -- from a page ---------------------------------------------------------------------------------------------------
+    # -- from a client -------------------------------------------------------------------------------------------------
 
     def answers(self) -> dict[str, Answer]:
-        """What a page may call, by name; each checks what it is given."""
+        """Remote procedures of a client, by name; each checks its arguments."""
         return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
                 "trame.state.update": self._set, "trame.trigger": self._trigger,
                 "trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
@@ -130,7 +131,7 @@ class Bridge:
         self._remote.on_event(event)
 
     async def _open(self, name: str) -> dict[str, Any]:
-        """All that a page must know of a widget to show it."""
+        """All that a client must know of a widget to show it."""
         widget = self._widget(name)
 
         def look() -> dict[str, Any]:
@@ -143,7 +144,7 @@ class Bridge:
         self._widget(name)
         if not isinstance(content, dict):
             raise DeformError("a message is an object.")
-        picture = self.desk.pictures  # which one the page has done it on
+        picture = self.desk.pictures  # which one the client has done it on
         self._later(lambda: self.desk.receive(name, {"method": "custom", "content": content}, picture))
 
     def _state(self, name: str, page: str, state: dict[str, Any]) -> None:
@@ -154,14 +155,14 @@ class Bridge:
         def take() -> None:
             try:
                 self.desk.receive(name, {"method": "update", "state": state, "buffer_paths": []})
-            finally:  # taken or refused: the page of origin goes before what we say of these traits until it hears this
+            finally:  # taken or refused: the client of origin goes before what we send of these until it gets this
                 now = self.desk.widgets[name].get_state(list(state.keys() & self.desk.widgets[name].keys))
                 self._server.in_loop(self._server.publish, TOPIC, {"widget": name, "state": now, "origin": page})
 
         self._later(take)
 
     def _set(self, changes: list[dict[str, Any]]) -> None:
-        """trame's message of variables that a page has changed: our controls, and nothing else."""
+        """trame's message of variables that a client has changed: our controls, and nothing else."""
         if not isinstance(changes, list) or len(changes) > len(self.desk.controls):
             raise DeformError("a list of changes.")
         for change in changes:
@@ -171,7 +172,7 @@ class Bridge:
             value = self.desk.controls[name].checked(change.get("value"))
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
-            # Other pages follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
+            # Other clients follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
             # who has spoken last when it sends, not now, and may so leave out another: hence twice.
             self._server.root.push_state_change({name: value}, skip_last_active_client=True)
             for client in self._server.others():

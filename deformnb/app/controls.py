@@ -1,6 +1,6 @@
-"""What a page may set, as a table: of each control its kind, what it may be set to, and how it is called.
+"""Table of the controls of the application: the kind, the range or choices, and the label of each.
 
-The page's layout is made from this table and messages of the page are checked against it.
+The layout of the client is made from this table, and messages of the client are checked against it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class AbstractControl(ABC):
         Raises
         ------
         DeformError
-            If the page may not set it to that.
+            If the client may not set it to that.
         """
 
 
@@ -140,7 +140,7 @@ def control_table(reach: float) -> dict[str, AbstractControl]:
 
 ACTIONS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
            "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold", "add_step")
-"""What a page may ask for by name."""
+"""Actions that a client may request by name."""
 
 NUMBERED = ("go_to", "look_at")
-"""What a page may ask for by name and number: a state of the history, a control point."""
+"""Actions that a client may request by name and number: a state of the history, a control point."""

@@ -1,4 +1,4 @@
-"""The model side of the application: a session with the widgets that show it, and no server.
+"""Model of the application: a session with the widgets that show it, and no server.
 
 Everything here is called in one thread, the desk's own (:attr:`Desk.thread`), so that an edit that takes a second
 never keeps the server from answering.
@@ -33,7 +33,7 @@ from deformnb.widgets.worker import Worker
 _LOG = logging.getLogger(__name__)
 
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
-_LONGEST_NAME = 64  # of a page's window
+_LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
 
 
@@ -47,7 +47,8 @@ class Desk:
 
     Attributes
     ----------
-    pictures : how many sets of points on pictures were shown so far. What a page has done to the one before comes late.
+    pictures : how many sets of points on pictures were shown so far. What a client has done to the one before comes
+        late.
 
     Examples
     --------
@@ -94,13 +95,13 @@ class Desk:
 
     @property
     def widgets(self) -> dict[str, Any]:
-        """The widgets of the page by name."""
+        """The widgets of the client by name."""
         return {"editor": self.editor, "live": self.live, **self.parts.widgets}
 
-    # -- what the page asks for ----------------------------------------------------------------------------------------
+    # -- what the client requests --------------------------------------------------------------------------------------
 
     def set(self, name: str, value: Any) -> None:
-        """Set a control; what is wrong is said in :attr:`error` and nothing changes."""
+        """Set a control; an error is reported in :attr:`error` and nothing changes."""
         control = self.controls.get(name)
         if control is None:
             raise DeformError("there is no such control.")
@@ -126,7 +127,7 @@ class Desk:
             self._apply_to_the_view(name, value)
 
     def _apply_to_the_view(self, name: str, value: Any) -> None:
-        """What is no part of the document."""
+        """Apply a setting that is no part of the document."""
         if name == "projection":
             self.volumes.set_projection(value)
         elif name == "shows":
@@ -162,23 +163,23 @@ class Desk:
         self._try(actions[name])
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file for a page; see :class:`~deformnb.app.files.DeskFiles`."""
+        """Begin to write a file for a client; see :class:`~deformnb.app.files.DeskFiles`."""
         before = self.milliseconds
         self._try(lambda: self.files.write(kind, page))
         self.milliseconds = before  # it is no edit
 
     def open(self, text: str) -> None:
-        """Go on with a saved session that a page has."""
+        """Go on with a saved session that a client has."""
         self._try(lambda: self.files.take(text))
 
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
         document = self.session.document()
-        self.session.saved = document  # the page hands it to the browser's downloads
+        self.session.saved = document  # the client hands it to the browser's downloads
         return to_json(document)
 
     def receive(self, name: str, message: dict[str, Any], picture: int | None = None) -> None:
-        """A message of the page for one of the widgets, as its comm would bring it.
+        """A message of the client for one of the widgets, as its comm would bring it.
 
         Parameters
         ----------
@@ -200,10 +201,10 @@ class Desk:
             self._is_refused, self._shown = False, ()
             self._show()
 
-    # -- what the page shows -------------------------------------------------------------------------------------------
+    # -- what the client shows -----------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Values of all controls and the texts of the page."""
+        """Values of all controls and the texts of the client."""
         session, step = self.session, self.session.step
         labels = session.history
         count, moved = len(session.points), int(session.points.displacement.any(axis=1).sum())
@@ -228,7 +229,7 @@ class Desk:
         }
 
     def _depth(self) -> float:
-        """Where the slice lies, 0 in front and 1 at the back."""
+        """Relative depth of the slice, 0 in front and 1 at the back."""
         low, high = self.session.depth_range
         return (self.session.depth - low) / (high - low) if high > low else 0.5
 
@@ -268,7 +269,7 @@ class Desk:
             self._try(lambda: self._edit(lambda: self.session.edit_parts(shapes, label, points=points)))
 
     def _edited(self, edit: Callable[[], Any]) -> bool:
-        """Something was done in one of the smaller widgets; says whether it could be."""
+        """Do an action of one of the smaller widgets; returns whether it could be done."""
         self._try(lambda: self._edit(edit))
         return not self.error
 
@@ -296,7 +297,7 @@ class Desk:
         self.changed()
 
     def _show(self) -> None:
-        """Bring the widgets to what the session says."""
+        """Bring the widgets to the state of the session."""
         session, editor = self.session, self.editor
         if session.step.plane is None:
             _choose_a_picture(session)
@@ -338,12 +339,12 @@ class Desk:
         self._looks = self.volumes.camera
 
     def give_up(self) -> None:
-        """A page has gone, and with it what its hand was about to do: what the session holds is shown."""
+        """A client has gone, and with it what its user was about to do: what the session holds is shown."""
         self.link.show(self.editor)
         self.volumes.set_transfer(self._colours)
 
     def fail(self, message: str) -> None:
-        """Say in the page what is wrong; may be called from any thread."""
+        """Report an error in the client; may be called from any thread."""
         def tell() -> None:
             self.error = message
             self.changed()
@@ -357,7 +358,7 @@ class Desk:
         self.thread.call(tell)
 
     def _told(self, text: str) -> None:
-        """What is said from another thread."""
+        """Show the report of another thread."""
         def tell() -> None:
             self.session.notice = text
             self.files.pass_on()
@@ -378,7 +379,7 @@ class Desk:
 
 
 def _choose_a_picture(session: Session) -> None:
-    """Edit the last step on a picture, or a new one: the page has no editor for points in space."""
+    """Edit the last step on a picture, or a new one: the client has no editor for points in space."""
     on_pictures = [k for k, step in enumerate(session.deformation.steps) if step.plane is not None]
     if not on_pictures:
         session.set_view(session.plane)
@@ -387,7 +388,7 @@ def _choose_a_picture(session: Session) -> None:
 
 
 def _answer(editor: Any, content: dict[str, Any]) -> None:
-    """Say that a message was heard, without doing what it asks for: its page waits for that."""
+    """Confirm a message without doing what it requests: its client waits for that."""
     sender, number = content.get("sender"), content.get("seq")
     if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
         editor.send({"type": "done", "sender": sender, "seq": number})

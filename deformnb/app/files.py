@@ -1,7 +1,7 @@
-"""What a page takes home and brings along: files written here and handed to its downloads, and saved sessions.
+"""Downloads and uploads of the application: files written here and sent to a client, and saved sessions.
 
-A file is written in a thread of its own into a folder that only this user may read. A page gets it by an address that
-was never said before and is told to pages of this session alone; the next file, and the end, take it away.
+A file is written in a thread of its own into a folder that only this user may read. A client gets it by an address that
+was never used before and is sent to clients of this session alone; the next file, and the end, remove it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from deformnb.widgets.worker import Worker, close_all
 
 WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
           "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}
-"""What a page may ask for by name, with words for a menu. A session is saved elsewhere."""
+"""Files that a client may request by name, with labels for a menu. A session is saved elsewhere."""
 
 _PAGE_SUFFIX = ".html"
 _BRIEFLY = 8.0  # seconds that it is said what went well
@@ -35,16 +35,16 @@ _LOG = logging.getLogger(__name__)
 
 
 def suffix_of(kind: str) -> str:
-    """What the name of such a file ends with."""
+    """Suffix of such a file's name."""
     return _PAGE_SUFFIX if kind == "page" else EXPORTS[kind].suffixes[0]
 
 
 class DeskFiles:
-    """Writes files of a desk's session for its pages, one at a time.
+    """Writes files of a desk's session for its clients, one at a time.
 
     Parameters
     ----------
-    session : what is written. seen : says how the page shows it now.
+    session : what is written. seen : gives the client's display settings of now.
     live : the view whose looks a page without Python takes on; editor : the same of the picture.
     tell : called from any thread when :attr:`state` is another one.
     """
@@ -63,10 +63,10 @@ class DeskFiles:
         self.state: dict[str, Any] = {"busy": False, "said": "", "share": 0.0, "key": "", "name": "", "page": "",
                                       "doubt": ""}
 
-    # -- to the page ---------------------------------------------------------------------------------------------------
+    # -- to the client -------------------------------------------------------------------------------------------------
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file of a kind of :data:`WANTED` for the page of this name."""
+        """Begin to write a file of a kind of :data:`WANTED` for the client of this name."""
         if kind not in WANTED:
             raise DeformError("there is no such file.")
         if self.state["busy"]:
@@ -112,7 +112,7 @@ class DeskFiles:
             said = self._passing = f"Stopped; {name} was not written."
         except DeformError as error:
             said = str(error)
-        except Exception as error:  # of whatever writes this kind of file: the page must hear of it
+        except Exception as error:  # of whatever writes this kind of file: the client must hear of it
             _LOG.exception("a file could not be written")
             said = f"{name} could not be written: {type(error).__name__}: {error}"
         self._say(busy=False, said=said, key=key)
@@ -131,7 +131,7 @@ class DeskFiles:
 
         editor, view = last_step(self._session, self._editor, self._live)
         try:
-            view.camera = dict(seen.camera)  # not of the desk's own view, which other pages look through
+            view.camera = dict(seen.camera)  # not of the desk's own view, which other clients look through
             write_standalone(path, editor, view, title=self._session.volume.name, progress=self._progress)
         finally:
             close_all(editor)
@@ -140,7 +140,7 @@ class DeskFiles:
     def _progress(self, share: float) -> None:
         if self._stop.is_set():
             raise Cancelled("stopped in the page.")
-        if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the pages
+        if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the clients
             self._say(share=min(1.0, float(share)))
 
     def _say(self, **news: Any) -> None:
@@ -148,7 +148,7 @@ class DeskFiles:
             self.state = {**self.state, **news}
         self._tell()
 
-    # -- from the page -------------------------------------------------------------------------------------------------
+    # -- from the client -----------------------------------------------------------------------------------------------
 
     def take(self, text: str) -> None:
         """Go on with a saved session; can be undone. One of another volume is asked about first."""
@@ -165,18 +165,18 @@ class DeskFiles:
         self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def take_anyway(self) -> None:
-        """Go on with the session that was asked about."""
+        """Go on with the session of the question."""
         document = self._doubtful
         self.forget()
         if document is not None:
             self._session.take(document, allow_other_volume=True)
 
     def pass_on(self) -> None:
-        """Say no more what went well: it was read, or there is something else to say. What went wrong stays."""
+        """Remove the report of a success: it was read, or there is another report. That of a failure stays."""
         if self._passing and self.state["said"] == self._passing:
             self._say(said="")
 
     def forget(self) -> None:
-        """Ask nothing, say nothing."""
+        """Remove the question and the report."""
         self._doubtful = None
         self._say(doubt="", said="" if not self.state["busy"] else self.state["said"])

@@ -1,4 +1,4 @@
-"""From the command line to a running server: read the volume, print the address, open the browser."""
+"""Start of the application from the command line: read the volume, print the address, open the browser."""
 
 from __future__ import annotations
 

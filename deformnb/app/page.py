@@ -1,4 +1,4 @@
-"""The page's layout: a bar, the picture, the volume, the controls of the table, and a line of facts below."""
+"""Layout of the client: a bar, the picture, the volume, the controls of the table, and a status line below."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def build_page(server: Any, desk: Desk) -> None:
 
 
 def _lost(v: Any, html: Any) -> None:
-    """What is offered to who opens a volume on which something was lost."""
+    """Offer to a user who opens a volume on which something was lost."""
     with html.Div(classes="dnb-app-lost", v_if=("lost",), role="status", __properties=["role"]):
         html.Span("{{ lost }}")
         for name, title, hint in _LOST:
@@ -93,7 +93,7 @@ def _lost(v: Any, html: Any) -> None:
 
 
 def _cut_off(v: Any, html: Any) -> None:
-    """A warning over the foot of the volume, so that no picture changes its size under a hand."""
+    """A warning over the foot of the volume, so that no picture changes its size under the pointer."""
     with html.Div(classes="dnb-app-cut", role="status", __properties=["role"]):
         html.Span("{{ cut_off }}", v_if=("cut_off",))
         v.VBtn(LARGER[0], v_if=("cut_off",), size="small", variant="flat", color="primary", click="trigger('fit_box')",
@@ -148,7 +148,7 @@ def _files(v: Any, html: Any) -> None:
 
 
 def _writing(v: Any, html: Any) -> None:
-    """What is being written, and what is asked before a session of another volume is opened."""
+    """File being written, and the question before a session of another volume is opened."""
     with html.Div(classes="dnb-app-lost dnb-app-file", v_if=("files.said || files.doubt",), role="status",
                   __properties=["role"]):
         html.Span("{{ files.doubt || files.said }}")

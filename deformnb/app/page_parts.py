@@ -1,4 +1,4 @@
-"""Parts of the page's drawer: single controls, settings, looks, points, what is to be trusted, and the history."""
+"""Sections of the client's drawer: single controls, settings, looks, points, diagnostics, and the history."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _STATE = [
     'v-for="s in states"', ':key="s.id"', 'type="button"', ':title="s.tip"', ':aria-current="s.id === state_shown"',
     """@click="trigger('go_to', [s.id])" """, """:style="{ paddingLeft: (6 + 12 * s.indent) + 'px' }" """,
     """:class="['dnb-app-state', s.on ? '' : 'dnb-app-undone']" """,
-    # What is shown is brought into sight whenever the list is drawn: it may be two hundred lines long.
+    # What is shown is scrolled into view whenever the list is drawn: it may be two hundred lines long.
     """:ref="(line) => s.id === state_shown && line?.scrollIntoView({ block: 'nearest' })" """,
 ]
 _TIME = "new Date(1000 * s.time).toLocaleTimeString([], { hourCycle: 'h23' })"
 
 
 def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if: str | None = None) -> None:
-    """A control of the table, where ``shown_if`` holds in the page."""
+    """A control of the table, where ``shown_if`` holds in the client."""
     shown = {"v_if": (shown_if,)} if shown_if else {}
     common = {"density": "compact", "hide_details": True, "color": "primary"}
     if isinstance(control, Choice):
@@ -58,7 +58,7 @@ def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if
 
 
 def add_widget(name: str, shown_if: str | None = None) -> None:
-    """A widget of :data:`~deformnb.app.parts.WIDGETS`, where ``shown_if`` holds in the page."""
+    """A widget of :data:`~deformnb.app.parts.WIDGETS`, where ``shown_if`` holds in the client."""
     from trame_client.widgets.core import AbstractElement
 
     shown = {"v_if": (shown_if,)} if shown_if else {}
@@ -67,7 +67,7 @@ def add_widget(name: str, shown_if: str | None = None) -> None:
 
 
 def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
-    """What is deformed how."""
+    """Settings of the deformation."""
     for title, names in _GROUPS:
         html.H2(title, classes="dnb-app-group")
         switches = [name for name in names if isinstance(controls[name], Switch)]
@@ -84,7 +84,7 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> No
 
 
 def look_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
-    """How the volume is shown, and what is cut away from it."""
+    """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])
     html.H2("Colours and opacities", classes="dnb-app-group")

@@ -1,5 +1,7 @@
-"""The smaller widgets of the page, which are the studio's own: the curve and the keys of the depth, colours and
-opacities, what is cut open, the list of steps and the table of points.
+"""Small widgets of the client that the studio has too.
+
+These are the curve and the key pictures of the depth, colours and opacities, clipping, the list of steps and the table
+of points.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ WIDGETS: dict[str, type[Any]] = {
     "editor": Editor, "live": LiveView, "curve": CurveEditor, "keys": DepthKeys, "colours": TransferEditor,
     "clip": ClipControls, "steps": ItemList, "points": PointsTable,
 }
-"""What draws the widgets of the page, by name."""
+"""Classes of the widgets in the client, by name."""
 
 
 _LOW = 84  # CSS pixels of the curve's plot: beside it a projector has room for the other settings
@@ -42,7 +44,7 @@ class DeskParts:
     session : what they edit.
     editor, live : picture and volume, which they share selection and camera with.
     preview : shows a step that is on its way; None gives it up.
-    guard : does an edit and says what went wrong; says whether it was done.
+    guard : does an edit and reports errors; returns whether it was done.
     recolour : called with colours and opacities, and with whether that was the end of the movement.
     """
 

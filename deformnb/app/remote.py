@@ -1,9 +1,9 @@
-"""The volume drawn by VTK here and sent to the page as pictures, for browsers that cannot draw it themselves.
+"""Server-side rendering: the volume drawn by VTK here, for clients that cannot draw it themselves.
 
-trame's remote controlled area shows the pictures and sends sizes and mouse; in between is a loop that draws a scene in
-a thread of its own, for OpenGL belongs to the thread that began with it. While something moves, pictures are small and
-coarse, the newest wish takes the place of older ones, and no more pictures are on their way than the page has said to
-have received; the full picture is drawn once all is at rest.
+trame's remote controlled area shows the pictures and sends sizes and mouse events; in between is a loop that draws a
+scene in a thread of its own, because an OpenGL context belongs to the thread that made it. While something moves,
+pictures are small and coarse, the newest request replaces older ones, and no more pictures are under way than the
+client's confirmations allow; the full picture is drawn once all is at rest.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ _LONGEST_WORK = 30.0  # seconds: the first picture, with its shaders, on a slow 
 class RemoteView:
     """A scene behind trame's remote controlled area.
 
-    What is asked of it may come from any thread, before the first size of a page as well.
+    What is asked of it may come from any thread, before the first size of a client as well.
 
     Parameters
     ----------
-    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a page has said its size: a
+    make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has sent its size: a
         :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
-    push : called with a picture's JPEG and what the page wants to know of it: what trame's area does, and ``n`` (its
-        number, that the page answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer`` (1
-        for the original that is shown in turn) and ``badge`` (words for the corner).
+    push : called with a picture's JPEG and what the client wants to know of it: what trame's area does, and ``n`` (its
+        number, that the client answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer``
+        (1 for the original that is shown in turn) and ``badge`` (words for the corner).
     grid : whose box is seen; kept as ``box``, which may be set.
     camera : of the first picture.
-    turned : called when a hand has turned it, in the thread of trame's loop.
+    turned : called when the user has turned it, in the thread of trame's loop.
     target_ms, settle_ms : time that a quick picture may take, and rest before the full one.
     """
 
@@ -65,7 +65,7 @@ class RemoteView:
     # -- what trame calls, in the thread of its event loop -------------------------------------------------------------
 
     def update_size(self, size: Any) -> None:
-        """The page shows the area with this size, in CSS pixels."""
+        """The client shows the area with this size, in CSS pixels."""
         width, height, ratio = (number_of(size, key, 1.0) for key in ("w", "h", "p"))
         if not (16 <= width <= 8192 and 16 <= height <= 8192 and 0.2 <= ratio <= 8):
             raise DeformError("no size of a picture.")
@@ -79,7 +79,7 @@ class RemoteView:
         self._mouse.on_event(event, self.box, self._shows)
 
     def seen(self, number: Any, page: Any = "") -> None:
-        """A page, by a name of its own, has received the picture of this number."""
+        """A client, by a name of its own, has received the picture of this number."""
         if self._frames.seen(whole(number, 1, 2**53), text(page)):
             self._loop.touch()
 
@@ -87,23 +87,23 @@ class RemoteView:
 
     @property
     def is_used(self) -> bool:
-        """Whether a page has asked for pictures."""
+        """True if a client has requested pictures."""
         return self._size is not None
 
     @property
     def camera(self) -> dict[str, Any]:
-        """Where the viewer stands, as in :class:`~deformnb.widgets.view.base.CameraTrait`."""
+        """Camera of the viewer, as in :class:`~deformnb.widgets.camera.CameraTrait`."""
         return self._camera
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key.
 
-        ``function`` is called in the thread of the scene; what it raises is told by ``fail``.
+        ``function`` is called in the thread of the scene; what it raises is reported by ``fail``.
         """
         self._loop.change(key, function, draw=self.is_used)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
+        """Set the display mode, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self._shows = shows
         self._loop.set_shows(shows)
         self.change("shows", lambda scene: scene.set_shows(shows))
@@ -122,7 +122,7 @@ class RemoteView:
         self._loop.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        with self._lock:  # a hand in the page and a button of the desk are two threads
+        with self._lock:  # the user of a client and a button of the desk are two threads
             camera = self._camera = change(self._camera)
             self.change("camera", lambda scene: self._turn(scene, camera))
 

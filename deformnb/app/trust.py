@@ -1,8 +1,7 @@
-"""What the application says of the map being edited: figures, points that disagree, a haze over the picture, and what
-of the matter leaves the box.
+"""Diagnostics of the map being edited: figures, possible outliers, an uncertainty overlay, cut-off tissue.
 
-It is found in a thread of its own after an edit, the newest first, so that no edit waits for it, and shown by the
-desk's thread.
+The tissue counted as cut off is that which leaves the box. All is computed in a thread of its own after an edit, the
+newest first, so that no edit waits for it, and shown by the desk's thread.
 """
 
 from __future__ import annotations
@@ -34,13 +33,13 @@ _LOG = logging.getLogger(__name__)
 
 
 class DeskTrust:
-    """Judges the step that a desk edits.
+    """Computes the diagnostics of the step that a desk edits.
 
     Parameters
     ----------
     session, editor : the desk's.
     later : does something in the desk's thread.
-    show : called there when the session has changed, or something is to be said.
+    show : called there when the session has changed, or something is to be reported.
 
     Attributes
     ----------
@@ -60,12 +59,12 @@ class DeskTrust:
         self.keep_free = False
 
     def soon(self) -> None:
-        """Judge what the session says now."""
+        """Compute the diagnostics of the session's current state."""
         if not self._worker.is_closed:
             self._worker.latest("judge", self._judge)
 
     def state(self) -> dict[str, Any]:
-        """What the page shows."""
+        """State that the client shows."""
         found, points = self._found, self._session.points
         text, known = ("", []) if found is None else suspects_of(found, points)
         verdict = [] if found is None else [text for text in (found.folds_text, found.trip_text) if text]
@@ -78,7 +77,7 @@ class DeskTrust:
         }
 
     def look_at(self, point: int) -> None:
-        """Select a point in the page and bring it to the middle.
+        """Select a point in the client and bring it to the middle.
 
         Raises
         ------
@@ -102,7 +101,7 @@ class DeskTrust:
             if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
                 haze = self._hazes.make(self._session)
             after = self._show if found is None else partial(self._take, found, left, *haze)
-        except Exception as error:  # shown, or the page would wait for its figures for ever
+        except Exception as error:  # shown, or the client would wait for its figures for ever
             _LOG.exception("a step could not be judged")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
         with contextlib.suppress(DeformError):  # the desk has been closed

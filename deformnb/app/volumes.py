@@ -1,4 +1,4 @@
-"""The volume as the pages of a desk show it: rendered by each page itself, by VTK here, or both, as one view."""
+"""Volume display of a desk: rendered by each client itself, by VTK on the server, or both, as one view."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been d
 
 
 class Volumes:
-    """What a desk shows of a volume, in whatever way its pages can.
+    """Volume display of a desk, in whatever way its clients can.
 
-    A page that renders follows the hand by itself. For one that gets pictures the editor's movements come to Python,
-    which costs every page messages: so they come from the moment on that a page asks for pictures.
+    A client that renders follows the pointer by itself. For one that gets pictures the editor's movements come to
+    Python, which costs every client messages: so they come from the moment on that a client requests pictures.
 
     Parameters
     ----------
     session : whose volume is shown.
-    say : called with what people must know of the pictures, from any thread.
+    say : called with notes for people about the pictures, from any thread.
     later : does something in the desk's thread.
 
     Attributes
     ----------
-    live : the view in the page.
+    live : the view in the client.
     remote : the one drawn here; None before there is a server.
     """
 
@@ -67,7 +67,7 @@ class Volumes:
         return dict(self.remote.camera if self.remote is not None and self.remote.is_used else self.live.camera)
 
     def seen(self) -> Seen:
-        """How the page shows the volume, for pictures in files."""
+        """Display settings of the client, for pictures in files."""
         return replace(self.live.seen(), camera=self.camera)
 
     # -- as a view -----------------------------------------------------------------------------------------------------
@@ -102,31 +102,31 @@ class Volumes:
         self._change("projection", lambda scene: scene.set_projection(projection))
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`."""
+        """Set the display mode, a name of :data:`~deformnb.widgets.camera.SHOWS`."""
         self.live.shows = shows
         if self.remote is not None:
             self.remote.set_shows(shows)
 
     def set_folds(self, is_shown: bool) -> None:
-        """Whether matter is red where the map folds."""
+        """Paint tissue red where the map folds, or not."""
         self.live.show_folds = is_shown
         self._change("folds", lambda scene: setattr(scene.folding, "show", is_shown))
 
     # -- drawn here ----------------------------------------------------------------------------------------------------
 
     def serve(self, fail: Callable[[str], None], push: Callable[[bytes, dict[str, Any]], None]) -> RemoteView:
-        """Begin to be ready for pages that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
+        """Begin to be ready for clients that get pictures; see :class:`~deformnb.app.remote.RemoteView`."""
         self.remote = RemoteView(self._make_scene, fail, push, self._session.volume.grid, self.live.camera,
                                  turned=self._turned)
         self.remote.set_shows(self.live.shows)
         return self.remote
 
     def wake(self) -> None:
-        """A page has asked for pictures."""
+        """A client has requested pictures."""
         self._show_remote()
 
     def look(self, side: Any) -> None:
-        """A page that gets pictures looks from a side, by its name in :attr:`views`."""
+        """A client that gets pictures looks from a side, by its name in :attr:`views`."""
         views = self.views
         if not isinstance(side, str) or side not in views or self.remote is None:
             raise DeformError("there is no such side.")
@@ -140,7 +140,7 @@ class Volumes:
             self.remote.close()
 
     def _make_scene(self, size: tuple[int, int]) -> Any:
-        """What is shown now, in the scene's thread; what changes meanwhile comes after it."""
+        """Make the scene of the current state, in its own thread; changes meanwhile come after it."""
         live = self.live
         scene, notice = make_scene(self._session.volume, size, transfer=self._transfer, projection=live.projection,
                                    background=live.background)
@@ -157,7 +157,7 @@ class Volumes:
         self._change("clip", lambda scene: scene.set_clip(clip))
 
     def _turned(self) -> None:
-        """Somebody has turned the picture: other parts of the page must know from where it is seen."""
+        """Somebody has turned the picture: other parts of the client must know from where it is seen."""
         with contextlib.suppress(DeformError):  # the desk has been closed
             self._later(lambda: self.live.set_trait("camera", self.camera))
 

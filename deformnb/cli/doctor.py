@@ -1,4 +1,4 @@
-"""What works on this machine, and what to install for the rest."""
+"""Report of the requirements that work on this machine, with the packages to install for the rest."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""JupyterLab with the notebooks that come with the package, copied to where one may change them.
+"""JupyterLab with the notebooks that come with the package, copied to a folder where they may be changed.
 
-This is the command ``deformnb lab``, here and not in the command line's own file because it starts another program.
+This is the command ``deformnb lab``, a module of its own because it starts another program.
 """
 
 from __future__ import annotations

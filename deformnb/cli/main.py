@@ -1,4 +1,4 @@
-"""The command ``deformnb``: demo, app, lab, warp, replay, info, datasets, doctor.
+"""Command line ``deformnb``: demo, app, lab, warp, replay, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """

@@ -1,8 +1,7 @@
-"""The command ``deformnb warp``: a session applied to a volume, and to what belongs to it.
+"""Commands ``deformnb warp`` and ``deformnb replay``: a session applied to one volume, or to many files.
 
-The command ``deformnb replay``: a session applied to many files, with progress, resume and a summary.
-
-What the commands tell while they work: notes, and how far a piece of work has come.
+``warp`` deforms a volume, and the labels, meshes and landmarks that belong to it. ``replay`` applies the session to
+many files, with progress, resume and a summary. Both report notes and the progress of each piece of work.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def note(*notes: str) -> None:
 
 @contextlib.contextmanager
 def stages() -> Iterator[Stage]:
-    """A function that begins a piece of work by name and returns what is told how far it has come.
+    """A function that begins a piece of work by name and returns the function that receives its progress.
 
     What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
     """
@@ -196,7 +195,7 @@ def _follow_landmarks(document: Deformation, options: argparse.Namespace, stage:
 
 
 def _check_follower(options: argparse.Namespace, target: Path) -> None:
-    """What a mesh or landmarks cannot be asked for, and where they shall go."""
+    """Refuse options that do not apply to a mesh or landmarks, and check the output path."""
     from deformnb.io.atomic import check_target
     from deformnb.io.landmarks import check_landmark_target
     from deformnb.io.meshes import check_mesh_target, is_mesh
@@ -223,7 +222,7 @@ def _space(document: Deformation, options: argparse.Namespace) -> Grid:
 
 
 def read_grid(path: str, spacing: Sequence[float] | None) -> Grid:
-    """Where a volume lies, from the header of its file; of a mesh, where the volume lies that is made of it."""
+    """Grid of a volume, from the header of its file; of a mesh, the grid of the volume that is made of it."""
     from dataclasses import replace
 
     from deformnb.io import describe_file
@@ -235,7 +234,7 @@ def read_grid(path: str, spacing: Sequence[float] | None) -> Grid:
 
 
 def _check_output(target: Path, *, force: bool) -> None:
-    """What would only be noticed after the work."""
+    """Check the output path, whose faults would only be noticed after the work."""
     from deformnb.io.atomic import check_target
     from deformnb.io.formats import format_of
 
@@ -311,7 +310,7 @@ def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
 
 
 def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
-    """A volume of a file; a mesh becomes a body. What is to be said of it is printed."""
+    """A volume of a file; a mesh becomes a body. Its notes are printed."""
     from deformnb.io import read_volume
     from deformnb.io.meshes import is_mesh, read_mesh
     from deformnb.session.inputs import body_of
@@ -375,7 +374,7 @@ def _replay(options: argparse.Namespace) -> None:
 
 
 def _is_summary(path: Path) -> bool:
-    """Whether an earlier replay has written this file: then the next one may replace it."""
+    """Check whether an earlier replay has written this file: then the next one may replace it."""
     from deformnb.session.batch import Replayed
 
     try:
@@ -399,7 +398,7 @@ def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, 
 
 
 def _check(options: argparse.Namespace) -> None:
-    """What would be wrong for every file alike."""
+    """Check for faults that would be the same for every file."""
     from deformnb.document.transplant import PLACES
     from deformnb.io.formats import format_of
     from deformnb.io.meshes import is_mesh
@@ -413,7 +412,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 class _Work:
-    """What is done to one file."""
+    """Work on one file."""
 
     def __init__(self, options: argparse.Namespace, stage: Stage) -> None:
         self._options, self._stage = options, stage
@@ -474,7 +473,7 @@ class _Work:
 
 
 def _facts(document: Deformation, grid: Grid) -> dict[str, Any]:
-    """What a summary says of a deformation on a volume."""
+    """Facts of a summary about a deformation on a volume."""
     from deformnb.document.step_checks import document_folds
 
     folds = document_folds(document, grid)

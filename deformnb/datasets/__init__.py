@@ -1,4 +1,4 @@
-"""Objects to deform: procedural phantoms, downloads of real volumes, and D'Arcy Thompson's grids.
+"""Sample data: procedural phantoms, downloads of real volumes, and D'Arcy Thompson's grids.
 
 - :data:`PHANTOMS` and its functions (:func:`fish`, :func:`knee`, ...) work without a network.
 - :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them.

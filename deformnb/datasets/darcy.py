@@ -1,8 +1,8 @@
-"""D'Arcy Thompson's grids: one fish turned into another by bending the net it is drawn on (figure 3 of the paper).
+"""D'Arcy Thompson's grids: one fish turned into another by bending the grid it is drawn on (figure 3 of the paper).
 
 The nodes were read from the scans of *On Growth and Form* (1917), which are in the public domain. In all eight figures
-the head points left. The grids of a pair have their own drawing scale and place on the page; how they are brought
-together is said at :func:`thompson_map`.
+the head points left. The grids of a pair have their own drawing scale and place on the page; their alignment is
+described at :func:`thompson_map`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class ThompsonGrid:
-    """The net of one figure.
+    """The grid of one figure.
 
     Parameters
     ----------
@@ -75,19 +75,19 @@ class ThompsonMap:
         return ControlPoints.from_arrays(source, target, names=names)
 
     def polylines(self) -> tuple[list[Nodes], list[Nodes]]:
-        """The lines of the source net and of the target net, in picture coordinates."""
+        """The lines of the source grid and of the target grid, in picture coordinates."""
         return grid_lines(self.source_nodes), grid_lines(self.target_nodes)
 
 
 def grid_lines(nodes: ArrayLike) -> list[Nodes]:
-    """Rows and then columns of a net of nodes (rows, columns, 2) as polylines."""
+    """Rows and then columns of a grid of nodes (rows, columns, 2) as polylines."""
     n = np.asarray(nodes, dtype=np.float64)
     return [*n, *n.transpose(1, 0, 2)]
 
 
 @cache
 def thompson_grids() -> dict[int, ThompsonGrid]:
-    """All digitised nets by figure number.
+    """All digitised grids by figure number.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def thompson_grids() -> dict[int, ThompsonGrid]:
 
 
 def thompson_grid(name: str | int) -> ThompsonGrid:
-    """The net of a species by Thompson's name or the beginning of it, or by its figure number.
+    """The grid of a species by Thompson's name or the beginning of it, or by its figure number.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def thompson_pairs() -> list[tuple[str, str]]:
 
 
 def _by_area(source: Nodes, target: Nodes, room: Nodes) -> float:
-    """Both nets cover the same area: a body inscribed in them neither grows nor shrinks as a whole."""
+    """Both grids cover the same area: a body inscribed in them neither grows nor shrinks as a whole."""
     return float(np.sqrt(_area(source) / _area(target)))
 
 
@@ -149,34 +149,34 @@ def _inside(source: Nodes, target: Nodes, room: Nodes) -> float:
 
 
 SCALES: dict[str, Callable[[Nodes, Nodes, Nodes], float]] = {"inside": _inside, "area": _by_area, "length": _by_length}
-"""How large the target net is drawn beside the source net: a factor on Thompson's own drawing, from both nets and the
-width and height of the frame, in pixels of the source's drawing."""
+"""Scales of the target grid beside the source grid: a factor on Thompson's own drawing, from both grids and the width
+and height of the frame, in pixels of the source's drawing."""
 
 CELLS = ("fill", "square")
-"""How the source net lies on the box: stretched over it, or with the proportions of the drawing."""
+"""Fits of the source grid to the box: stretched over it, or with the proportions of the drawing."""
 
 HEADS = ("left", "right")
-"""Which way the fish on the picture looks."""
+"""Directions in which the head of the fish on the picture points."""
 
 
 def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia", *,
                  box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
                  cells: str = "fill", head: str = "left") -> ThompsonMap:
-    """Lay a pair of Thompson's nets on a picture.
+    """Lay a pair of Thompson's grids on a picture.
 
     Parameters
     ----------
-    source, target : species (or the beginning of the name, or the figure number) with nets of equally many lines.
-    box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source net is laid
+    source, target : species (or the beginning of the name, or the figure number) with grids of equally many lines.
+    box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid is laid
         over it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture
         (:attr:`box`); default is ``box`` itself, which makes a deep fish small in a low box.
-    scale : one of :data:`SCALES`. "inside": equal area, or less if the target net would leave the frame. "area" and
+    scale : one of :data:`SCALES`. "inside": equal area, or less if the target grid would leave the frame. "area" and
         "length" keep the area or the length of the fish; a slender fish that becomes a deep one then needs an output
         grid with a margin above and below.
-    cells : "fill" stretches the source net over the box, as the paper inscribes its carp; "square" keeps the
-        proportions of the drawing: the net is as long as the box and centred, and may reach beyond it up and down.
-    head : where the head of the fish on the picture points. Thompson's point left; "right" mirrors both nets.
+    cells : "fill" stretches the source grid over the box, as the paper inscribes its carp; "square" keeps the
+        proportions of the drawing: the grid is as long as the box and centred, and may reach beyond it up and down.
+    head : where the head of the fish on the picture points. Thompson's point left; "right" mirrors both grids.
 
     Returns
     -------
@@ -185,17 +185,17 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
 
     Notes
     -----
-    1. The page decides nothing: the target net is scaled about its centre by the rule of ``scale``. It is neither
+    1. The page decides nothing: the target grid is scaled about its centre by the rule of ``scale``. It is neither
        turned (the sternoptychid's shear is the point of that figure) nor stretched.
     2. It is moved so that its mean node falls on the source's mean node, which is the translation of least
        squares; under "inside" it is then pushed back into the frame, by as little as possible.
-    3. One affine map, from the source net's box to ``box``, then carries both nets to the picture. Because both are
+    3. One affine map, from the source grid's box to ``box``, then carries both grids to the picture. Because both are
        carried alike, a species mapped to itself moves nothing, however far the box is stretched.
 
     Raises
     ------
     DeformError
-        For an unknown name, a bad box, or two nets of different size.
+        For an unknown name, a bad box, or two grids of different size.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
     factor = size / extent if cells == "fill" else np.full(2, size[0] / extent[0])
     shift = corner + size / 2 - factor * (low + extent / 2)
     frame_corner, frame_size = _check_box(box if frame is None else frame)
-    if head == "right":  # the nets are laid out for a head on the left and mirrored at the end; so must the frame be
+    if head == "right":  # the grids are laid out for a head on the left and mirrored at the end; so must the frame be
         frame_corner = np.array([2 * corner[0] + size[0] - frame_corner[0] - frame_size[0], frame_corner[1]])
     goal = b.nodes * SCALES[scale](a.nodes, b.nodes, frame_size / factor)
     goal = (goal + (_mean(a.nodes) - _mean(goal))) * factor + shift
@@ -256,7 +256,7 @@ def _check_box(box: Box) -> tuple[Nodes, Nodes]:
 
 
 def _area(nodes: Nodes) -> float:
-    """Area inside the outline of a net (shoelace formula)."""
+    """Area inside the outline of a grid (shoelace formula)."""
     rim = np.concatenate([nodes[0], nodes[1:, -1], nodes[-1, -2::-1], nodes[-2:0:-1, 0]])
     x, y = rim.T
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)

@@ -1,4 +1,4 @@
-"""Real volumes: where they come from, whose they are, and a download that is checked and kept.
+"""Real volumes: their sources, their licences, and a download that is checked and cached.
 
 Nothing here ships with the package and nothing is downloaded at import. A file that is already there is used without
 a network: in ``folder``, else in the folder that the environment variable ``DEFORMNB_DATA`` names, else in the user's
@@ -105,7 +105,7 @@ DATASETS: dict[str, Dataset] = {
 
 
 def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Where real volumes are kept: ``folder``, else DEFORMNB_DATA, else the user's cache."""
+    """Folder of the real volumes: ``folder``, else DEFORMNB_DATA, else the user's cache."""
     chosen = folder or os.environ.get("DEFORMNB_DATA")
     if chosen:
         return Path(chosen).expanduser()
@@ -246,7 +246,7 @@ def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> st
 
 
 class _Meter:
-    """What pooch calls while bytes arrive: passes them on to a bar or a function, and stops when too many come.
+    """Progress of a download by pooch: passes it on to a bar or a function, and stops when too many bytes come.
 
     pooch reports every chunk as a full one, and at the end calls ``reset`` and ``update`` with the length that the
     server announced; so counts here may run one chunk ahead of the file.

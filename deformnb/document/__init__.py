@@ -1,1 +1,1 @@
-"""The deformation as a document: steps, JSON, script, key frames and animation."""
+"""Deformation document: steps, JSON, script, key frames and animation."""

@@ -1,11 +1,10 @@
-"""Animations: key frames of a document, and what lies between them.
+"""Animations: key frames of a document, and the frames between them.
 
 Between two key frames the control points move as rigidly as they can and the displacement is solved for again: a blend
 of the two displacements themselves would shrink what turns, by cos(angle / 2) halfway.
 
-All moments of an animation in one array whose third axis is time (section 5 of the paper, Fig. 5).
-
-A displacement in space for every time step would be expensive. Each comes from one over a plane by replication, so the
+All moments of an animation can be stored in one array whose third axis is time (section 5 of the paper, Fig. 5). A
+displacement in space for every time step would be expensive. Each comes from one over a plane by replication, so the
 maps of all time steps are stored one behind the other, as ONE map of three dimensions, and time is looked up in it as a
 depth would be.
 """
@@ -46,7 +45,7 @@ class TimeMaps:
     -----
     Frame k is the moment k duration / (T - 1). Between two frames the maps are blended linearly; before the first and
     after the last nothing changes. As a texture, frame k lies at the coordinate (k + 1/2) / T, in the middle of its
-    texel, and a card that clamps to the edge and blends linearly makes exactly the same.
+    texel, and a GPU that clamps to the edge and blends linearly makes exactly the same.
 
     Examples
     --------
@@ -85,7 +84,7 @@ class TimeMaps:
         return int(self.values.nbytes)
 
     def full_bytes(self, grid: Grid) -> int:
-        """What the same frames would take as displacements of every voxel of a grid, in float32."""
+        """Size of the same frames as displacements of every voxel of a grid, in float32."""
         return len(self) * 3 * 4 * int(np.prod(grid.shape))
 
     def position(self, time: float) -> float:
@@ -126,7 +125,7 @@ def covering_raster(plane: Plane, grid: Grid, size: int | None = None) -> Raster
 
 
 MOST_FRAMES = 4096
-"""Of a stack: a longer one is no texture of any card."""
+"""Of a stack: a longer one is no texture of any GPU."""
 
 # Frames between two key frames where time passes unevenly: what is blended linearly lags behind by 1/300 of the way.
 _SMOOTH_FRAMES = 16
@@ -145,8 +144,9 @@ class Animation:
 
     Notes
     -----
-    Steps are matched by their place in the list and points by their ids; see :mod:`motion_paths` for what only
-    one of two key frames has. :attr:`notes` says what switches because there is nothing between.
+    Steps are matched by their place in the list and points by their ids; see
+    :mod:`deformnb.document.motion_paths` for those that only one of two key frames has. :attr:`notes` names the
+    settings that switch because there is nothing between.
 
     Examples
     --------
@@ -192,7 +192,7 @@ class Animation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What switches at a key frame because it cannot be interpolated."""
+        """Notes on the settings that switch at a key frame because they cannot be interpolated."""
         return tuple(f"at {after.time:g} s {note}: it switches there."
                      for after, paths in zip(self.keyframes[1:], self._paths, strict=True)
                      for path in paths for note in path.notes)
@@ -254,7 +254,7 @@ class Animation:
     # -- one array for all moments -------------------------------------------------------------------------------------
 
     def frame_count(self, degrees: float = 10.0) -> int:
-        """How many frames at equal steps let nothing turn by more than ``degrees`` from one to the next.
+        """The number of frames at equal steps that lets nothing turn by more than ``degrees`` from one to the next.
 
         If possible every key frame is one of them.
         """

@@ -1,10 +1,10 @@
-"""The document: everything a user did to a volume, immutable, independent of any volume's voxels.
+"""Deformation document: all edits of a volume, immutable, independent of any volume's voxels.
 
 A :class:`Deformation` is a list of :class:`Step`, done one after the other (section 4.3 of the paper: deform on one
 plane, turn the volume, deform on another). An edit makes a new document, so undo is the list of old ones, and the same
-document can be applied to another volume. ``document/json_format.py`` turns it into JSON and back.
+document can be applied to another volume. :mod:`deformnb.document.json_format` turns it into JSON and back.
 
-How time passes in an animation: between two key frames, and after the last one.
+It also holds the easing of an animation: the course of time between two key frames, and after the last one.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from deformnb.volume.volume import Grid, Matrix3, Volume, voxel_checksum
 from deformnb.warping.warper import warp
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
-"""How time passes from one key frame to the next, by name: at an even pace, or slowly at both ends."""
+"""Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
 
 LOOPS = {"once": "from the first key frame to the last", "loop": "over and over from the beginning",
          "swing": "there and back, over and over"}
-"""What comes after the last key frame."""
+"""Behaviours after the last key frame."""
 
 
 MOST_STEPS = 500
@@ -105,10 +105,10 @@ class Step:
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
-    cuts : along which matter comes apart (Eq. 7), in the same coordinates.
+    cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
-    stages : in how many equal parts the points go their way, one map after the other; see :mod:`stages`. On a
-        plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
+    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
+        On a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
     chosen_support : what :func:`choose_support` found for these points while ``support`` is None, and
         for which kernel; None for points at one place. It is kept while points are dragged, so that the map does not
         jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so
@@ -288,7 +288,7 @@ def _pixel(grid: Grid, plane: Plane | None) -> float:
 
 
 def _kind(given: Any) -> str:
-    """What something is, for messages."""
+    """The kind of an object, for messages."""
     kind = type(given).__name__
     return f"{kind} {shown_value(given)}" if isinstance(given, str | int | float) else kind
 
@@ -325,7 +325,7 @@ def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class VolumeReference:
-    """Which volume a document was made on: enough to find it again and to notice that it changed.
+    """Reference to the volume of a document: enough to find it again and to notice that it changed.
 
     Parameters
     ----------
@@ -350,7 +350,7 @@ class VolumeReference:
 
     @property
     def grid(self) -> Grid | None:
-        """Where the volume lay; None if that is not known."""
+        """Grid of the volume; None if that is not known."""
         if self.origin is None or self.direction is None:
             return None
         return Grid(self.shape, self.spacing, self.origin, self.direction)
@@ -400,7 +400,7 @@ class Keyframe:
 
 
 MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
-"""How several steps become one displacement: one after the other, exactly, or as the sum of all."""
+"""Compositions of several steps into one displacement: one after the other, exactly, or as the sum of all."""
 
 
 @dataclass(frozen=True)
@@ -568,7 +568,7 @@ class Deformation:
         return None if made is None else older_document(made.sha256, made.spacing, grid)
 
     def own_grid(self, grid: Grid) -> Grid:
-        """Where a volume lies in the coordinates of this document: on its own grid, but for :meth:`older_spacing`."""
+        """Grid of a volume in the coordinates of this document: its own grid, but for :meth:`older_spacing`."""
         known = self.older_spacing(grid)
         return grid if known is None else known.as_in_file(grid)
 

@@ -1,9 +1,10 @@
-"""What one change brings along: a kernel its trend, a rule of extrusion its points, a turn of the picture a step.
+"""Edits of a document with their consequences, and edits of its key frames.
 
-Edits of the key frames of a document: each returns the next document, or refuses and says why.
+A new kernel brings its trend, an extrusion rule its points, a turned picture a new step. Each edit of the key frames
+returns the next document, or refuses with the reason.
 
 A key frame keeps the steps of the document as they were when it was made. The document itself goes on: a key frame is
-changed by going to it (:func:`at_key`), editing, and taking what has become of it (:func:`update_key`).
+changed by going to it (:func:`at_key`), editing, and storing the result in it (:func:`update_key`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ _FIRST_KNOTS = (0.0, 0.5, 1.0)
 
 
 def untouched_step(plane: Plane | None, grid: Grid) -> Step:
-    """What a picture, or a box (plane None), begins with: a point in each corner, so that no drag moves the border."""
+    """Initial step of a picture, or of a box (plane None): a point in each corner, so that no drag moves the border."""
     corners = grid.corners(centres=True)
     if plane is None:
         return Step((ControlPoints.from_arrays(corners, names=["corner"] * 8),))
@@ -69,7 +70,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
 
 
 def points_between(maps: list[ControlPoints], knots: list[float], index: int) -> ControlPoints:
-    """What interpolation makes at a new key of the neighbours' points; those of the nearer one if they differ."""
+    """Points interpolated at a new key from its neighbours; those of the nearer one if they differ."""
     if index == 0 or index == len(maps):
         return maps[0 if index == 0 else -1]
     before, after = maps[index - 1], maps[index]
@@ -117,7 +118,7 @@ _PAUSE = 1.0  # seconds after the last key frame, where the next one comes if no
 
 
 def free_time(deformation: Deformation) -> float:
-    """Where the next key frame comes: at 0, or one second after the last."""
+    """Time of the next key frame: at 0, or one second after the last."""
     keys = deformation.keyframes
     return keys[-1].time + _PAUSE if keys else 0.0
 
@@ -198,7 +199,7 @@ def _with_fresh_ids(points: ControlPoints, others: list[ControlPoints]) -> Contr
 
 
 def is_now(deformation: Deformation, index: int) -> bool:
-    """Whether a key frame is what the document is now."""
+    """Check whether a key frame equals the current document."""
     steps = _checked(deformation, index)[index].steps
     return with_steps(deformation, steps).steps == with_steps(deformation, deformation.steps).steps
 

@@ -1,14 +1,13 @@
-"""A deformation as JSON text and back.
+"""JSON serialization of a deformation, with a reader that trusts nothing.
 
 The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
 document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
 
-The reader trusts nothing: no NaN, no infinity, bounded size and nesting, and every error names the place in the
-document. Nothing in a document is ever executed, unpickled, or used as a path.
+The reader has typed access to the JSON and believes nothing: no NaN, no infinity, bounded size and nesting, and every
+error names the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.
 
-Typed access to what was read as JSON: nothing is believed, and every complaint names the place.
-
-Regions, rigid parts and cuts as plain data: in documents, and in what widgets tell their pages.
+Regions, rigid parts and cuts have the same plain form in documents and in the messages that widgets send to their
+front ends.
 """
 
 from __future__ import annotations
@@ -222,11 +221,11 @@ def read_part(r: Reader) -> RigidPart:
 FORMAT = "deformnb-deformation"
 VERSION = (2, 0)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
-result; 1.4: how it is looked at (:mod:`deformnb.look`); 2.0: the support that a step has chosen, and the trend "affine"
-shrinks across thin directions. Each is left out where a document has none."""
+result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, and the trend
+"affine" shrinks across thin directions. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
-"""Voxels of a result that a document may ask for; what there is no memory for is refused when it is made."""
+"""Voxels of a result that a document may request; what there is no memory for is refused when it is made."""
 
 DEEPEST = 50
 """Levels of nesting; a document of today has six."""
@@ -239,7 +238,7 @@ _USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:
-    """What 1.x did without being told: an automatic support was the box's diagonal, and "affine" was exact."""
+    """Migrate from 1.x, which had other defaults: an automatic support was the box's diagonal, "affine" was exact."""
     def steps(given: Any) -> Any:
         if not isinstance(given, list):
             return given

@@ -1,6 +1,6 @@
-"""The way of one step from a key frame to the next: its points go as rigidly as they can, its numbers evenly.
+"""Motion paths of a step between two key frames: as-rigid-as-possible for its points, even for its numbers.
 
-What the two keys do not share:
+Differences between the two keys:
 
 - A point that only one key has, or that is switched on at one only, is at the other where that key's own deformation
   takes it. So a point that was added later changes nothing before.
@@ -9,15 +9,14 @@ What the two keys do not share:
 - A kernel, a trend, a rule of extrusion, cuts and the places of rigid parts have nothing between them: those of the
   earlier key hold until the later one. ``notes`` says so.
 
-Ways of control points between two key frames that neither shrink nor shear what turns.
+The paths of control points neither shrink nor shear what turns. A straight path for every point makes a limb that
+turns by an angle shorter by cos(angle / 2) halfway. So it is the edges between neighbouring points that are
+interpolated: each turns at an even pace and its length changes evenly. The places are those that fit the edges best, as
+in Alexa, Cohen-Or, Levin, "As-rigid-as-possible shape interpolation" (2000), with the neighbours of a point in the
+place of triangles.
 
-A straight way for every point makes a limb that turns by an angle shorter by cos(angle / 2) halfway. So it is the edges
-between neighbouring points that are interpolated: each turns at an even pace and its length changes evenly. The places
-are those that fit the edges best, as in Alexa, Cohen-Or, Levin, "As-rigid-as-possible shape interpolation" (2000),
-with the neighbours of a point in the place of triangles.
-
-What an angle counts is seen in the turn of all edges around a point at once; two neighbours turn by almost the same, so
-that a tail that curls by more than half a turn goes round and not back.
+The number of full turns in an angle follows from the turn of all edges around a point at once; two neighbours turn by
+almost the same, so that a tail that curls by more than half a turn goes round and not back.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ _STILL = 1e-9
 
 
 class HandlePath:
-    """Where points are on the way from one set of places to another.
+    """Paths of points from one set of places to another.
 
     Parameters
     ----------
@@ -452,7 +451,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
 
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
-    """Where a step takes the matter at these places."""
+    """The places to which a step takes the tissue at these places."""
     chosen = points if step.strength == 1 else points.blended(step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
     result = places.copy()
@@ -463,7 +462,7 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
         some = chosen.take(np.flatnonzero((own == side).all(axis=1)))
         if some.active.any() and some.displacement[some.active].any():
             result[here] = _forward(_fit(some, places, step), places[here], some)
-    # What is carried is asked for again as it is blended: at the strength of the step it must lie there.
+    # What is carried is evaluated again as it is blended: at the strength of the step it must lie there.
     return places + (result - places) / step.strength if step.strength else places
 
 
@@ -534,7 +533,7 @@ class _PartPaths:
         return result
 
     def moved(self, source: Places, held: NDArray[np.int_], t: float) -> Places:
-        """Where the parts take their points."""
+        """The places to which the parts take their points."""
         places = source.copy()
         for k in np.unique(held[held >= 0]).tolist():
             places[held == k] = _moved(self._part(k, t).motion, source[held == k])

@@ -1,6 +1,6 @@
-"""A deformation as a short Python script that makes the same document: every gesture is code.
+"""Deformation as a short Python script that makes the same document: every edit is code.
 
-Numbers are written so that reading them gives the same bits; what has its default value is left out.
+Numbers are written so that reading them gives the same bits; arguments with their default value are left out.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knot
 
 UNKNOWN_VOLUME = ('dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, "volume.nii.gz"), '
                   "or put your own volume here")
-"""What a script says of a volume of which it is not known where it came from; nothing may follow on the line."""
+"""Placeholder in a script for a volume of unknown origin; nothing may follow on the line."""
 
 VOLUME_LINE = 3
 """The line of a script that gives the volume."""
@@ -88,7 +88,7 @@ class _Shared:
         self.names: dict[str, str] = {}
 
     def name(self, kind: str, value: str) -> str:
-        """What to write for a value: itself if it is short, else its name."""
+        """Expression for a value: itself if it is short, else its name."""
         if len(value) <= _LONG:
             return value
         number = 1 + sum(name.startswith(f"{kind}_") for name in self.names.values())

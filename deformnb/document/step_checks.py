@@ -1,8 +1,8 @@
-r"""Whether a step of a document can be believed: folds, stages, safe drags, quality of its fit, uncertainty.
+"""Diagnostics of a step of a document: folds, stages, safe drags, quality of its fit, uncertainty.
 
-Folds are looked for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
+Folds are searched for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
 same step along the other, on one slice where every slice is alike and on 9 of them otherwise; for points in space 33
-along the longest side. What is narrower than a cell of it, a hundredth of the picture, can be missed.
+along the longest side. A fold narrower than a cell of it, a hundredth of the picture, can be missed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from deformnb.volume.volume import Grid
 Floats = NDArray[np.float64]
 
 LEAST = 0.05
-"""The smallest determinant that counts as safe: matter is shown at most twenty times its size."""
+"""The smallest determinant that counts as safe: tissue is shown at most twenty times its size."""
 
 _ON_PLANE, _SLICES, _IN_SPACE = 97, 9, 33
 
@@ -114,10 +114,10 @@ def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
 
 
 def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
-    """Whether the determinant of a step stays at ``least`` or more at every node; False too if it cannot be fitted.
+    """Check that the determinant of a step is ``least`` or more at every node; False too if it cannot be fitted.
 
     In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
-    matter together; only where a curve of depth weakens it must it be looked at too, and have none.
+    tissue together; only where a curve of depth weakens it must it be looked at too, and have none.
     """
     if not least <= 1:
         raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; ask for less than 1.")
@@ -133,7 +133,7 @@ def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
 
 
 def _stages(step: Step, grid: Grid) -> Iterator[tuple[AbstractField, Sides]]:
-    """Every stage of every fit of a step, with the region between cuts whose matter it moves."""
+    """Every stage of every fit of a step, with the region between cuts whose tissue it moves."""
     for fits in step.fits_of_regions(grid):
         for sides, fit in fits.items():
             for stage in fit.fits if isinstance(fit, Staged) else (fit,):
@@ -236,7 +236,7 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
 
 
 def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
-    """What the control points of a step say of each other; see :class:`~deformnb.analysis.quality.FitQuality`.
+    """Goodness of fit of a step's control points; see :class:`~deformnb.analysis.quality.FitQuality`.
 
     Beside cuts every region is judged on its own, as it is fitted; beside rigid parts with the weight of the parts
     held, and points that a part holds are left out. Several stages are judged as if they were one.
@@ -290,7 +290,7 @@ def _settings(step: Step, points: ControlPoints, grid: Grid) -> dict[str, object
 
 def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]) -> tuple[
         ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
-    """What is left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
+    """The part left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     fit = fit_rigid(points, parts, **settings) if parts else None  # type: ignore[arg-type]
     if not isinstance(fit, RigidInterpolant):
@@ -364,7 +364,7 @@ class StepUncertainty:
 
 
 def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
-    """How sure the map of a step is: the deviation of :func:`uncertainty` on its plane or in space.
+    """Uncertainty of the map of a step: the deviation of :func:`uncertainty` on its plane or in space.
 
     With cuts each region has its own; one with too few points takes its scale from the others. Beside rigid parts the
     deviation is scaled by their weight, so it is zero within them.

@@ -1,8 +1,8 @@
-"""A document made on one volume, put on another: where its points lie there.
+"""Transplant of a document from the volume on which it was made to another one, with its points aligned.
 
 ``PLACES["as it is"]`` leaves all coordinates alone: right for volumes that lie in one space, such as two scans of one
 patient that were aligned. ``PLACES["by the box"]`` sends the box of the volume it was made on to the box of the other
-one, axis by axis: right for specimens of one posture that differ in size and in where they were laid.
+one, axis by axis: right for specimens of one posture that differ in size and position.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The demonstration: a fish turned into another one the way D'Arcy Thompson drew it, from volume to pictures.
+"""Demonstration: a fish turned into another one after D'Arcy Thompson, from volume to pictures.
 
 It is also the shortest complete example of the package: load, project, place points, fit, warp, render, save.
 """
@@ -23,7 +23,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
 
 Stage = Callable[[str], Callable[[float], None]]
-"""Announces a piece of work by name and returns the function that is told how far it has come, from 0 to 1."""
+"""Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""
 
 # Pixels of the subject: brighter than this share of the range of the picture, in at least this share of a row or
 # column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.
@@ -32,12 +32,12 @@ _SUBJECT_SHARE = 0.01
 
 
 FILES = ("before.png", "after.png", "thompson.png", "render.png", "volume.nii.gz", "session.json", "warped.nii.gz")
-"""What the demonstration writes; volume.nii.gz only where it made the volume itself."""
+"""Files of the demonstration; volume.nii.gz only where it made the volume itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """What :func:`transform` made: before, after, and how."""
+    """Result of :func:`transform`: before, after, and the fit between them."""
 
     volume: Volume
     warped: Volume
@@ -61,7 +61,7 @@ class Transformation:
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """What :func:`run_demo` made, and the files it wrote with a description each."""
+    """Result of :func:`run_demo`, and the files it wrote with a description each."""
 
     result: Transformation
     written: list[tuple[str, Path]]
@@ -109,7 +109,7 @@ def transform(volume: Volume, *, species: str = "Antigonia", source: str | None 
 
     Notes
     -----
-    The net keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
+    The grid keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
     plane = Plane.along(volume.grid, view)
@@ -132,14 +132,14 @@ def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
 
 
 def deformed_net(net: list[NDArray[np.float64]], deformation: Deformation, volume: Volume) -> list[NDArray[np.float64]]:
-    """Where the lines of a net on the picture go: forward, by inverting the map that looks voxels up."""
+    """Lines of a grid on the picture after the deformation: forward, by inverting the backward map."""
     (fit,) = deformation.steps[0].fits(volume.grid)
     moved, _ = warp_points(np.concatenate(net), fit)
     return np.split(moved, np.cumsum([len(line) for line in net])[:-1])
 
 
 def field_of_view(grid: Grid, plane: Plane, nets: ThompsonMap) -> Grid:
-    """The volume's grid with voxels added so that the whole target net lies inside."""
+    """The volume's grid with voxels added so that the whole target grid lies inside."""
     rim = np.zeros((nets.target_nodes.reshape(-1, 2).shape[0], 3))
     rim[:, :2] = nets.target_nodes.reshape(-1, 2)
     rim[:, 2] = plane.to_plane(grid.center)[2]

@@ -1,4 +1,4 @@
-"""Pictures with nets, control points and titles, as one wants to print them: matplotlib without its global state."""
+"""Plots of pictures with grids, control points and titles for print, by Matplotlib without its global state."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def _format(path: str | PathLike[str]) -> str:
 
 
 def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:
-    """What is shown: the picture and all of its net, with a little air."""
+    """Limits of the plot: the picture and all of its grid, with a little margin."""
     a0, a1, b0, b1 = picture.raster.box
     for line in net:
         a0, b0 = min(a0, float(line[:, 0].min())), min(b0, float(line[:, 1].min()))

@@ -1,4 +1,4 @@
-"""Figures of several panels, arranged and lettered as in the paper: pictures, nets, points, cuts, rendered volumes."""
+"""Figures of several panels, arranged and lettered as in the paper: pictures, grids, points, cuts, rendered volumes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PART = "#4C9BE8"
 """Rigid parts."""
 
 WHERE = ("source", "target", "both")
-"""Which places of control points a panel shows; "both" joins them by arrows."""
+"""Places of control points that a panel shows; "both" joins them by arrows."""
 
 _GAP = 0.10  # inches between panels
 _CAPTION = 0.27  # inches below a panel
@@ -61,7 +61,7 @@ class Panel:
     at : a name of :data:`WHERE`.
     cuts : lines that are drawn yellow; the points on their sides are then red and green.
     parts : rigid parts, drawn as shaded places.
-    box : what is shown, (a_min, a_max, b_min, b_max); default is the picture and its net.
+    box : what is shown, (a_min, a_max, b_min, b_max); default is the picture and its grid.
     """
 
     picture: Picture | NDArray[np.uint8] | None = None
@@ -85,7 +85,7 @@ class Panel:
 
     @property
     def shown(self) -> Box:
-        """What is shown, in picture coordinates; in pixels for an image."""
+        """Limits of the panel, in picture coordinates; in pixels for an image."""
         if isinstance(self.picture, np.ndarray):
             return -0.5, self.picture.shape[1] - 0.5, -0.5, self.picture.shape[0] - 0.5
         if self.box is not None:
@@ -176,7 +176,7 @@ def _fill(axes: Axes, panel: Panel, look: Style) -> None:
 
 
 def _outline(axes: Axes, region: AbstractRegion, box: Box, color: str, *, fill: bool) -> None:
-    """Where the signed distance of a region is zero, whatever kind of region it is."""
+    """Zero contour of the signed distance of a region, whatever kind of region it is."""
     step = max(box[1] - box[0], box[3] - box[2]) / _FINE
     a, b = (np.linspace(low, high, max(2, round((high - low) / step))) for low, high in (box[:2], box[2:]))
     distance = region.signed_distance(np.stack(np.meshgrid(a, b), axis=-1))
@@ -210,11 +210,11 @@ def _caption(axes: Axes, text: str, look: Style, room: float) -> None:
                   color=look.ink, fontsize=size, family="serif", parse_math=False)
 
 
-# ---- nets ------------------------------------------------------------------------------------------------------------
+# ---- grids -----------------------------------------------------------------------------------------------------------
 
 
 def net_lines(box: Box, columns: int, rows: int) -> Lines:
-    """A rectangular net over a box: so many cells across and down.
+    """A rectangular grid over a box: so many cells across and down.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
 
 
 def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
-    """Where lines that are drawn on the material go; a line that crosses a cut or a fold comes back in pieces.
+    """Lines drawn on the tissue, after the deformation; a line that crosses a cut or a fold comes back in pieces.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def _split(line: NDArray[np.float64], field: Decoupled) -> Lines:
 
 
 def _moved_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
-    """Where a piece goes with the field of its region, and which parts of it the rule of the cuts shows there."""
+    """A piece of a line moved with the field of its region, and the parts of it that the rule of the cuts shows."""
     middle = piece[[len(piece) // 2]] if len(piece) > 2 else piece.mean(axis=0, keepdims=True)
     fit = next(f for mask, f in field.of_source(middle) if mask[0])
     moved, joined = (piece, np.ones(len(piece) - 1, dtype=bool)) if fit is None else _followed(piece, fit)
@@ -304,7 +304,7 @@ def _moved_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
 
 
 def _followed(line: NDArray[np.float64], field: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where the places of a line go, and which of its segments go along with both ends: none that leaps over a fold."""
+    """Moved places of a line, and its segments that keep both ends: none that leaps over a fold."""
     moved, found = warp_points(line, field)
     middle, expected = (moved[1:] + moved[:-1]) / 2, (line[1:] + line[:-1]) / 2
     off = np.linalg.norm(middle + field.displacement(middle) - expected, axis=1)

@@ -1,6 +1,6 @@
-"""Movies: a deformation that comes and goes, or the animation of key frames.
+"""Movies of a deformation that comes and goes, or of an animation of key frames.
 
-Frames are made by the renderer one by one, files are what any browser or slide shows.
+Frames are made by the renderer one by one; the files are in formats that any browser or slide show plays.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames"
 
 
 SHOWS = ("after", "pair")
-"""What a frame shows: the deformed volume alone, or the volume as it was to its left."""
+"""Contents of a frame: the deformed volume alone, or the volume as it was to its left."""
 
 _BACKGROUND = (0.06, 0.065, 0.08)
 
@@ -118,8 +118,8 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
 
     Returns
     -------
-    Frames, an iterator of (height, width, 3) uint8. Nothing is computed before the first is asked for, and one thread
-    must ask for all.
+    Frames, an iterator of (height, width, 3) uint8. Nothing is computed before the first is requested, and one thread
+    must request all.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Pictures of a volume: slice, maximum intensity projection (MIP), mean, composite, from any side.
+"""Projections of a volume: slice, maximum intensity projection (MIP), mean, composite, from any side.
 
 The light goes along the normal of a plane, front to back. Seen along an axis of the volume a pixel is exactly a column
 of voxels; an oblique view resamples the volume trilinearly onto a lattice that is parallel to the picture, block by

@@ -1,9 +1,8 @@
-"""Light through layers of values, front to back: colours and opacities, slopes that are lit, faces that were cut.
+"""Ray casting on the CPU: front-to-back compositing of layers, gradient shading, clipped faces, perspective.
 
-What a viewer in front of a plane sees of a volume: layers one behind the other, cut off and in perspective.
-
-A perspective needs no ray of its own: a layer twice as far from the eye is looked up twice as wide, and what is then
-put together in parallel is what the eye sees.
+The layers are those that a viewer in front of a plane sees of a volume, one behind the other, clipped and in
+perspective. A perspective needs no ray of its own: a layer twice as far from the eye is looked up twice as wide, and
+the parallel composite of these layers is the picture that the eye sees.
 """
 
 from __future__ import annotations
@@ -170,7 +169,7 @@ def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, A
 
 
 def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.float32]:
-    """How bright faces with these normals (..., 3) along u, v and n of a picture are; ``light`` leads to the lamp.
+    """Brightness of faces with these normals (..., 3) along u, v and n of a picture; ``light`` leads to the lamp.
 
     Examples
     --------

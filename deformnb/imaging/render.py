@@ -1,4 +1,4 @@
-"""Shaded pictures of the volume in space, for stills: by VTK where OpenGL works, by this package itself elsewhere."""
+"""Shaded renderings of a volume in space, for stills: by VTK where OpenGL works, by this package itself elsewhere."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then choose th
 
 @cache
 def gl_status() -> tuple[bool, str, str]:
-    """Whether VTK can draw off screen here: (works, what was found, what to install).
+    """Check whether VTK can draw off screen here: (works, findings, packages to install).
 
     A missing library does not raise in VTK, it ends the process: so a child process tries, once, for about a second.
     """
@@ -89,7 +89,7 @@ class Scene:
     """Many pictures of one size in the same colours, as :func:`render_volume` makes them; closed at the end.
 
     What can be kept from picture to picture is kept: with VTK that is the window, its shaders and the voxels in its
-    memory. All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL asks for.
+    memory. All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL requires.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
 def image_places(points: ArrayLike, grid: Grid, *, direction: ArrayLike = (0.4, 1.0, -0.3),
                  up: ArrayLike | None = None, height: float | None = None,
                  size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
-    """Where places (..., 3) in space lie on :func:`render_volume`'s picture of a volume on this grid.
+    """Project places (..., 3) in space to :func:`render_volume`'s picture of a volume on this grid.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _render_vtk(volume: Volume, transfer: TransferFunction, plane: Plane, height
 class _VtkScene:
     """A window of VTK that is kept from picture to picture: its shaders are compiled once, its voxels overwritten.
 
-    It must be used and closed by one thread, which OpenGL asks for.
+    It must be used and closed by one thread, which OpenGL requires.
     """
 
     def __init__(self, transfer: TransferFunction, size: tuple[int, int],
@@ -319,7 +319,7 @@ def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
     return replace(volume, values=np.clip(volume.finite_values, volume.dtype.type(low), volume.dtype.type(high)))
 
 
-# VTK makes its tables as long as the smallest distance of two nodes asks for, up to a power of two and 16384 at most.
+# VTK makes its tables as long as the smallest distance of two nodes requires, up to a power of two and 16384 at most.
 _VTK_ENTRIES = 16000
 
 

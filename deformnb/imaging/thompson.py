@@ -1,11 +1,10 @@
-"""Two grids side by side, as D'Arcy Thompson drew them: the picture on a regular net, and what became of both.
+"""Figure of two grids side by side, as D'Arcy Thompson drew them: a picture on a regular grid, and both deformed.
 
-Area expansion and principal strains can be laid over the second one. The figure is for print: saved as SVG or PDF the
-nets, arrows and words stay vectors and text, and only the pictures are pixels.
+The module makes the grids as numbers (the regular one, the deformed positions of its lines and nodes, magnified drags)
+and draws them on a sheet: panels to one scale, grids, colours of areas, crosses of strain, captions.
 
-The nets of a Thompson figure as numbers: the regular one, where its lines and nodes go, and magnified drags.
-
-The sheet on which two grids are drawn: panels to one scale, nets, colours of areas, crosses of strain, words.
+Area expansion and principal strains can be laid over the second grid. The figure is for print: saved as SVG or PDF the
+grids, arrows and captions stay vectors and text, and only the pictures are pixels.
 """
 
 from __future__ import annotations
@@ -40,19 +39,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_LINES = 64
-"""Cells of a net along its longer side at most."""
+"""Cells of a grid along its longer side at most."""
 
-_FINE = 300  # places along the longer side where areas are asked for
+_FINE = 300  # places along the longer side where areas are evaluated
 
 @dataclass(frozen=True, eq=False)
 class Grids:
-    """What :func:`deformnb.imaging.thompson.draw_grids` draws, in picture coordinates.
+    """Contents of :func:`deformnb.imaging.thompson.draw_grids`, in picture coordinates.
 
     Parameters
     ----------
     field : backward displacement of the picture.
-    before, after : the net on the picture and on the deformed one; lines broken at cuts and folds have several pieces.
-    nodes : (rows, columns, 2) of the regular net.
+    before, after : the grid on the picture and on the deformed one; lines broken at cuts and folds have several pieces.
+    nodes : (rows, columns, 2) of the regular grid.
     moved : where the nodes are in the result; found : (rows, columns) whether they are anywhere.
     cell : the side of a cell.
     """
@@ -66,7 +65,7 @@ class Grids:
     cell: float
 
     def strain(self) -> Stretches:
-        """Stretches of the matter at the nodes of the net, in the result."""
+        """Stretches of the tissue at the nodes of the grid, in the result."""
         return stretches(self.field, self.moved)
 
 
@@ -137,13 +136,13 @@ class _Magnified(AbstractField):
 
 
 def _flat_grid(picture: Picture) -> Grid:
-    """A volume one voxel thick where the picture lies: its size is all that a fit asks for."""
+    """A volume one voxel thick where the picture lies: its size is all that a fit requires."""
     (nv, nu), (du, dv) = picture.raster.shape, picture.raster.spacing
     return Grid((1, nv, nu), (du, dv, min(du, dv)))
 
 
 def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids:
-    """The nets of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
+    """The grids of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
     if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_LINES):
         raise DeformError(f"a net has 1 to {MOST_LINES} cells along its longer side, got {lines!r}.")
     a0, a1, b0, b1 = box = picture.raster.box
@@ -164,7 +163,7 @@ def landmarks_of(steps: tuple[Step, ...], key: int) -> ControlPoints | None:
 
 
 def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
-    """How much matter has grown at the pixels of a raster: 2 is twice as large, NaN where the map folds.
+    """Area expansion at the pixels of a raster: 2 is twice as large, NaN where the map folds.
 
     Examples
     --------
@@ -184,10 +183,10 @@ def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
 
 
 OVERLAYS = ("none", "area", "strain")
-"""What may be laid over the deformed picture."""
+"""Overlays of the deformed picture."""
 
 FOLDS = "#d32f2f"
-"""Where the map folds."""
+"""Colour of the places where the map folds."""
 
 _INKS = {False: ("#762a83", "#1b7837"), True: ("#c9a3d6", "#7fd08a")}  # shrinks, grows; on light and on dark paper
 _AREAS = {False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with what is below
@@ -200,7 +199,7 @@ _HEAD, _FOOT, _KEY = 0.42, 0.3, 0.42  # of title, captions and key
 _DPI = 300
 _LETTERS, _SMALL = 9.5, 7.5  # points
 _WIDE = 1.7  # pictures wider than that are stacked
-_FARTHEST = 0.5  # of the picture's sides, that a net is shown beyond it
+_FARTHEST = 0.5  # of the picture's sides, that a grid is shown beyond it
 _FEWEST = 700  # pixels along the longer side of a deformed picture, whose edge is cut out
 _AIR = 0.12  # of a cell, around all that is drawn
 _RANGES = (0.25, 0.5, 1.0, 2.0, 3.0)  # of the colours, in powers of 2
@@ -233,7 +232,7 @@ class Sheet:
 
     Parameters
     ----------
-    picture : as it was before; grids : the nets.
+    picture : as it was before; grids : the numbers of both grids.
     overlay : a name of :data:`OVERLAYS`; look : colours; width : inches.
     """
 
@@ -350,7 +349,7 @@ class Sheet:
         return tinted
 
     def _shows_picture(self, raster: Raster) -> NDArray[np.bool_]:
-        """Where a deformed picture shows something of the original and not what lies around."""
+        """Mask of the pixels of a deformed picture that show part of the original and not its surroundings."""
         a0, a1, b0, b1 = self.picture.raster.box
         a, b = self.grids.field.on_raster(raster) + np.moveaxis(raster.points(), -1, 0)
         return np.asarray((a >= a0) & (a <= a1) & (b >= b0) & (b <= b1))
@@ -461,7 +460,7 @@ class Sheet:
         self._text(left + long + 0.1, y + high / 2, f"area grows{folds}", color=self.inks[1])
 
     def _strain_key(self) -> None:
-        """Two arms of a known strain, as they are drawn on the net."""
+        """Two arms of a known strain, as they are drawn on the grid."""
         share = _plain(min(0.5, 0.8 / self.gain))
         arm = share * self.gain * self.grids.cell * self.scale
         y, middle = _MARGIN + 0.18, self.width / 2
@@ -534,7 +533,7 @@ def _factor(power: float) -> str:
 
 
 def _said(magnify: float) -> str:
-    """How much a drawing is exaggerated, in words."""
+    """Exaggeration of a drawing, in words."""
     if magnify == 1:
         return "deformed"
     if magnify == 0:
@@ -556,15 +555,15 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
                magnify: float = 1.0, grid: Grid | None = None, key: int = 0, landmarks: bool = True,
                title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
-    """The picture on a regular net, and the deformed picture on the deformed net.
+    """The picture on a regular grid, and the deformed picture on the deformed grid.
 
     Parameters
     ----------
     what : a step on the picture's plane, a deformation whose steps all lie there, or any field of dimension 2.
     picture : as it was before.
-    lines : cells of the net along the longer side of the picture.
-    overlay : a name of :data:`OVERLAYS`: "area" colours how matter grows (green) and shrinks (purple), "strain" draws
-        crosses along the principal directions, solid where matter is stretched and dashed where it is pressed.
+    lines : cells of the grid along the longer side of the picture.
+    overlay : a name of :data:`OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain" draws
+        crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
     grid : of the volume, which tells the reach of a point that has none of its own; default is that of the picture.
@@ -617,7 +616,7 @@ def _title(title: str | None, steps: tuple[Step, ...], key: int) -> list[str]:
 
 
 def _facts(step: Step, key: int) -> str:
-    """What is known of the fit of a step: how many landmarks, how much of it is affine, how much it bends."""
+    """Facts about the fit of a step: number of landmarks, affine share, bending energy."""
     points = landmarks_of((step,), key)
     assert points is not None
     facts = [f"{len(points)} landmark{'' if len(points) == 1 else 's'}"]

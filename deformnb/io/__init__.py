@@ -1,4 +1,4 @@
-"""Volume files: reading that trusts no header, writing that is whole or not at all."""
+"""Volume files: reading that trusts no header, writing that is complete or not done at all."""
 
 from deformnb.io.atomic import atomic_write
 from deformnb.io.formats import FORMATS, FileDescription, Format, describe_file, read_volume, write_volume

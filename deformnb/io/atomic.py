@@ -1,13 +1,13 @@
-"""Writing that either finishes or never happened.
+"""Atomic writing of files, locks held by a process, and the rule for replacing files.
 
-Files that belong to a process for as long as it lives: the system lets go of a lock when its holder dies.
+A write either finishes or leaves no trace.
 
-A process id in a file's name says less: it is given to another process one day, and nothing on another machine.
+A lock is a file that belongs to a process for as long as it lives: the system releases it when its holder dies. A
+process id in a file's name is a weaker sign: it is given to another process one day, and means nothing on another
+machine.
 
-Which files may be replaced without being asked: those that hold what was opened or written here.
-
-The rule of all that a session writes, and of documents: a file is never replaced unless the session itself has opened
-or written what is in it, or it is said that it may be (``overwrite=True``, or an answer in the page).
+The rule for all that a session writes, and for documents: a file is never replaced unless the session itself has opened
+or written its content, or permission is given (``overwrite=True``, or an answer in the front end).
 """
 
 from __future__ import annotations
@@ -376,7 +376,7 @@ class KnownFiles:
                     del self._digests[next(iter(self._digests))]
 
     def has(self, path: str | PathLike[str]) -> bool:
-        """Whether a file was opened or written here, whatever it holds now."""
+        """Check whether a file was opened or written here, whatever it holds now."""
         return _real(path) in self._digests
 
     def check(self, path: str | PathLike[str]) -> None:

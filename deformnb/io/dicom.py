@@ -48,7 +48,7 @@ _TILT = 1e-3
 
 @dataclass(frozen=True)
 class _Slice:
-    """What one file says."""
+    """Header and pixels of one file."""
 
     path: Path
     uid: str
@@ -83,7 +83,7 @@ def _pydicom() -> Any:
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file has the mark of DICOM after its 128 free bytes."""
+    """Check whether a file has the mark of DICOM after its 128 free bytes."""
     try:
         with path.open("rb") as file:
             return file.read(132)[128:] == b"DICM"

@@ -1,4 +1,4 @@
-"""Reading and writing deformations as JSON files."""
+"""Deformation documents as JSON files: reading, writing and description."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:
-    """What is in a document, for people: what was done on which volume."""
+    """Describe a document for people: its edits, and the volume on which they were made."""
     deformation = read_deformation(path)
     rows = {"file": shown(path), "kind": "deformation", "name": shown(deformation.name) or "(none)"}
     if deformation.volume is not None:

@@ -1,4 +1,4 @@
-"""Reading and writing volumes: one registry of formats, one way in, one way out."""
+"""Registry of volume formats: one function to read, one to write."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _LESS = "read fewer voxels with stride=2"
 
 @dataclass(frozen=True)
 class FileDescription:
-    """What a file is, without its voxels.
+    """Description of a file without its voxels.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
     max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.
-    progress : told the share done, 0 to 1; may raise Cancelled.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw.
     path : ends in a suffix of a writable row of :data:`FORMATS`.
     overwrite : whether an existing file may be replaced.
-    progress : told the share done, 0 to 1; may raise Cancelled.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
 
 def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
                   voxels: bool = False, progress: Progress | None = None) -> FileDescription:
-    """What a volume file is; reads its header alone unless the range of values is asked for with ``voxels``.
+    """Describe a volume file; reads its header alone unless the range of values is requested with ``voxels``.
 
     (The voxels are read too where the header is that of a volume in :mod:`deformnb.volume.known_spacings`.)
 

@@ -1,7 +1,7 @@
-"""What a file says about its voxels, before any voxel is read.
+"""Headers of volume files: shape, type and place of the voxels, before any voxel is read.
 
 Headers are read by this package's own short parsers with bounds on everything, because common readers crash, hang or
-load garbage in silence when a header lies. Text of a header is only ever text.
+load garbage in silence when a header is wrong. Text of a header is only ever text.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Header:
 
     @property
     def is_scaled(self) -> bool:
-        """Whether stored numbers differ from what they mean."""
+        """True if stored numbers differ from the values that they mean."""
         return (self.slope, self.intercept) != (1.0, 0.0)
 
     @property
@@ -81,7 +81,7 @@ class Header:
         return np.result_type(self.dtype, np.float32) if self.is_scaled else self.dtype.newbyteorder("=")
 
     def grid(self, spacing: Float3 | None = None) -> tuple[Grid, tuple[str, ...]]:
-        """Where the voxels are, with another spacing if given, and remarks; a negative spacing flips its direction."""
+        """Grid of the voxels, with another spacing if given, and remarks; a negative spacing flips its direction."""
         notes: tuple[str, ...] = ()
         try:
             if self.affine is not None:
@@ -290,7 +290,7 @@ def detached_name(header: Path, crc: int) -> str:
 
 
 def is_detached_name(header: Path, name: str) -> bool:
-    """Whether :func:`detached_name` gives such a name to a data file of this header."""
+    """Check whether :func:`detached_name` gives such a name to a data file of this header."""
     return re.fullmatch(re.escape(header.name) + r"\.[0-9a-f]{8}\.raw", name) is not None
 
 

@@ -1,9 +1,9 @@
-"""Landmark files: BigWarp's CSV, and the markups of 3D Slicer (.fcsv and .mrk.json).
+"""Landmark files: BigWarp's CSV, the markups of 3D Slicer (.fcsv and .mrk.json), and point tables as text.
 
-Slicer says whether its places are LPS or RAS; here they are LPS always, and both are read. BigWarp's are physical
-lengths of the image, taken as they are; its moving points are the places, its fixed ones what they correspond to.
+Slicer states whether its places are LPS or RAS; here they are LPS always, and both are read. BigWarp's are physical
+lengths of the image, taken as they are; its moving points are the places, its fixed ones their counterparts.
 
-Control points from text: what the table of points copies, a spreadsheet hands on, or BigWarp writes.
+Control points are read from the text that the table of points copies, a spreadsheet passes on, or BigWarp writes.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
 
 
 def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What is in a landmark file, for people."""
+    """Describe a landmark file for people."""
     place, found = Path(path), read_landmarks(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
     rows = {"file": shown(place.name), "kind": check_landmark_target(place).description,

@@ -1,4 +1,4 @@
-"""How much memory there is, and how much a volume needs, before it is asked for."""
+"""Memory checks: the free memory of the machine and the size of a volume, compared before allocation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def required_bytes(shape: tuple[int, int, int], dtype: DTypeLike, *, output_shap
     dtype : its voxel type.
     output_shape : of the deformed volume, if one is made.
     maps : how many 2-D displacement maps of the volume's own rows and columns (two float32 each) are kept.
-    texture : whether a copy for a graphics card is made (of the output, or else of the input).
+    texture : whether a copy for a GPU is made (of the output, or else of the input).
 
     Examples
     --------

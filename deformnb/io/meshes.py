@@ -1,10 +1,9 @@
 """Surface files: PLY, STL, OBJ and VTP.
 
-None of them says in which directions its axes point. Coordinates are taken as they are: LPS, as volumes have.
+None of the formats states the directions of its axes. Coordinates are taken as they are: LPS, as volumes have.
 
-Parsers of PLY, STL, OBJ and VTP: short ones with bounds on everything, for VTK's end the process on damaged files.
-
-Each returns corners (N, 3) and polygons: for each face its number of corners, then all corners' numbers in one array.
+The parsers are short ones with bounds on everything, because VTK's end the process on damaged files. Each returns
+corners (N, 3) and polygons: for each face its number of corners, then all corners' numbers in one array.
 """
 
 from __future__ import annotations
@@ -326,7 +325,7 @@ def _vtp_points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
 
 
 def _vtp_cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """How many corners each cell of a kind has, and their numbers."""
+    """Number of corners of each cell of a kind, and their indices."""
     count = _vtp_count(file, piece, f"NumberOf{kind}")
     if not count:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -442,7 +441,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
 
 
 def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What is in a surface file, for people."""
+    """Describe a surface file for people."""
     mesh, place = read_mesh(path), Path(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in mesh.box)
     row = _row(place)
@@ -469,7 +468,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = Tr
 
 
 def check_mesh_target(path: Path) -> MeshFormat:
-    """The format that a path to write to asks for; VolumeFileError if there is none of its suffix."""
+    """The format that a path to write to selects; VolumeFileError if there is none of its suffix."""
     row = _row(path)
     if row is None:
         raise fail(path, f"the end of its name says no kind of surface file; write {mesh_suffixes()}.")

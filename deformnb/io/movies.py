@@ -1,4 +1,4 @@
-"""Movies as files: GIF, MP4, WebP, or a numbered series of PNG; written whole or not at all."""
+"""Movie files: GIF, MP4, WebP, or a numbered series of PNG; written completely or not at all."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
         if kind not in ("", ".png"):
             check_target(place, overwrite=overwrite)
         MOVIES[kind](place, _watched(frames, total, progress, cancel), float(fps))
-    finally:  # frames that are made one by one hold a renderer, also when the last one was never asked for
+    finally:  # frames that are made one by one hold a renderer, also when the last one was never requested
         close = getattr(frames, "close", None)
         if close is not None:
             close()
@@ -160,7 +160,7 @@ def _counted(image: Image) -> NDArray[np.float64]:
 
 
 def _durations(count: int, fps: float, unit: float) -> list[int]:
-    """How long each frame is shown, in whole units of ``unit`` milliseconds, so that no error adds up."""
+    """Duration of each frame, in whole units of ``unit`` milliseconds, so that no error adds up."""
     ends = np.round(np.arange(count + 1) * 1000 / (fps * unit)).astype(int)
     return [int(d * unit) for d in np.diff(ends)]
 
@@ -303,7 +303,7 @@ def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
 
 
 def _numbering(name: str) -> tuple[str, int, str]:
-    """What stands before the number, its digits, and what stands after it, of ``turn_%03d.png`` or ``turn.png``."""
+    """Split ``turn_%03d.png`` or ``turn.png`` into the text before the number, its digits, and the text after it."""
     stem, suffix = os.path.splitext(name)
     if "%" not in stem:
         stem += "_%04d"
@@ -335,4 +335,4 @@ def _write_pictures(folder: Path, frames: Iterator[Image], number: Callable[[int
 MOVIES: dict[str, Callable[[Path, Iterator[Image], float], None]] = {
     ".gif": _write_gif, ".mp4": _write_mp4, ".webp": _write_webp, ".png": _write_series, "": _write_series,
 }
-"""How a movie is written, by the suffix of its path; none is a folder of pictures."""
+"""Writers of movies, by the suffix of the path; no suffix is a folder of pictures."""

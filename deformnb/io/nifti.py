@@ -1,8 +1,8 @@
 """NIfTI-1 and NIfTI-2 in one file (.nii, .nii.gz).
 
-One rule says where the voxels are: the sform if its code is above 0, else the qform if its code is above 0, else the
-voxel sizes alone with the axes right, anterior, superior (methods 3, 2 and 1 of the standard). NIfTI is RAS: x and y
-change sign on the way in and out. Source: the headers nifti1.h and nifti2.h of the NIfTI standard.
+One rule decides the place of the voxels: the sform if its code is above 0, else the qform if its code is above 0, else
+the voxel sizes alone with the axes right, anterior, superior (methods 3, 2 and 1 of the standard). NIfTI is RAS: x and
+y change sign on the way in and out. Source: the headers nifti1.h and nifti2.h of the NIfTI standard.
 """
 
 from __future__ import annotations

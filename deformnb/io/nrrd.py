@@ -1,6 +1,6 @@
 """NRRD, attached (.nrrd) and detached (.nhdr).
 
-Space LPS, RAS and LAS are told apart; without a space the axes are taken as LPS.
+The spaces LPS, RAS and LAS are distinguished; without a space the axes are taken as LPS.
 Source: the definition of the NRRD file format of the Teem library.
 """
 
@@ -134,7 +134,7 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
 
 
 def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> list[int]:
-    """Which axes are x, y and z: all but those of size 1 that are colours, vectors or time."""
+    """Indices of the axes x, y and z: all but those of size 1 that are colours, vectors or time."""
     kinds = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
     if "spacedirections" in fields:
         vectors = _vectors(path, "space directions", fields["spacedirections"])
@@ -194,7 +194,7 @@ def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:
 
 
 def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:
-    """What the header says of the places, as arguments of Header."""
+    """Geometry of the header, as arguments of Header."""
     space = fields.get("space", "").lower()
     if space and space not in _SPACES:
         raise fail(path, f"the space '{shown(space)}' is not supported; save it in left-posterior-superior.")

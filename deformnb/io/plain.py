@@ -1,4 +1,4 @@
-"""NumPy arrays (.npy) and plain voxels (.raw), with a side file that says the rest.
+"""NumPy arrays (.npy) and raw voxels (.raw), with a JSON side file for the rest of the header.
 
 ``name.raw`` needs ``name.raw.json``; ``name.npy`` may have ``name.npy.json``, and without it has spacing 1. The side
 file is JSON::
@@ -83,7 +83,7 @@ def _numbers(side: Path, fields: dict[str, Any], name: str, shape: tuple[int, ..
 
 
 def _geometry(side: Path, fields: dict[str, Any]) -> dict[str, Any]:
-    """What a side file says beyond type and shape, as arguments of Header."""
+    """Entries of a side file beyond type and shape, as arguments of Header."""
     known: dict[str, Any] = {}
     for name, shape in (("spacing", (3,)), ("origin", (3,)), ("direction", (3, 3))):
         if name in fields:
@@ -105,7 +105,7 @@ def _shape(side: Path, fields: dict[str, Any]) -> list[int]:
 
 
 def read_raw_header(path: Path) -> Header:
-    """What the side file says of a .raw file."""
+    """Read the side file of a .raw file."""
     side = _side_path(path)
     fields = _side_file(path)
     if fields is None:

@@ -1,6 +1,6 @@
-"""Voxels as a stream of bytes: exact counts, bounded inflating, whole slices at a time.
+"""Streams of voxels: exact byte counts, bounded decompression, whole slices at a time.
 
-Writing voxels slab by slab: packed or plain, with progress, never a second copy of the volume.
+Voxels are written slab by slab: compressed or plain, with progress, never with a second copy of the volume.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Stream(Protocol):
 
 
 class Inflate:
-    """Inflates zlib or gzip data (any number of members) and never holds more than was asked for.
+    """Inflates zlib or gzip data (any number of members) and never holds more than was requested.
 
     The check sums at the end of each member are verified; a member without its end raises EOFError.
     """
@@ -115,7 +115,7 @@ class _Bzip2:
 
 
 ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2}
-"""How the bytes of voxels may be packed."""
+"""Encodings of the bytes of voxels."""
 
 
 def take(stream: Stream, size: int) -> bytes:
@@ -132,7 +132,7 @@ def take(stream: Stream, size: int) -> bytes:
 
 @dataclass(frozen=True)
 class Source:
-    """Where the bytes of the voxels are.
+    """Source of the bytes of the voxels.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def packed(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memo
 
 
 def needed_bytes(volume: Volume, encoding: str) -> int:
-    """How much free space a file is asked to have before it is begun."""
+    """Free space that is required before a file is begun."""
     size = volume.grid.size * stored_dtype(volume).itemsize
     return size if encoding == "raw" else int(_PACKED_SHARE * size)
 

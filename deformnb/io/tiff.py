@@ -1,10 +1,10 @@
 """TIFF stacks (read only): a file of many pages, or a folder of single pages in the natural order of their names.
 
-The structure is read here and not by tifffile, which fills in or leaves out what is damaged: strips of length zero and
+The structure is read here and not by tifffile, which fills in or leaves out damaged parts: strips of length zero and
 short tiles become voxels, a broken chain of pages ends early, pages of another size are left out, LZW data too long are
-cut, and circles of over 100 pages never end. It says so, if at all, only in its log, which callers may have switched
-off: of 2000 damaged stacks, the checks below around tifffile's fields let one lose two of its three slices, or with
-logging off 59 become other voxels, and were no shorter. LZW and PackBits are left to imagecodecs.
+cut, and circles of over 100 pages never end. It reports this, if at all, only in its log, which callers may have
+switched off: of 2000 damaged stacks, the checks below around tifffile's fields let one lose two of its three slices, or
+with logging off 59 become other voxels, and were no shorter. LZW and PackBits are left to imagecodecs.
 Source: TIFF 6.0, the BigTIFF proposal, and the descriptions that ImageJ and OME put into the first page.
 """
 
@@ -167,7 +167,7 @@ def _natural(path: Path) -> tuple[list[Any], str]:
 
 def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], spacing: Float3 | None,
             notes: tuple[str, ...]) -> Header:
-    """What all pages say; only the first is kept, because each may have a table of half a million strips."""
+    """Header common to all pages; only the first is kept, because each may have a table of half a million strips."""
     first, count, working_bytes = None, 0, 0
     for page, _ in pages():
         first = first or page

@@ -1,4 +1,4 @@
-"""VTK image data (.vti): text or binary, inline or appended, plain or packed; written as appended raw zlib blocks."""
+"""VTK image data (.vti): text or binary, inline or appended, compressed or not; written as appended raw zlib blocks."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""VTK's XML files: their tags and the numbers of their arrays, for images (.vti) and surfaces (.vtp).
+"""VTK XML files: their tags and the numbers of their arrays, for images (.vti) and surfaces (.vtp).
 
 VTK's own readers end the whole process or hang on damaged files, so the XML is read here: only its tags, one at a time,
-without entities or document types, and numbers only where the tags say they are and as many as are asked for.
+without entities or document types, and numbers only at the places that the tags name and as many as are requested.
 Source: the VTK XML file formats, chapter "VTK File Formats" of the VTK user's guide.
 """
 
@@ -148,13 +148,13 @@ class VtkXml:
         return np.dtype(self.order + TYPES[name])
 
     def stored(self, tag: Tag, count: int) -> StoredArray:
-        """Where and how ``count`` numbers of an array lie in the file; refuses what cannot be read."""
+        """Locate ``count`` numbers of an array in the file; refuses an array that cannot be read."""
         return StoredArray(self, tag, self.dtype(tag), count)
 
 
 @dataclass(frozen=True)
 class StoredArray:
-    """Where and how the numbers of one array lie in a file: as text, inline or appended, plain or packed."""
+    """Place and encoding of an array's numbers in a file: as text, inline or appended, compressed or plain."""
 
     file: VtkXml
     tag: Tag
@@ -291,7 +291,7 @@ def _zlib(data: bytes, expected: int) -> bytes | None:
 
 
 def _lzma(data: bytes, expected: int) -> bytes | None:
-    # A stream may ask for a dictionary of 4 GiB; VTK's largest has 64 MiB, and twice the block is enough for any other.
+    # A stream may require a dictionary of 4 GiB; VTK's largest has 64 MiB, and twice the block is enough for any other.
     decoder = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=max(2**27, 2 * expected))
     unpacked = decoder.decompress(data, expected + 1)
     return unpacked if decoder.eof else None

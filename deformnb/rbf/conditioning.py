@@ -1,7 +1,7 @@
-"""What is done with sets of control points that a plain fit would get wrong, silently, in other systems.
+"""Degenerate sets of control points, which a plain fit would get wrong in silence: detection and treatment.
 
 =================================  ==================================================================================
-set of active points               what is done
+set of active points               treatment
 =================================  ==================================================================================
 none                               the identity
 one                                a translation (trend "none": one bump)
@@ -209,7 +209,7 @@ def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float)
 
 
 def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> tuple[Span, str]:
-    """What the centred targets (n, dim) determine of a linear map, and where they lie thinly, in words."""
+    """The span that centred targets (n, dim) determine of a linear map, and the thin directions in words."""
     n, dim = centred.shape
     if n < 2 or not centred.any():
         return Span(np.zeros((dim, 0)), np.zeros((dim, dim))), ""
@@ -221,7 +221,7 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
 
 
 def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> str:
-    """Where control points lie that are thin in some direction; rounded, for other notes make JAX compile anew."""
+    """The place of control points that are thin in some direction; rounded, for other notes make JAX compile anew."""
     wide = int((spreads >= THIN).sum())
     if wide == len(spreads):
         return ""
@@ -234,7 +234,7 @@ def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> st
 
 
 def _bearable(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int, where: str) -> tuple[str, tuple[str, ...]]:
-    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one asked for."""
+    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one requested."""
     if n == 0 or trend.name in ("none", "translation"):
         return trend.name, ()
     if rank == 0:

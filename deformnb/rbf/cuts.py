@@ -1,13 +1,14 @@
-r"""Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
+"""Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
 
 A cut divides the picture, or space, into its inside and its outside; several cuts divide it into as many regions as
 there are combinations. Every region has a fit of its own, of the control points whose sources lie in it (Eq. 7); a
-region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: which
-one holds is decided at every sample anew.
+region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: the
+fit that holds is chosen at every sample anew.
 
-Two rules say what is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k would show:
+Two rules choose the region that is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k
+would show:
 
-- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Matter
+- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Tissue
   never crosses the line, so moving both sides together leaves a false gap.
 - "source", the default: the field of any region k whose s_k lies in region k, the region of x first. It contains
   Eq. 8 wherever that shows something.
@@ -49,7 +50,7 @@ Sides = tuple[bool, ...]
 
 @dataclass(frozen=True)
 class Cut:
-    """A line along which matter comes apart.
+    """A line along which tissue comes apart.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class Cut:
 
 
 def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:
-    """Whether points (..., dim) lie inside each of the regions: shape (..., number of regions)."""
+    """Test points (..., dim) for lying inside each of the regions: shape (..., number of regions)."""
     return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
 
 
@@ -97,7 +98,7 @@ def _covered(depth: Any, softness: Any, xp: Any) -> Any:
 
 
 def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
-    """How deep places with these distances to the cuts lie within a region; negative outside."""
+    """Depth within a region of places with these distances to the cuts; negative outside."""
     within = [-d if inside else d for d, inside in zip(distances, sides, strict=True)]
     least = within[0]
     for d in within[1:]:
@@ -131,12 +132,12 @@ def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[An
 
 
 CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _by_source, "paper": _by_paper}
-"""What is seen beside a cut, by name; the first is the default."""
+"""Rules for the visible region beside a cut, by name; the first is the default."""
 
 
 def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], rule: str, softness: float,
            xp: Any = np) -> tuple[Any, Any]:
-    """Which region is seen at places x, and how opaque it is.
+    """The visible region at places x, and its opacity.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ class Decoupled(AbstractField):
         return self.seen_on_outer_sum(rows, columns, resolution)[0]
 
     def of_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
-        """Which matter each field moves: a mask of points (N, dim) before the deformation, and None for what stays."""
+        """Masks of points (N, dim) before the deformation that each field moves, and None for those that stay."""
         own = self._sides(points)
         masks = [(own == np.asarray(region)).all(axis=-1) for region in self.sides]
         rest = ~np.logical_or.reduce([*masks, np.zeros(len(points), dtype=bool)])

@@ -1,12 +1,11 @@
-"""From the plane into space: one formula for the paper's three rules (section 3.2), and for time.
+"""Extrusion of a map from the plane into space: one formula for the paper's three rules (section 3.2), and for time.
 
 ``D3(x) = sum_k w_k(zeta) [u D_u,k(a, b) + v D_v,k(a, b)]`` with plane coordinates (a, b, c) of x and
 ``zeta = clamp((c - c0) / (c1 - c0), 0, 1)``. Replication has one map with w = 1, modulation one map with w = f(zeta),
 interpolation K maps with hat functions. The field is lazy: no map of three dimensions is ever stored (192 MiB at
 256^3), and the warp evaluates the sum where it needs it.
 
-A small, safe language for the curve f(z) of an extrusion: ``z``, ``sin(pi*z)``, ``4*z*(1-z)``, ``min(1, 3*z)``.
-
+The curve f(z) may be given in a small, safe expression language: ``z``, ``sin(pi*z)``, ``4*z*(1-z)``, ``min(1, 3*z)``.
 The text is parsed, checked node by node against a white list and evaluated on an array; nothing of it ever reaches
 ``eval``, no name but those below exists, and its length, depth and powers are bounded.
 """
@@ -98,7 +97,7 @@ def _parse(text: str) -> ast.expr:
 
 
 def _advice(text: str) -> str:
-    """What to write instead."""
+    """Advice on the correct expression."""
     product = _PRODUCT.search(text)
     if product is None:
         return "write for example z or sin(pi*z)"

@@ -1,6 +1,6 @@
-"""Everything that displaces: a field maps points to backward displacements.
+"""Displacement fields: maps from points to backward displacements.
 
-``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to where the value comes from.
+``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to the source of the value.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class AbstractField(ABC):
 
     @property
     def has_cuts(self) -> bool:
-        """True if the field jumps and hides matter along cuts; see :mod:`deformnb.rbf.cuts`."""
+        """True if the field jumps and hides tissue along cuts; see :mod:`deformnb.rbf.cuts`."""
         return False
 
     @property

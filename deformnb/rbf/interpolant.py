@@ -1,19 +1,19 @@
-"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected in :mod:`trend`.
+"""Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected by the trends.
 
 The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with centres x_j at the *targets* and
 ``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
 are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
-digits, and evaluation can run in float32.
+digits, and evaluation can run in float32. The linear part A, t is the trend; :mod:`deformnb.rbf.trends` has the
+correction of Eq. 5.
 
 Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so nothing is
 known of its definiteness and there is no energy to make least: the trend is that of least squares (all points count
 alike), what is left is solved by elimination, and a system that comes out nearly singular is refused.
 
-Evaluation of a radial basis function sum at many points, compiled: the inner loop of everything interactive.
-
-The sum runs in a loop over the centres with the accumulators in registers, tile by tile: writing it as one reduction
-over (points x centres) took 24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it.
-The loop's length is a run-time number, so one compiled function serves every number of points up to its capacity.
+Evaluation of the sum at many points is compiled: it is the inner loop of everything interactive. It runs in a loop over
+the centres with the accumulators in registers, tile by tile: writing it as one reduction over (points x centres) took
+24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it. The loop's length is a
+run-time number, so one compiled function serves every number of points up to its capacity.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ class RBFInterpolant(AbstractField):
     linear, constant : A (dim, dim) and t (dim,) of the trend of D in relative coordinates, physical units.
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
-    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one asked for).
+    kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
     remarks : those of the :attr:`notes` that are known without looking at the map.
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
@@ -250,7 +250,7 @@ class RBFInterpolant(AbstractField):
         return (*self.remarks, *(note for note, is_so in found if is_so))
 
     def folds_between_points(self) -> bool:
-        """Whether ``det(1 + dD/dx) <= 0`` at a control point or between them.
+        """Check for ``det(1 + dD/dx) <= 0`` at a control point or between them.
 
         Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
         simplices; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
@@ -262,7 +262,7 @@ class RBFInterpolant(AbstractField):
         return bool((np.linalg.det(jacobians) <= 0).any())
 
     def _predicts_poorly(self) -> bool:
-        """Whether points predict each other worse than the affine trend alone does, by leave-one-out.
+        """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
 
         Asked of sets most of which are dragged; one drag among points that are held still predicts nothing.
         """
@@ -608,7 +608,7 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
                           ready.ids, scales, smoothed)
 
 
-# Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to ask for 25 to 3600 times.
+# Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.
 _STEEP = 10.0
 
 _COLLAPSES = {

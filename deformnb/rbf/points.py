@@ -1,4 +1,4 @@
-"""Control points: where a feature is (source) and where it shall go (target).
+"""Control points: pairs of a source (the place of a feature) and a target (the place to which it shall move).
 
 Dragging a point moves its target. The backward displacement at the target is ``source - target``, so the feature of
 the source appears exactly where it was dropped. Every change makes a new object; ids are never given twice.
@@ -86,7 +86,7 @@ class ControlPoints:
 
     @property
     def _of_each(self) -> dict[str, NDArray[Any]]:
-        """What there is one of for each point, apart from its places, id and name."""
+        """The arrays with one entry for each point, apart from its places, id and name."""
         return {"active": self.active, "weight": self.weight, "locked": self.locked, "radius": self.radius}
 
     def _check_numbers(self) -> None:
@@ -163,7 +163,7 @@ class ControlPoints:
         return np.asarray(self.source - self.target)
 
     def label(self, index: int) -> str:
-        """How messages name the point at a position: 'control point 3 ("nose")'."""
+        """Label of the point at a position, for messages: 'control point 3 ("nose")'."""
         name = f' ("{self.names[index]}")' if self.names[index] else ""
         return f"control point {self.ids[index]}{name}"
 

@@ -1,9 +1,10 @@
-"""Places in a picture or in space with a signed distance: what rigid parts and cuts are made of; masks are next door.
+"""Regions of a picture or of space with a signed distance, from which rigid parts and cuts are made.
 
 Distances are physical, exact for straight boundaries, and negative inside. In a picture the coordinates are (a, b) of
 its plane, in space (x, y, z).
 
-Regions made of pixels or voxels: labels of a segmentation, and their silhouettes on a picture.
+Besides half-spaces, polygons and lines there are masks: regions made of pixels or voxels, such as labels of a
+segmentation, and their silhouettes on a picture.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 
 LARGEST_SHAPE = 512
-"""Vertices of a drawn line; a hand draws some dozens."""
+"""Vertices of a drawn line; drawing by hand gives some dozens."""
 
 # Directions whose sine is less count as parallel: rounding would let parallel ends of a line meet far away.
 _PARALLEL = 1e-9
@@ -108,7 +109,7 @@ class HalfSpace(AbstractRegion):
         return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
-        """What JAX traces, and what it keeps."""
+        """The arrays that JAX traces, and the constants that it keeps."""
         return (np.asarray(self.point), np.asarray(self.normal)), None
 
     @classmethod
@@ -125,7 +126,7 @@ def _cross(p: Any, q: Any) -> Any:
 
 
 class _Drawn(AbstractRegion):
-    """What is bounded by straight edges on a picture."""
+    """Base of the regions bounded by straight edges on a picture."""
 
     vertices: Any
     is_closed: ClassVar[bool]
@@ -187,7 +188,7 @@ class _Drawn(AbstractRegion):
         return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
-        """What JAX traces, and what it keeps."""
+        """The arrays that JAX traces, and the constants that it keeps."""
         return (np.asarray(self.vertices),), None
 
     @classmethod
@@ -284,7 +285,7 @@ def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> N
 
 def _meet(start: NDArray[np.float64], edge: NDArray[np.float64], length: NDArray[np.float64], low: NDArray[np.float64],
           high: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which pairs of edges ``start + t edge``, t from low to high, have a place in common."""
+    """Pairs of edges ``start + t edge``, t from low to high, that have a place in common."""
     away, d, e = start[None] - start[:, None], edge[:, None], edge[None]
     size, det = length[:, None] * length[None], _cross(d, e)
     parallel = np.abs(det) <= _PARALLEL * size
@@ -363,7 +364,7 @@ class Mask(AbstractRegion):
         return cls(values, volume.grid)
 
     def silhouette(self, plane: Plane) -> Mask:
-        """What of a mask in space is seen on a picture: every pixel with a voxel of it in front or behind."""
+        """Silhouette of a mask in space on a picture: every pixel with a voxel of it in front or behind."""
         if not isinstance(self.lattice, Grid):
             raise DeformError("this mask lies on a picture already.")
         grid = self.lattice
@@ -399,7 +400,7 @@ class Mask(AbstractRegion):
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag asks for it at every block
+        return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag needs it at every block
 
     @cached_property
     def _measured(self) -> tuple[NDArray[np.float32], Raster | Grid]:
@@ -427,7 +428,7 @@ class Mask(AbstractRegion):
         return jax.scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest") + beyond
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
-        """What JAX traces, and what it keeps."""
+        """The arrays that JAX traces, and the constants that it keeps."""
         distances, lattice = self._measured
         return (distances,), (lattice, self.dim)
 

@@ -1,29 +1,24 @@
-"""Turns and shifts: the known motions of rigid parts.
+"""Rigid parts in a deformation that bends around them: Eq. 6 of the paper, after Little, Hill and Hawkes.
 
-Parts that stay rigid while all around them bends: Eq. 6 of the paper, after Little, Hill and Hawkes.
-
-The displacement is ``D(x) = (L(x) - x) + w(x) g(x)``. L is the known backward motion of the parts, the identity where
-they are fixed; w vanishes within the parts; g is the plain fit of what the control points ask for beyond L,
-``(d_i - (L(x_i) - x_i)) / w(x_i)``. The paper's factor w(x_i) in ``phi_R(x, x_i) = w(x) w(x_i) phi`` only rescales the
-coefficients, so this is its Eq. 6. Two things are done otherwise:
+The known motions of the parts are rotations and translations. The displacement is ``D(x) = (L(x) - x) + w(x) g(x)``.
+L is the known backward motion of the parts, the identity where they are fixed; w vanishes within the parts; g is the
+plain fit of the displacements that the control points require beyond L, ``(d_i - (L(x_i) - x_i)) / w(x_i)``. The
+paper's factor w(x_i) in ``phi_R(x, x_i) = w(x) w(x_i) phi`` only rescales the coefficients, so this is its Eq. 6. Two
+things are done otherwise:
 
 - The free polynomial of Eq. 2 would move the parts. Here the trend is weighted by w too.
 - The paper's w is the distance itself. It overshoots: with a control point 1/10 of the support away from the part the
   displacement between grows to 3.8 times the drag, and it has a kink on the part's surface. The default is a smooth
   step of the distance that has reached 1 at the nearest control point; ``weight="distance"`` is the paper's.
 
-With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance is
-measured where it has moved to.
+With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance ``d_k``
+is measured where it has moved to; its weight is ``W(d_k / s_k)`` and its share of the motion
+``d_k^-2 / sum_j d_j^-2``. Weights and shares come with their derivatives.
 
-Three things follow that one may not expect. A part that moves takes all along with it where neither a fixed part nor a
+Three consequences may be unexpected. A part that moves takes all along with it where neither a fixed part nor a
 control point holds the rest. A control point very near a part makes the weight rise over that short way, and a long
-drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some matter is
+drag folds the map there. Between two parts that turn apart the wedge that opens is filled from both: some tissue is
 seen twice.
-
-The weights and shares of rigid parts, functions of the distances to them, and their derivatives.
-
-With the distance ``d_k`` of a part, measured where it has moved to, its weight is ``W(d_k / s_k)`` and its share of the
-motion ``d_k^-2 / sum_j d_j^-2``; see :mod:`deformnb.rbf.rigid`.
 """
 
 from __future__ import annotations
@@ -55,7 +50,7 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """A turn and a shift of matter, forward: ``x -> matrix @ x + shift``.
+    """A turn and a shift of tissue, forward: ``x -> matrix @ x + shift``.
 
     Parameters
     ----------
@@ -132,7 +127,7 @@ class RigidMotion:
         return RigidMotion(tuple(map(tuple, m.tolist())), tuple((-m @ np.asarray(self.shift)).tolist()))
 
     def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Where matter at points (..., dim) goes."""
+        """Move points (..., dim) by this motion."""
         return np.asarray(points, dtype=np.float64) @ np.asarray(self.matrix).T + np.asarray(self.shift)
 
     def power(self, t: float) -> RigidMotion:
@@ -187,7 +182,7 @@ def _distance(t: Any, xp: Any = np) -> Any:
 
 
 WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": saturated, "distance": _distance}
-"""What is made of a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
+"""Weights from a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
 
 _WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
     "saturated": lambda t: 30.0 * np.square(np.clip(t, 0.0, 1.0) * (1.0 - np.clip(t, 0.0, 1.0))),
@@ -308,7 +303,7 @@ _SAME_MOTION = 1e-6
 
 @dataclass(frozen=True)
 class RigidPart:
-    """A region whose matter is not deformed.
+    """A region whose tissue is not deformed.
 
     Parameters
     ----------
@@ -341,7 +336,7 @@ class RigidPart:
 
     @property
     def label(self) -> str:
-        """How messages name it."""
+        """Label of the part in messages."""
         return f'the rigid part "{self.name}"' if self.name else "a rigid part"
 
     def scaled(self, strength: float) -> RigidPart:
@@ -465,7 +460,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
 
     Parameters
     ----------
-    points : as for :func:`fit_rbf`. A point within a part that asks for what the part does anyway is left
+    points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
         out.
     parts : those that are switched on count; without any this is :func:`~deformnb.rbf.interpolant.fit_rbf`.
     kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
@@ -478,7 +473,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     Raises
     ------
     DeformError
-        If a point within a part asks for something else than the part does; names both.
+        If a point within a part requires something else than the part does; names both.
 
     Examples
     --------
@@ -513,11 +508,11 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
 
 
 HELD = ("refuse", "carry", "switch off")
-"""What becomes of control points within a rigid part that ask for something else than the part does."""
+"""Treatments of control points within a rigid part that require another displacement than the part's."""
 
 
 def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
-    """The control points beside rigid parts, without any that asks for something else than the part it lies in.
+    """The control points beside rigid parts, without any that requires something else than the part it lies in.
 
     Parameters
     ----------
@@ -555,7 +550,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
 
 
 def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
-    """Whether one of the weights is the distance itself, beside which there is no trend."""
+    """Check whether one of the weights is the distance itself, beside which there is no trend."""
     for part in parts:
         if part.region.dim != dim:
             raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
@@ -574,7 +569,7 @@ def _size_of(points: ControlPoints) -> float:
 
 def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
                  distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
-    """Which active points lie beside all parts; refuses one that a part holds and that asks for something else."""
+    """Mask of active points beside all parts; refuses one that a part holds and that requires another displacement."""
     free, notes = points.active.copy(), []
     size = _size_of(points)
     within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits

@@ -1,4 +1,4 @@
-"""A large drag in equal parts, one small map after the other: as free of folds as its parts are.
+"""Staged deformation: a large drag split into a composition of small maps, each as free of folds as its parts.
 
 An interpolant that takes its points far in one go may fold between them. In n stages the points go a part of their way
 at a time, ``p_j = source + j/n (target - source)``; stage j is fitted to ``p_{j-1} -> p_j`` and the maps follow one
@@ -74,7 +74,7 @@ class Staged(AbstractField):
         return np.asarray(self._before(x, len(self.fits)) - x)
 
     def _before(self, x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Where the matter at places of the result was before the last ``count`` stages."""
+        """The places before the last ``count`` stages of the tissue at places of the result."""
         for fit in self.fits[::-1][:count]:
             x = x + fit.displacement(x)
         return x
@@ -91,7 +91,7 @@ class Staged(AbstractField):
 
 
 Fit = RBFInterpolant | RigidInterpolant | Staged
-"""What a set of control points becomes; all tell their notes, ids and trend."""
+"""Fit of a set of control points; all have notes, ids and a trend."""
 
 
 def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages: int = 1, kernel: str = "wendland_c2",

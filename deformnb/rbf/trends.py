@@ -1,4 +1,4 @@
-"""The trend: the linear map that the kernels only correct.
+"""Trends of a fit: the linear map that the kernels only correct.
 
 A fit is ``T(x) = x + D(x) = trend(x) + sum_j alpha_j phi(|x - x_j|)``. Any trend plus the kernels of the residual
 interpolates; the trend of least energy ``tr (Y - X M^T)^T W (Y - X M^T)`` is taken, where Y are the sources, X the
@@ -43,7 +43,7 @@ _LEAST_SPREAD = 1e-4
 
 
 class Span(NamedTuple):
-    """What a set of points determines of a linear map.
+    """The span of a set of points: the part of a linear map that they determine.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Targets found by the pictures themselves: one by one by correlation, or all together by climbing a likeness.
+"""Optimisation of targets from pictures: one by one by correlation, or all together by a multiscale fit.
 
-Both take two pictures, a moving one that the points deform and a fixed one that it shall look like, in the same
-coordinates; or two volumes, for points in space. What comes out are ordinary control points.
+Both take two pictures, a moving one that the points deform and a fixed one that it shall match, in the same
+coordinates; or two volumes, for points in space. The result is ordinary control points. Pictures and volumes are
+compared as grey values that can be sampled anywhere.
 
-The climb of a likeness, coarse to fine: scenes of two pictures at each level, and the best targets so far.
-
-Pictures and volumes as grey values that can be read anywhere: what is compared when targets are found.
+The multiscale fit ascends a measure of similarity, coarse to fine: at each level it makes scenes of two pictures and
+keeps the best targets so far.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class Climb:
     moving, fixed : the two pictures.
     iterations : of each level, at most.
     least : det J that is kept.
-    progress : told the finished share.
+    progress : receives the finished share.
 
     Attributes
     ----------
@@ -278,7 +278,7 @@ _MOST_STEPS = {2: 200, 3: 24}
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What :func:`fit_targets` found.
+    """Result of :func:`fit_targets`.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
                 least: float = 0.05, progress: Progress | None = None) -> Fitted:
     """Move all targets so that the deformed moving picture looks like the fixed one.
 
-    The likeness is differentiated through the fit and climbed by L-BFGS-B, coarse to fine. The energy of the fit
+    The likeness is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
     holds it back where the pictures say nothing, and a barrier where det J nears zero, so that the map does not fold.
 
     Parameters
@@ -396,7 +396,7 @@ def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, 
 
 
 def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:
-    """What the points determine, as they begin: it does not change while they are fitted."""
+    """The span of the initial points: it does not change while they are fitted."""
     dim = x.shape[1]
     nothing = np.zeros((dim, dim))
     if start.trend == "affine" and start.kernel.order < 2:
@@ -412,12 +412,12 @@ def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpo
 
 @dataclass(frozen=True, eq=False)
 class Snapped:
-    """What :func:`snap_to_match` found.
+    """Result of :func:`snap_to_match`.
 
     Parameters
     ----------
     points : with the targets that were found.
-    ids : of the points that were asked for.
+    ids : of the points that were requested.
     score : the best correlation of each, NaN where none was looked for.
     shift : (n, dim) how each target was moved; 0 where it was left.
     left : why a point was left, by its id.
@@ -534,7 +534,7 @@ class _Window:
 
 
 def _summit(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the quadratic through 3 x 3 (x 3) values by least squares is largest, from the middle; at most 1 away.
+    """Maximum of the least-squares quadratic through 3 x 3 (x 3) values, from the middle; at most 1 away.
 
     >>> a, b = np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")
     >>> _summit(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()

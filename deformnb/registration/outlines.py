@@ -1,6 +1,6 @@
-"""Outlines of what a picture shows, and points that slide along them: semi-landmarks.
+"""Outlines of the foreground of a picture, and points that slide along them: semi-landmarks.
 
-On a smooth outline there is nothing to say which place of one is which of another. Points are put along both by arc
+On a smooth outline nothing determines which place of one is which of another. Points are put along both by arc
 length to begin with, and then slide along the target's outline to where the thin-plate spline of all points bends
 least (F. L. Bookstein, Medical Image Analysis 1 (1997) 225-243). The sources stay, so that the bending energy is a
 quadratic form of the targets: the best shifts along the tangents come from one linear system. They are walked along the
@@ -191,7 +191,7 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
     source_outline, target_outline : closed polylines (n, 2), such as :func:`outline` gives.
     count : how many points are added.
     iterations : of the sliding; 0 leaves them as the arc length has them.
-    progress : told the finished share.
+    progress : receives the finished share.
     """
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
@@ -235,7 +235,7 @@ def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequ
     ids : which points slide; they are put onto the nearest outline first. Default: all whose targets lie on one.
     iterations : at most.
     closed : whether the polylines go back to where they begin.
-    progress : told the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
+    progress : receives the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
 
     Raises
     ------
@@ -319,7 +319,7 @@ class _Sliding:
         return None
 
     def _room(self) -> Floats:
-        """How far each point may come towards its nearer neighbour on the same outline."""
+        """The distance that each point may move towards its nearer neighbour on the same outline."""
         room = np.array([curve.length for curve in self._curves])
         for curve in {id(c): c for c in self._curves}.values():
             on = np.array([k for k, c in enumerate(self._curves) if c is curve])

@@ -1,8 +1,8 @@
-"""How alike a deformed picture and another one are, as a differentiable function of the targets of control points.
+"""Similarity of a deformed picture and a fixed one, as a differentiable function of the targets of control points.
 
 All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
-it makes, the moving picture read there, a measure of likeness, the energy of the fit, and det J on a lattice. The
-targets are the variables. What makes scenes of pictures, and what climbs, is in :mod:`deformnb.registration.optimise`.
+it makes, the moving picture sampled there, a measure of similarity, the energy of the fit, and det J on a lattice. The
+targets are the variables. The scenes of pictures and the optimiser are in :mod:`deformnb.registration.optimise`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def measure_named(name: str) -> Measure:
 )
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """How targets become a fit; all lengths are relative to an origin and a support.
+    """Fit as a function of its targets; all lengths are relative to an origin and a support.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Value(NamedTuple):
 
 
 def valued(moves: Any, scene: Scene) -> Value:
-    """What is to be made small, and its slope, for ``moves`` (C, dim) of the targets in units.
+    """Value and gradient of the function to minimise, for ``moves`` (C, dim) of the targets in units.
 
     The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
     where the whole in one piece took five times as long to compile. What needs no slope is left out.

@@ -1,1 +1,1 @@
-"""One person's work on one volume: edits, undo, autosave, recovery, exports, batch replay."""
+"""Session of one person with one volume: edits, undo, autosave, recovery, exports, batch replay."""

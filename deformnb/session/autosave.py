@@ -1,12 +1,12 @@
-"""What is being edited is written by itself, a second after each edit, into a folder of the user.
+"""Autosave of a session, a second after each edit, into a folder of the user, and recovery from it.
 
 An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
-that knows the session no more, and that ends when nothing waits: a session that nobody closes, such as that of a widget
-whose variable was deleted, has no thread while nobody edits it. Trouble is told once and never stops an edit.
+that holds no reference to the session, and that ends when nothing waits: a session that nobody closes, such as that of
+a widget whose variable was deleted, has no thread while nobody edits it. A failure is reported once and never stops an
+edit.
 
-What is offered to who opens a volume on which something was lost, and what becomes of it.
-
-The same for the notebook's studio and the application, which only show it.
+Recovery is offered to a user who opens a volume on which something was lost, and records the answer. It is the same for
+the notebook's studio and the application, which only show it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _WAIT_AT_CLOSE = 1.0
 
 
 class _Snapshot(NamedTuple):
-    """What is written, as it was after an edit."""
+    """Snapshot to be written, as it was after an edit."""
 
     deformation: Deformation
     step: int
@@ -108,7 +108,7 @@ class Autosave:
 
     @property
     def folder(self) -> Path:
-        """Where sessions are written."""
+        """Folder of the autosaved sessions."""
         return self._job.folder
 
     @property
@@ -142,7 +142,7 @@ class Autosave:
 
 
 class _Job:
-    """What the thread works on: shared with the session's observer, and without the session."""
+    """State of the thread: shared with the session's observer, and without the session."""
 
     def __init__(self, session: Session, folder: Path, delay: float) -> None:
         self.folder = folder
@@ -230,7 +230,7 @@ class _Job:
     # -- in the thread -------------------------------------------------------------------------------------------------
 
     def take(self) -> _Snapshot | None:
-        """What is to be written, when it is time; None at the end, and when nothing waits: the thread is given up."""
+        """The next snapshot to write, when it is due; None at the end and when nothing waits: the thread ends."""
         with self.changed:
             while True:
                 self.is_busy = False
@@ -301,7 +301,7 @@ class _Job:
         self.held = None
 
     def say(self, error: Exception) -> None:
-        """Tell trouble once."""
+        """Report a failure once."""
         if self.has_trouble:
             return
         self.has_trouble = True
@@ -388,7 +388,7 @@ if hasattr(os, "register_at_fork"):
 
 
 COMMANDS = ("restore", "skip", "delete")
-"""What can be done with a lost session."""
+"""Actions on a lost session."""
 
 
 class Recovery:
@@ -397,7 +397,7 @@ class Recovery:
     Parameters
     ----------
     session : what is edited.
-    say : told of trouble, and of a document that was made on another volume.
+    say : receives failures, and notes on a document that was made on another volume.
     changed : called when there is another offer, or something was written; from any thread.
     options : of :class:`~deformnb.session.autosave.Autosave`.
 
@@ -433,7 +433,7 @@ class Recovery:
 
     @property
     def offer(self) -> str:
-        """What is asked of the user; empty for nothing."""
+        """Question to the user; empty for none."""
         lost = self.lost
         if not lost:
             return ""

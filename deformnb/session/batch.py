@@ -1,7 +1,7 @@
-"""One document applied to many files: what is done stays done, what fails is told, and a second run goes on.
+"""Batch replay of one document on many files: finished results are kept, failures reported, and a second run resumes.
 
-The folder of the results holds ``deformnb-replay.json``, which says of each result which document, options and input it
-was made of. A run that was stopped, or to whose inputs others have come, does only what is missing or out of date.
+The folder of the results holds ``deformnb-replay.json``, which names for each result the document, options and input it
+was made of. After an interruption, or with further inputs, a run does only the results that are missing or out of date.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Work = Callable[[Deformation, Path, Path, Callable[[float], None]], Mapping[str,
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of one file.
+    """Result for one file.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _digest(text: str) -> str:
 
 
 def _read_record(path: Path) -> dict[str, Any]:
-    """What earlier runs have written; a record that is damaged is none, so that nothing is taken for done wrongly."""
+    """Record of earlier runs; a damaged record counts as none, so that nothing is taken for done wrongly."""
     if not path.exists() or path.stat().st_size > _LARGEST_RECORD:
         return {}
     try:

@@ -1,4 +1,4 @@
-"""What can be made of a session as a file: volume, rendering, drawing, movie, script, document.
+"""Exports of a session to files: volume, rendering, drawing, movie, script, document.
 
 Each export works on the document of the moment at which it began; edits that come meanwhile do not touch it.
 """
@@ -47,7 +47,7 @@ LARGEST_PICTURE = 8192
 
 
 class Scene(Protocol):
-    """What draws a volume as a view shows it; used and closed by one thread."""
+    """Renderer of a volume as a view shows it; used and closed by one thread."""
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
         """Deform what is shown, in the box of a grid."""
@@ -61,16 +61,16 @@ class Scene(Protocol):
 
 @dataclass(frozen=True)
 class Seen:
-    """How a view shows a volume: what a picture in a file needs to show the same.
+    """Display settings of a view: all that a picture in a file needs to show the same.
 
     Parameters
     ----------
     camera : direction, up, zoom, pan and perspective, as a view's ``camera``.
     projection : "shaded", "composite" or "mip".
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     background : "dark" or "light".
     clip : the part of the box that is seen, as a view's ``clip``.
-    show_folds : whether matter is red where the map folds.
+    show_folds : whether tissue is red where the map folds.
     scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
     still : makes what is quicker for a single picture, alike; None takes ``scene``.
     """
@@ -86,7 +86,7 @@ class Seen:
 
     @classmethod
     def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
-        """What is seen by a camera alone; what is one already stays."""
+        """Make display settings of a camera alone; display settings are returned as they are."""
         return given if isinstance(given, Seen) else cls({**_HOME, **(given or {})})
 
 
@@ -155,7 +155,7 @@ class Frozen:
         return warp(self.volume, self.field, output=self.output, progress=progress)
 
     def scene(self, size: tuple[int, int], *, once: bool = False) -> Scene | None:
-        """What draws the volume as it is seen, many times or once; None where only a camera is known."""
+        """Renderer of the volume as it is seen, many times or once; None where only a camera is known."""
         make = (self.seen.still if once else None) or self.seen.scene
         return None if make is None else make(self.volume, self.transfer, size, self.seen)
 
@@ -314,7 +314,7 @@ EXPORTS: dict[str, Export] = {
 
 
 def export_for(path: str | PathLike[str]) -> Export:
-    """The export that a path's suffix asks for.
+    """The export that a path's suffix selects.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Undo and redo as a tree of old states: an edit after an undo begins a branch, and what was undone can be reached.
+"""Undo and redo as a tree of states: an edit after an undo begins a branch, and undone states stay reachable.
 
-States are immutable and share what no edit changed. What the tree weighs is an estimate of what it holds: each shared
-part counts once, however many states have it (:func:`weigh_part` says how much).
+States are immutable and share the parts that no edit changed. The memory of the tree is an estimate: each shared part
+counts once, however many states have it (:func:`weigh_part` estimates its size).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ MOST_STATES = 200
 """States that can be gone back to, besides the one that is shown."""
 
 MOST_BYTES = 256 * 2**20
-"""What they may weigh together."""
+"""Largest memory of all states together."""
 
 # Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
 _JOIN_SECONDS = 0.8
-# A hand on a slider may stand still for so long, and still be on its way.
+# A pointer on a slider may stand still for so long, and still be on its way.
 _SLIDE_SECONDS = 30.0
 # Python objects, roughly: one of any kind, and the id, the name and the switches of one control point.
 _OBJECT, _POINT = 64, 100
@@ -67,7 +67,7 @@ class _Node:
 
     @property
     def last(self) -> int | None:
-        """Where redo goes."""
+        """State to which redo goes."""
         return self.children[-1] if self.children else None
 
 
@@ -113,7 +113,7 @@ class History:
 
         Parameters
         ----------
-        slides : it is one of a slider, whose hand may be slow; see :meth:`take_hold`.
+        slides : it is one of a slider, which may be dragged slowly; see :meth:`take_hold`.
         """
         now = time.monotonic() if now is None else now
         here = self._nodes[self._current]
@@ -131,7 +131,7 @@ class History:
         self._prune()
 
     def take_hold(self) -> None:
-        """A hand has taken hold of a slider: what it does joins no edit before."""
+        """The user has taken hold of a slider: the drag joins no edit before."""
         self._kind = None
 
     def step(self, way: str, current: Any) -> tuple[Any, str] | None:
@@ -165,7 +165,7 @@ class History:
         return state, self._nodes[node].label
 
     def labels(self) -> dict[str, str]:
-        """What "undo" and "redo" would take back or do again; empty where there is nothing."""
+        """Labels of the edits that "undo" and "redo" would take back or do again; empty where there is none."""
         here = self._nodes[self._current]
         return {"undo": here.label if here.parent is not None else "",
                 "redo": self._nodes[here.last].label if here.last is not None else ""}
@@ -183,7 +183,7 @@ class History:
 
     @property
     def bytes(self) -> int:
-        """What the states weigh that can be gone to; the one that is shown counts for whoever shows it."""
+        """Memory of the reachable states; the current one counts for whoever shows it."""
         return self._ledger.total
 
     def __len__(self) -> int:

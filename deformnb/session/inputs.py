@@ -1,4 +1,4 @@
-"""What a session begins with: a volume from whatever was given, a saved document, the side that shows most."""
+"""Inputs of a session: a volume from any accepted object, a saved document, the side that shows most."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one person does to one volume: the document being edited, its history, and how it is looked at.
+"""Session of one person with one volume: the edited document, its history, and the view state.
 
 A session knows no widget and no thread: the notebook's studio and the application are thin front ends of it. Every
 edit makes the next immutable document, or raises and leaves everything as it was; undo is a tree of old documents.
@@ -87,7 +87,7 @@ class Session(traitlets.HasTraits):
 
     Notes
     -----
-    What is edited is one step of the document and one of its sets of points. Both go along with undo, and the step goes
+    The selection is one step of the document and one of its sets of points. Both go along with undo, and the step goes
     on being edited wherever it is moved. Steps count from 0 here, and from 1 in the words of the history.
 
     Examples
@@ -156,7 +156,7 @@ class Session(traitlets.HasTraits):
 
     @property
     def plane(self) -> Plane:
-        """Where the picture lies; for points in space, where the first picture lay."""
+        """Plane of the picture; for points in space, that of the first picture."""
         return self.step.plane or self._home
 
     def edit_step(self, index: int, key: int = 0) -> None:
@@ -218,7 +218,7 @@ class Session(traitlets.HasTraits):
         ----------
         label : what was done, for the history.
         kind : edits of one kind in quick succession are one step of undo; None never joins.
-        slides : it comes from a slider: a slow hand joins for half a minute, or until :meth:`take_hold`.
+        slides : it comes from a slider: a slow drag joins for half a minute, or until :meth:`take_hold`.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class Session(traitlets.HasTraits):
             self.notice = notice
 
     def take_hold(self) -> None:
-        """A hand has taken hold of a slider: what it does is a step of undo of its own."""
+        """The user has taken hold of a slider: the drag is a step of undo of its own."""
         with self._lock:
             self._history.take_hold()
 
@@ -314,7 +314,7 @@ class Session(traitlets.HasTraits):
         self._change_step(index, f"rename step {index + 1}", name=str(name))
 
     def set_mode(self, mode: str) -> None:
-        """How the steps make one deformation: "compose" one after the other, "blend" the sum of what each does."""
+        """Set the composition of the steps: "compose" one after the other, "blend" the sum of their displacements."""
         with self._lock:
             label = "blend the steps" if mode == "blend" else "do the steps one after the other"
             self._become(replace(self.deformation, mode=mode), label)
@@ -345,7 +345,7 @@ class Session(traitlets.HasTraits):
                    slides: bool = False, points: ControlPoints | None = None) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rbf.rigid.RigidPart`; see :meth:`edit_cuts`.
 
-        A point inside a part that asks for something else than the part does is refused; ``slides`` is as of
+        A point inside a part that requires something else than the part does is refused; ``slides`` is as of
         :meth:`change`. ``points`` are other control points that belong to the same edit.
         """
         with self._lock:
@@ -360,7 +360,7 @@ class Session(traitlets.HasTraits):
         ----------
         part : the new part.
         label : what was done, for the history.
-        held : what becomes of points within a part that ask for something else than it does, one of
+        held : what becomes of points within a part that require something else than it does, one of
             :data:`~deformnb.rbf.rigid.HELD`: "carry" lets them go with the part, "switch off" switches them off,
             "refuse" raises.
 
@@ -385,7 +385,7 @@ class Session(traitlets.HasTraits):
             self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
     def set_cut_rule(self, rule: str) -> None:
-        """What is seen beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
+        """Set the rule for the visible region beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
         self.change(cut_rule=rule)
 
     def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,
@@ -598,7 +598,7 @@ class Session(traitlets.HasTraits):
             return Deformation(tuple(s for s in steps if s.enabled), mode=self.deformation.mode)
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
-        """The picture that is being edited, before the step that is edited; kept until something else is asked for."""
+        """The picture that is being edited, before the step that is edited; kept until something else is requested."""
         with self._drawing:  # one thread after the other, each for the document of one moment
             asked = self._asked()
             kept = self._picture
@@ -612,14 +612,14 @@ class Session(traitlets.HasTraits):
             return made
 
     def _asked(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
-        """What the picture depends on."""
+        """The settings on which the picture depends."""
         with self._lock:
             colours = self.transfer_function if self.method in ("composite", "shaded") else None
             return self._earlier(), self.plane, self.method, self.depth if self.method == "slice" else 0.0, colours
 
     @property
     def depth_range(self) -> tuple[float, float]:
-        """Where slices may lie, from the middle of the volume."""
+        """Range of slice depths, from the middle of the volume."""
         return self.plane.depth_range(self.volume.grid)
 
     # -- the box of the result -----------------------------------------------------------------------------------------
@@ -655,7 +655,7 @@ class Session(traitlets.HasTraits):
         self.output = None if grid == self.volume.grid else grid
 
     def fit_output(self, *, most: float = MOST, joins: bool = False) -> bool:
-        """Give the result a box as large as deformed matter needs, and at least that of the volume.
+        """Give the result a box as large as deformed foreground needs, and at least that of the volume.
 
         Parameters
         ----------
@@ -665,7 +665,7 @@ class Session(traitlets.HasTraits):
 
         Returns
         -------
-        Whether all of the matter fits.
+        Whether all of the foreground fits.
         """
         with self._lock:
             deformation, field = self.deformation, self.field()
@@ -681,13 +681,13 @@ class Session(traitlets.HasTraits):
         return not found.is_limited
 
     def sides_left(self) -> tuple[str, ...]:
-        """The sides on which dragged matter leaves the box of the result, in words; takes a moment."""
+        """The sides on which dragged foreground leaves the box of the result, in words; takes a moment."""
         if not _moves(self.deformation):
             return ()
         return sides_left(landed(self.matter(), self.field()), self.box)
 
     def matter(self) -> Matter:
-        """Where the volume holds something; looked up once."""
+        """Foreground of the volume; looked up once."""
         with self._looking:
             if self._matter is None:
                 self._matter = matter_of(self.volume)
@@ -790,7 +790,7 @@ class Session(traitlets.HasTraits):
             self.notice = difference or laid
 
     def difference(self, deformation: Deformation) -> str:
-        """What is to be said of a document that was made on another volume; empty if it was made on this one.
+        """Warning about a document that was made on another volume; empty if it was made on this one.
 
         Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
         """
@@ -848,6 +848,6 @@ def check_room(volume: Volume, output: Grid | None) -> None:
 
 
 def _moves(deformation: Deformation) -> bool:
-    """Whether anything is dragged at all: a scan may be cut through tissue as it is."""
+    """Check whether anything is dragged at all: a scan may be cut through tissue as it is."""
     return any(part.motion is not None for step in deformation.steps for part in step.parts) or any(
         bool(points.displacement.any()) for step in deformation.steps for points in step.maps)

@@ -1,8 +1,8 @@
-"""Sessions that were written by themselves, in a folder of the user: which there are, which are lost, what is in them.
+"""Store of autosaved sessions in a folder of the user: the list, the lost ones, and their contents.
 
 Each is a file of two parts: a line of facts, and the document. Beside the file of a session that is running lies an
-empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system lets go of it, and
-what was not saved counts as lost.
+empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system releases it, and
+the edits that were not saved count as lost.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ process had no time to say so.
 """
 
 MOST_PER_VOLUME, MOST, MOST_BYTES = 20, 200, 200 * 2**20
-"""How many are kept besides those that are open, and how large they may be together; the newest stay.
+"""Largest number of sessions kept besides those that are open, and their size together; the newest stay.
 
 No age counts: a clock may go wrong in both directions, and a holiday is longer than any number of days.
 """
@@ -47,7 +47,7 @@ _skipped: set[Path] = set()  # where the folder has become read-only, for this p
 
 
 def state_folder() -> Path:
-    """Where sessions are written: below ``DEFORMNB_STATE`` if that is set, else in the user's own state folder."""
+    """Folder of the sessions: below ``DEFORMNB_STATE`` if that is set, else in the user's own state folder."""
     import platformdirs
 
     return Path(os.environ.get("DEFORMNB_STATE") or platformdirs.user_state_dir("deformnb")).expanduser() / "sessions"

@@ -1,4 +1,4 @@
-"""How a volume was looked at, kept in a document beside what was done to it: projection, slice, colours, opacities.
+"""View state of a volume, kept in a document beside its edits: projection, slice, colours, opacities.
 
 A document has it in a field of its own, ``look``, since version 1.4. It is no part of the deformation: it is not undone
 with an edit, and two documents that only look different are the same.
@@ -25,7 +25,7 @@ MOST_NODES = 1024
 
 @dataclass(frozen=True)
 class Look:
-    """How a volume was looked at; None is what the document does not tell.
+    """View state of a volume; None for settings that are not in the document.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Look:
         return without_look(deformation), look
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
-        """What a session takes over; colours at the values of another volume would not fit."""
+        """Settings that a session takes over; colours at the values of another volume would not fit."""
         told = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
                 "method": self.method, "depth": None if is_other else self.depth}
         return {key: value for key, value in told.items() if value is not None}

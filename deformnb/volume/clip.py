@@ -1,4 +1,4 @@
-"""Parts of a volume along its axes: what is cut away so that one sees inside."""
+"""Clipping of a volume along its axes, so that its inside can be seen."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Part:
         return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
 
     def holds(self, lattice: Grid) -> NDArray[np.bool_]:
-        """Which voxels [z, y, x] of another grid have their centres in it."""
+        """Mask [z, y, x] of the voxels of another grid whose centres lie in it."""
         to_index = np.linalg.inv(self.grid.matrix)
         steps, first = to_index @ lattice.matrix, self.grid.point_to_index(lattice.origin)
         nz, ny, nx = (np.arange(n, dtype=np.float32) for n in lattice.shape)

@@ -1,8 +1,8 @@
-"""Public volumes whose files state a wrong voxel spacing, and what is right.
+"""Corrections of voxel spacing for public volumes whose files state a wrong one.
 
-The table is data, ``known_spacings.json`` beside this file. A row names a volume by what any copy of it has, whatever
-its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z), and
-``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
+The table is data, ``known_spacings.json`` beside this file. A row names a volume by properties that any copy of it has,
+whatever its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z),
+and ``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
 hashed, so that the rule costs nothing for any other.
 """
 
@@ -44,18 +44,18 @@ class KnownSpacing:
 
     @property
     def note(self) -> str:
-        """What is said where the true spacing was taken."""
+        """Note for a volume that got its true spacing."""
         return (f"this is the {self.title}: its file says a spacing of {_shown(self.header_spacing)}, which is wrong; "
                 f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)")
 
     @property
     def older_note(self) -> str:
-        """What is said of a document that was made with the spacing of the file."""
+        """Note for a document that was made with the spacing of the file."""
         return (f"this document was made on the {self.title} with the wrong spacing of its file, "
                 f"{_shown(self.header_spacing)} instead of {_shown(self.spacing)}")
 
     def is_right(self, grid: Grid) -> bool:
-        """Whether a grid is that of this volume with its true spacing."""
+        """Check whether a grid is that of this volume with its true spacing."""
         return grid.shape == self.shape and bool(np.allclose(grid.spacing, self.spacing, rtol=1e-5, atol=0))
 
     def as_in_file(self, grid: Grid) -> Grid:

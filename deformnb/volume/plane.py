@@ -1,4 +1,4 @@
-"""Pictures and where they lie in space: an oriented plane and the raster of the pixels.
+"""Pictures and their place in space: an oriented plane and the raster of the pixels.
 
 A :class:`Plane` has picture coordinates (a, b): ``a`` runs to the right of the picture (along ``u``), ``b`` runs
 down it (along ``v``). The normal ``n = u x v`` points away from the viewer, into the picture, so depth ``c``

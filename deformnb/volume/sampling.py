@@ -1,7 +1,7 @@
-"""Reading voxels between voxels: nearest, linear and cubic. The only file with gather loops.
+"""Interpolation of voxels: nearest, linear and cubic. The only file with gather loops.
 
-Everything here works on bare arrays [z, y, x] and on indices; where the indices come from is decided in
-:mod:`deformnb.warping.planning`, what is done with them in :mod:`deformnb.warping.warper`.
+Everything here works on bare arrays [z, y, x] and on indices; the indices are determined in
+:mod:`deformnb.warping.planning`, and the samples are used in :mod:`deformnb.warping.warper`.
 
 A place along one axis is kept as a whole number and a fraction, ``whole + part``. The displacement is added to the
 fraction, never to the index: a float32 index of 500 resolves 3e-5 voxels only, a fraction resolves 1e-7 everywhere.
@@ -36,7 +36,7 @@ _ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class Axis:
-    """Where to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
+    """Places to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
 
     ``fraction`` is in [0, 1], or None where the index is known to be whole and inside.
     """

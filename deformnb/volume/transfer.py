@@ -1,4 +1,4 @@
-"""Transfer functions: the colour and opacity of a voxel of some value, and presets that fit themselves to a volume."""
+"""Transfer functions: the colour and opacity of a voxel value, and presets that adapt to a volume."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def _rgb(color: str | Sequence[float]) -> Sequence[float]:
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often the values of a volume occur, counted in slices spread through it.
+    """Histogram of the values of a volume, counted in slices spread through it.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class Histogram:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether some slices were left out."""
+        """True if some slices were left out."""
         return self.slices < self.total
 
 
@@ -264,7 +264,7 @@ def histogram(volume: Volume, low: float, high: float, bins: int = _BINS, slices
 
 
 def levels(volume: Volume) -> tuple[float, float, float, float]:
-    """Air, the edge between air and tissue, the edge between tissue and dense matter, and the densest value.
+    """Air, the edge between air and tissue, the edge between tissue and dense tissue, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
     Outliers that stretch the range are left out, see :func:`typical_range`.
@@ -368,7 +368,7 @@ def _layer(volume: Volume) -> float:
 
 
 def _is_hounsfield(low: float, high: float) -> bool:
-    """Whether values say by themselves what is bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
+    """Check whether values alone show bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
     return low <= _AIR_HU and high >= _BONE_HU
 
 

@@ -1,11 +1,10 @@
-"""A volume and the grid it lives on.
+"""Volume and grid: an array of voxels with a place in space.
 
 Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
 ``point = origin + direction @ (spacing * index)`` with index (i, j, k) along x, y, z. This is ITK's convention.
 
-Which arrays become voxels: the cast table, what is refused by name, and where other packages keep theirs.
-
-Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
+Arrays become voxels by a cast table: some are refused by name, and images of other packages are read with their own
+metadata. Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
 """
 
 from __future__ import annotations
@@ -332,7 +331,7 @@ _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the voxels of a volume are.
+    """Grid of the voxels of a volume: shape, spacing, origin and direction.
 
     Parameters
     ----------
@@ -421,7 +420,7 @@ class Grid:
 
     @property
     def orientation(self) -> str:
-        """Where growing i, j and k lead, one letter each: Left or Right, Posterior or Anterior, Superior or Inferior.
+        """Directions of growing i, j and k, a letter each: Left or Right, Posterior or Anterior, Superior or Inferior.
 
         Examples
         --------
@@ -738,7 +737,7 @@ class Volume:
 
     @property
     def background(self) -> float:
-        """What lies outside: the smallest finite value (air in CT, 0 in labels)."""
+        """Background value outside: the smallest finite value (air in CT, 0 in labels)."""
         return self.value_range[0]
 
     @property

@@ -1,1 +1,1 @@
-"""Applying a displacement field: to volumes, labels, points, landmarks and meshes; forward and inverse."""
+"""Warping by a displacement field: volumes, labels, points, landmarks and meshes; forward and inverse."""

@@ -1,9 +1,9 @@
-"""Several deformations one after the other, at all voxels of a block.
+"""Composition of several deformations, evaluated at all voxels of a block.
 
-``D = D_last(x) + D_before(x + D_last(x)) + ...``: only the last one is asked for on a lattice, the others wherever the
-ones after them lead. Points on a picture are asked there a million times a block, so their maps are kept as tables and
-read linearly. A table is as fine as it must be for an error below a five-hundredth of a voxel; where that would take
-too many nodes, or a place lies beyond the table, the field itself is asked.
+``D = D_last(x) + D_before(x + D_last(x)) + ...``: only the last one is evaluated on a lattice, the others at the places
+to which the ones after them lead. Points on a picture are evaluated there a million times a block, so their maps are
+kept as tables and read linearly. A table is as fine as it must be for an error below a five-hundredth of a voxel; where
+that would take too many nodes, or a place lies beyond the table, the field itself is evaluated.
 """
 
 from __future__ import annotations
@@ -216,7 +216,7 @@ def _table(field: AbstractField, grid: Grid) -> _Table | None:
 
 
 def _alike(field: AbstractField, first: Extrusion) -> bool:
-    """Whether a field is extruded as the first one is, so that one look-up of the weights does for all."""
+    """Check whether a field is extruded as the first one is, so that one look-up of the weights does for all."""
     return (isinstance(field, Extrusion) and field.plane == first.plane and field.depth == first.depth
             and np.array_equal(field.knots, first.knots) and np.array_equal(field.weights, first.weights))
 

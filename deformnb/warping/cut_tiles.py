@@ -1,6 +1,6 @@
-"""Cuts whose displacement changes with depth, on a grid that lies along the picture's plane.
+"""Warping with cuts whose displacement changes with depth, on a grid that lies along the picture's plane.
 
-Which region is seen is decided at every voxel anew, since a modulated cut opens differently on every slice. All that
+The visible region is decided at every voxel anew, since a modulated cut opens differently on every slice. All that
 does not depend on depth is made once: every region's maps on one slice of voxels, and the distances to the cuts on a
 raster somewhat larger than the picture, read linearly where a displacement leads. Along straight cuts that is exact, at
 a corner off by less than a fifth of a pixel.
@@ -39,7 +39,7 @@ class CutPlan:
 
     Parameters
     ----------
-    apart : the displacement as if no matter could come from another region: right wherever a cut is far.
+    apart : the displacement as if no tissue could come from another region: right wherever a cut is far.
     tiles : parts of the output (slices along z, y, x) with voxels so near a cut that it may open or close there; they
         may end beyond the last voxel.
     maps : every region's maps (R, K, 2, A, B) over the two array axes across the normal.

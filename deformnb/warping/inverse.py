@@ -1,8 +1,9 @@
-"""The whole map backwards: where everything goes, at all nodes of a lattice, with a certificate at each of them.
+"""Inverse of a whole map at all nodes of a lattice, with a certificate at each of them.
 
-A backward field D tells each place y of the result where its value comes from, ``x = y + D(y)``. Its inverse F tells
-each place x of the input where its matter goes, ``y = x + F(x)``. Every node is solved on its own by Newton's method
-(:mod:`deformnb.warping.points`) to a residual ``|y + D(y) - x|`` that is measured at the very value handed over.
+A backward field D gives for each place y of the result the source of its value, ``x = y + D(y)``. Its inverse F gives
+for each place x of the input the destination of its tissue, ``y = x + F(x)``. Every node is solved on its own by
+Newton's method (:mod:`deformnb.warping.points`) to a residual ``|y + D(y) - x|`` that is measured at the very value
+returned.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Inverse:
     field : forward displacements F (*shape, dim) at the nodes x, ``y = x + F(x)``, read linearly in between. Warping by
         it undoes what warping by the field does.
     error : (*shape) float32, the residual ``|y + D(y) - x|`` at each node, a length.
-    reached : (*shape) bool; False where the residual is beyond the tolerance: no place of the result shows this matter,
+    reached : (*shape) bool; False where the residual is beyond the tolerance: no place of the result shows this tissue,
         or none was found. F is there the best place known, and no promise.
     tolerance : the largest residual of a node that counts as reached.
     """
@@ -58,7 +59,7 @@ class Inverse:
 
 @dataclass(frozen=True)
 class RoundTrip:
-    """How far points miss their own place after a way forward and back.
+    """Round-trip error: the distance of points from their own place after mapping forward and back.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | N
     """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
 
     A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
-    places is found. Beside a cut matter moves with the region it lies in; what is hidden behind other matter, or by the
+    places is found. Beside a cut tissue moves with the region it lies in; what is hidden behind other tissue, or by the
     paper's rule, is not reached.
 
     Parameters
@@ -148,7 +149,7 @@ def round_trip(field: AbstractField, points: ArrayLike) -> RoundTrip:
     tolerance = default_tolerance(x, field)
     y, found = warp_points(x, field, tolerance=tolerance)
     error = np.linalg.norm(y + field.displacement(y) - x, axis=1)
-    found &= error <= 2 * tolerance  # matter that lies behind other matter at a cut is not seen at y
+    found &= error <= 2 * tolerance  # tissue that lies behind other tissue at a cut is not seen at y
     if not found.any():
         return RoundTrip(0.0, 0.0, 0.0)
     return RoundTrip(float(error[found].max()), float(error[found].mean()), float(found.mean()))

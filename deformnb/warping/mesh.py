@@ -1,4 +1,4 @@
-"""Surfaces: triangle meshes, the volumes they become, and how they follow a deformation.
+"""Triangle meshes: conversion to volumes and back, and deformation of their vertices.
 
 A mesh is made a volume by its signed distance (section 5 of the paper: the horse of figure 6), deformed like any other
 volume, and found again as an isosurface. It may also be moved directly: its vertices go where the field takes them.
@@ -118,7 +118,7 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
 
 
 def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
-    """How many edges have no face on their other side, and whether neighbours agree on where the outside is."""
+    """Number of edges without a face on their other side, and whether neighbours agree on the outside."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     forward = ends[:, 0] < ends[:, 1]
     key = ends.min(axis=1) * (int(faces.max(initial=0)) + 1) + ends.max(axis=1)

@@ -1,7 +1,7 @@
-"""Deciding how a volume is warped: what the options allow, where each output voxel lies in the input, which of three
-kernels may be used, and in which parts the work is done.
+"""Planning of a warp: checks of options, the input place of each output voxel, the kernel, and the blocks of work.
 
-All of this is small (tables along axes, maps of one picture) and is computed on the host in float64.
+There are three kernels to choose from. All of this is small (tables along axes, maps of one picture) and is computed on
+the host in float64.
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, ra
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.sampling import METHODS, on_device
 from deformnb.volume.volume import Grid
-
-"""Told the finished share of the work, from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`."""
 
 _Part = TypeVar("_Part")
 
@@ -79,7 +77,7 @@ def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Places:
-    """Where output voxels lie in the input, in voxels, before any displacement.
+    """Places of the output voxels in the input, in voxels, before any displacement.
 
     The place of output voxel (k, j, i) along input axis a (both in the order z, y, x) is
     ``sum over o of whole[o][a, index o] + part[o][a, index o]``.
@@ -249,7 +247,7 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
 
 
 def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
-    """Where the field is wanted for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
+    """The lattice of the field for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
     (z, y), extra = block, int(step > 1)
     shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
     sx, sy, sz = grid.spacing

@@ -1,9 +1,9 @@
-"""Points move forwards: where the matter of a place goes, found by inverting the backward map.
+"""Forward mapping of points and landmarks, by inverting the backward map.
 
 Damped Newton on the map's own derivative: ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error
 falls. Near a solution the error is squared at every turn. Where the start matters, several are tried.
 
-Landmarks: named places that follow a deformation, and the pairs of them that make one.
+Landmarks are named places that follow a deformation; pairs of landmarks define one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _TRIED = 4
 
 def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
                 max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
-    """Where points of the input are in the result: y with ``y + D(y) = x``, the inverse of the backward map.
+    """Map points of the input forward to the result: y with ``y + D(y) = x``, the inverse of the backward map.
 
     Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
     and from the places that the map brings nearest to x. A field of several steps is followed step by step. Where the
@@ -119,7 +119,7 @@ def default_tolerance(x: Array, field: AbstractField) -> float:
 
 def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int = 50, *,
           start: Array | None = None, thorough: bool = True) -> tuple[Array, NDArray[np.bool_]]:
-    """What :func:`warp_points` returns, for a block of points (N, dim), at least one.
+    """Result of :func:`warp_points`, for a block of points (N, dim), at least one.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
 
 
 def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractField) -> NDArray[np.bool_]:
-    """Which places y found for points x (N, dim) lie where the map is turned over, as its middle sheet is in a fold.
+    """Mask of the places y found for points x (N, dim) where the map is inverted, as its middle sheet is in a fold.
 
     Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
     """
@@ -167,7 +167,7 @@ def _determinants(places: Array, field: AbstractField) -> Array:
 
 def _beside_cuts(x: Array, field: Decoupled, tolerance: float,
                  max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Matter moves with the region it lies in; by the paper's rule none is seen across a cut."""
+    """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
         if own is not None and mask.any():
@@ -193,7 +193,7 @@ def _of_field(field: AbstractField) -> _Map:
 
 
 def _is_exact(field: Extrusion) -> bool:
-    """Whether the plane's frame is orthonormal to rounding, so that lengths on the plane are those in space."""
+    """Check whether the plane's frame is orthonormal to rounding, so that lengths on the plane are those in space."""
     frame = field.plane.frame
     return bool(np.abs(frame @ frame.T - np.eye(3)).max() < 1e-12)
 

@@ -1,4 +1,4 @@
-"""Distances from the voxels of a lattice to triangles, and which voxels lie inside them.
+"""Distances from the voxels of a lattice to triangles, and the test of voxels for lying inside them.
 
 Triangles are given by index coordinates (i, j, k) of their corners; distances are physical. Only voxels near a triangle
 are compared with it, which is exact; every other voxel takes the point of the surface that the nearest of those found.
@@ -144,7 +144,7 @@ def _subdivided(triangles: Array, longest: float) -> Array:
 
 
 class _Edges:
-    """What distances to triangles need of them again and again; places are relative to an origin of each triangle."""
+    """Triangle data that distances need again and again; places are relative to an origin of each triangle."""
 
     def __init__(self, triangles: Array) -> None:
         a, b, c = (triangles[:, k] for k in range(3))
@@ -238,7 +238,7 @@ def _inside(corners: Array, faces: Array, shape: tuple[int, int, int], oriented:
 
 
 def _crossings(corners: Array, faces: Array, rows: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Where rays along x pass through faces: the place on the ray, +1 or -1 by the side, the number of the ray.
+    """Intersections of rays along x with faces: place on the ray, +1 or -1 by the side, number of the ray.
 
     On which side of an edge a ray passes is decided from the edge's ends alone, in an order of their own. So both faces
     of an edge agree, and a ray never slips between them.

@@ -1,10 +1,12 @@
-"""Applying a field: volumes and pictures are looked up backwards. (Points move forwards, see :mod:`points`.)
+"""Warping of volumes and pictures by backward look-up.
 
-``output(x) = input(x + D(x))``. Which kernel does it is decided by what the field is: one replicated map moves whole
+Points move forwards, see :mod:`deformnb.warping.points`.
+
+``output(x) = input(x + D(x))``. The kernel is chosen by the kind of field: one replicated map moves whole
 rows of voxels, an extruded map moves nothing along its normal, anything else is computed block by block from the
 field's values on the output's lattice. All three give the same voxels.
 
-The paper's transparency map A, applied to voxels: what a cut hides gives way to the background.
+The paper's transparency map A is applied to voxels too: those that a cut hides become the background.
 """
 
 from __future__ import annotations
@@ -112,7 +114,7 @@ class Warper:
     """A volume made ready for many edits; call it with a field. Parameters are those of :func:`warp`.
 
     What depends on the volume alone is made once: the array in JAX's memory, the coefficients of the cubic spline and,
-    where :meth:`prepare` asks for it, a copy with the axis of extrusion last in memory. May be called from several
+    where :meth:`prepare` requires it, a copy with the axis of extrusion last in memory. May be called from several
     threads at once.
 
     Notes

@@ -1,4 +1,4 @@
-"""The browser's side of the widgets: text files joined into one module each, without a build step.
+"""Bundling of the widgets' JavaScript: text files joined into one module for each widget, without a build step.
 
 A front end loads a widget's module from a blob, where relative imports do not work. So every file declares plain
 functions, and only the last one of a widget has ``export default``.

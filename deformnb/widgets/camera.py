@@ -1,4 +1,4 @@
-"""The camera of a view, and the settings that every view of a volume has: what is shown, clipping, background."""
+"""Camera of a view, and the settings that every view of a volume has: contents, clipping, background."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SHOWS = {
     "side_by_side": "original on the left and deformed on the right, turned together",
     "flicker": "original and deformed in turn, at the same place",
 }
-"""What of a volume and its deformation is seen, by name; the first is the default."""
+"""Display modes of a volume and its deformation, by name; the first is the default."""
 
 SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
          "-z": "from above (-z)", "+z": "from below (+z)"}
@@ -58,7 +58,7 @@ class ShowsTrait(traitlets.TraitType[str, str]):
 
 
 class CameraTrait(traitlets.TraitType[dict[str, Any], Mapping[str, Any]]):
-    """Where the viewer stands: direction, up, zoom, pan and perspective; what is missing is as in :data:`HOME`."""
+    """Camera: direction, up, zoom, pan and perspective; missing entries are as in :data:`HOME`."""
 
     info_text = "a dictionary of direction, up, zoom, pan and perspective"
 
@@ -163,5 +163,5 @@ def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float 
 
 
 def within(progress: Progress | None, first: float, last: float) -> Progress | None:
-    """What is told of a part of some work, as that part of the whole."""
+    """Progress of a part of some work, reported as that part of the whole."""
     return None if progress is None else lambda share: progress(first + share * (last - first))

@@ -1,6 +1,7 @@
-"""A volume made ready for a graphics card: small enough, one byte a voxel, in packed pieces.
+"""Volumes packed for the GPU: small enough, one byte a voxel, in compressed pieces.
 
-Which values a graphics card tells apart with its 256 bytes: finer where a transfer function looks closely.
+The 256 levels of a byte cover a window of values, which is narrower, and so finer, where a transfer function changes
+within a small part of it.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 
-# A piece of the volume on its way to the page: below the 10 MB that proxies and servers refuse, large enough that the
-# round trip of some 50 ms does not count.
+# A piece of the volume on its way to the front end: below the 10 MB that proxies and servers refuse, large enough that
+# the round trip of some 50 ms does not count.
 _CHUNK_BYTES = 2**21
 _LEVEL = 1  # gzip: 16.8 MB in 0.1 to 0.4 s; level 6 takes five times as long for a tenth less
 
@@ -30,7 +31,7 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class ShownVolume:
-    """What of a volume is shown.
+    """Voxels of a volume as they are shown.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ class ShownVolume:
 
     @property
     def note(self) -> str:
-        """What the user must know: "shown at 1/2"."""
+        """Note for the user: "shown at 1/2"."""
         fine = f"finer greys from {self.window[0]:.4g} to {self.window[1]:.4g}" if self.share < 1 else ""
         return "; ".join(words for words in (fine, self._size_note) if words)
 
@@ -87,12 +88,12 @@ class ShownVolume:
         return start, gzip.compress(voxels.tobytes(), _LEVEL, mtime=0)
 
     def to_frame(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points in space as lengths along the index axes, from the centre of the first voxel: the card's frame."""
+        """Points in space as lengths along the index axes, from the centre of the first voxel: the GPU's frame."""
         return np.asarray(self.volume.grid.point_to_index(points) * np.asarray(self.volume.grid.spacing))
 
     @property
     def frame(self) -> NDArray[np.float64]:
-        """3 x 3 rows, from vectors in space to the card's frame."""
+        """3 x 3 rows, from vectors in space to the GPU's frame."""
         grid = self.volume.grid
         return np.asarray(np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None])
 
@@ -102,7 +103,7 @@ class ShownVolume:
         return {"low": corners.min(axis=0).tolist(), "high": corners.max(axis=0).tolist()}
 
     def info(self) -> dict[str, Any]:
-        """What the page must know before the voxels come."""
+        """Facts for the front end before the voxels come."""
         grid = self.volume.grid
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
         views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
@@ -159,7 +160,7 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
 
     Parameters
     ----------
-    window : values that become 0 and 255; default is the whole range for bytes, and up to the densest matter (all but
+    window : values that become 0 and 255; default is the whole range for bytes, and up to the densest tissue (all but
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
     factors = factors_of(volume.grid, limit, largest)
@@ -185,7 +186,7 @@ def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
 
 
 def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
-    """How many voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
+    """Numbers of voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
     factors, counts, spacing = np.ones(3, int), np.array(grid.shape[::-1]), np.asarray(grid.spacing)
     while True:
         left = -(-counts // factors)
@@ -217,7 +218,7 @@ def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
 
 
 def whole_window(volume: Volume) -> tuple[float, float]:
-    """The values of interest: all of bytes, and of others up to the densest matter."""
+    """The values of interest: all of bytes, and of others up to the densest tissue."""
     low, high = volume.value_range
     if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
         low, _, _, high = levels(volume)
@@ -281,7 +282,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
 
 
 def is_fine_enough(function: TransferFunction, volume: Volume, window: Window, coarse: Window) -> bool:
-    """Whether a window that is in use will do: it leaves out nothing, and another one would not be much finer."""
+    """Check whether a window in use will do: it leaves out nothing, and another one would not be much finer."""
     wanted = fine_window(function, volume, coarse) or coarse
     holds_all = window[0] <= wanted[0] and wanted[1] <= window[1]
     return holds_all and (window == wanted or window[1] - window[0] < (wanted[1] - wanted[0]) / (2 * _SHARE))

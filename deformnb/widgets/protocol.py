@@ -1,13 +1,10 @@
-"""Control points as the plain JSON that the page holds, and back, with everything checked.
+"""Messages about points and shapes between editors and their front ends: plain JSON, with everything checked.
 
-``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0, "locked": false,
-"radius": null}, ...]``
+Control points are ``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0,
+"locked": false, "radius": null}, ...]``. Points in space have three coordinates each. A radius of null is the one that
+all points have.
 
-Points in space have three coordinates each. A radius of null is the one that all points have.
-
-Cuts and rigid parts of a picture as plain data: what an editor's traits hold and what its page says of them.
-
-Messages by the page:
+Cuts and rigid parts of a picture are plain data in an editor's traits and in the messages of its front end:
 
 - ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
   the shapes of that sort, as :mod:`deformnb.document.json_format` writes them, and ``points`` where the same edit has
@@ -15,7 +12,7 @@ Messages by the page:
 - ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
   with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
 
-Checks of what a page says to a view: each returns what it was given, or raises ValueError.
+For views there are checks of single values of a message: each returns its argument, or raises ValueError.
 """
 
 from __future__ import annotations
@@ -40,21 +37,21 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 
 LONGEST_MESSAGE = 65536
-"""Bytes of a trait that the page sets at most."""
+"""Bytes of a trait that the front end sets at most."""
 
 LONGEST_EDIT = 2**20
 """Bytes of an edit at most: all the points that a fit takes."""
 
 KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
          "scale", "brush")
-"""What an edit did; "several" is more than one of them, which a busy kernel gets as one."""
+"""Kinds of edits; "several" is more than one of them, which a busy kernel gets as one."""
 
 OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
-"""What an editor can lay over its picture."""
+"""Overlays of an editor's picture."""
 
 _LOG = logging.getLogger(__name__)
 
-# JavaScript counts exactly up to here; the page gives ids by adding one.
+# JavaScript counts exactly up to here; the front end gives ids by adding one.
 _LARGEST_ID = 2**53 - 1
 _LONGEST_NAME = 200
 _LONGEST_SENDER = 40
@@ -62,7 +59,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
-    """The list that the page gets."""
+    """The list that the front end gets."""
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
          "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
@@ -72,7 +69,7 @@ def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
 
 
 def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints:
-    """Control points of so many coordinates from the page's list; ids below ``next_id`` are not given again.
+    """Control points of so many coordinates from the front end's list; ids below ``next_id`` are not given again.
 
     Raises
     ------
@@ -120,7 +117,7 @@ def _is_number(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Message:
-    """Any message by a page: ``seq`` counts those of a sender, which is one window that shows the editor."""
+    """Any message by a front end: ``seq`` counts those of a sender, which is one window that shows the editor."""
 
     sender: str
     seq: int
@@ -128,7 +125,7 @@ class Message:
 
 @dataclass(frozen=True)
 class EditMessage(Message):
-    """What the page says of an edit.
+    """Message of the front end about an edit.
 
     Attributes
     ----------
@@ -136,7 +133,7 @@ class EditMessage(Message):
     kind : what was done, one of :data:`KINDS`.
     joins : True if it goes on with the edit before it, as arrow keys in quick succession do: one step of an undo.
     points : all points after the edit.
-    drawn : what the page has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
+    drawn : what the front end has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
         movement to its picture); else empty.
     """
 
@@ -149,23 +146,23 @@ class EditMessage(Message):
 
 @dataclass(frozen=True)
 class HistoryMessage(Message):
-    """The page asks for "undo" or "redo"; only where Python owns the history."""
+    """The front end requests "undo" or "redo"; only where Python owns the history."""
 
     way: str
 
 
 @dataclass(frozen=True)
 class RefusedMessage(Message):
-    """An edit with something wrong in it: the page must hear that it will not be taken."""
+    """An edit with something wrong in it: the front end must be told that it will not be taken."""
 
     reason: str
     what: str = "points"
 
 
 def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | None:
-    """What a custom message says to an editor of such points.
+    """Parse a custom message to an editor of such points.
 
-    None, and a line in the log, where it does not even say who sent it.
+    None, and a line in the log, where it does not even name its sender.
     """
     try:
         sender, seq = header(content)
@@ -186,7 +183,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
 
 def header(content: Any) -> tuple[str, int]:
-    """Who sent a message, and its number; DeformError if it does not say."""
+    """Sender and number of a message; DeformError if it has none."""
     if not isinstance(content, dict) or content.get("type") not in ("greet", "edit", "history", "shapes", "choose"):
         raise DeformError("it is no edit.")
     sender, seq = content.get("sender"), content.get("seq")
@@ -208,13 +205,13 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int
 
 
 def _drawn(said: Any) -> dict[str, float]:
-    """What a page measured; nothing if it is odd, for no edit is refused for that."""
+    """Measurements of a front end; nothing if they are odd, for no edit is refused for that."""
     given = said if isinstance(said, dict) else {}
     return {name: float(given[name]) for name in ("hz", "ms") if _is_number(given.get(name)) and 0 <= given[name] < 1e6}
 
 
 def checked_state(state: Any, own: Mapping[str, Callable[[Any], None]]) -> dict[str, Any]:
-    """The part of a state update by the page that is right; the rest is logged and dropped.
+    """The part of a state update by the front end that is right; the rest is logged and dropped.
 
     Parameters
     ----------
@@ -282,7 +279,7 @@ _SORTS: dict[str, tuple[Any, Callable[..., Any], Callable[[Any], dict[str, Any]]
 
 @dataclass(frozen=True)
 class ShapesMessage(Message):
-    """What the page says of an edit of shapes.
+    """Message of the front end about an edit of shapes.
 
     Attributes
     ----------
@@ -300,12 +297,12 @@ class ShapesMessage(Message):
 
 @dataclass(frozen=True)
 class ChooseMessage(Message):
-    """What the page says of the shape that is chosen there.
+    """Message of the front end about the shape that is chosen there.
 
     Attributes
     ----------
     what : "cuts" or "parts"; empty for none.
-    index : its place in the page's list.
+    index : its place in the front end's list.
     shape : as much of it as tells it from others.
     """
 
@@ -315,7 +312,7 @@ class ChooseMessage(Message):
 
 
 def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
-    """What a message says of the chosen shape; DeformError for anything wrong in it."""
+    """Parse a message about the chosen shape; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
     what, index, shape = content.get("what"), content.get("index", 0), content.get("shape")
@@ -327,20 +324,20 @@ def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
 
 
 def place_of(choice: ChooseMessage, shapes: Sequence[dict[str, Any]]) -> int | None:
-    """Where the shape that the page has chosen lies in the list of now; None if it is there no more."""
+    """Index in the current list of the shape that the front end has chosen; None if it is there no more."""
     places = [k for k, shape in enumerate(shapes) if _fits(shape, choice.shape)]
     return min(places, key=lambda k: abs(k - choice.index), default=None)
 
 
 def _fits(shape: Any, told: Any) -> bool:
-    """Whether a shape has all that was told of it."""
+    """Check whether a shape has all the given properties."""
     if isinstance(told, dict) and isinstance(shape, dict):
         return bool(told) and all(name in shape and _fits(shape[name], value) for name, value in told.items())
     return bool(shape == told)
 
 
 def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
-    """Where the shape at a place of a list is after an edit of the list; None if it is gone.
+    """Index of a shape after an edit of the list, from that before; None if it is gone.
 
     A shape is the same if it is equal, or the only one that was changed. shapes.js follows by the same rule.
 
@@ -415,7 +412,7 @@ class ShapesTrait(traitlets.List[dict[str, Any]]):
 
 
 def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage:
-    """What a message says of shapes, and of points if it has some; DeformError for anything wrong in it."""
+    """Parse a message about shapes, and points if it has some; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
     what, kind = content.get("what"), content.get("kind")
@@ -427,16 +424,16 @@ def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage
 
 _LOG = logging.getLogger(__name__)
 
-# A message of the page says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
+# A message of the front end says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
 LONGEST_TEXT = 200
 _LARGEST_PICTURE = 2**26
 
 MEASURED = ("drag_ms", "full_ms", "passes", "frames", "scale", "width", "height", "received", "edits", "edit_ms")
-"""What a page measures."""
+"""Measurements that a front end sends."""
 
 
 def text(value: Any) -> str:
-    """The name of a page's view."""
+    """The name of a front end's view."""
     if not isinstance(value, str) or len(value) > LONGEST_TEXT:
         raise ValueError("a view without a name")
     return value
@@ -465,7 +462,7 @@ def measured(content: dict[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def dropping(what: str) -> Iterator[None]:
-    """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
     try:
         yield
     except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:
@@ -473,11 +470,11 @@ def dropping(what: str) -> Iterator[None]:
 
 
 def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, Any]], Any]) -> None:
-    """Put what a page says of its widget's traits, one by one: a wrong one is logged, dropped, and costs no other.
+    """Put the trait values that a front end sends, one by one: a wrong one is logged, dropped, and costs no other.
 
     Parameters
     ----------
-    said : values by name; of_page : the names a page may decide on.
+    said : values by name; of_page : the names a front end may decide on.
     """
     for name, value in dict(said).items():
         with dropping("a trait"):

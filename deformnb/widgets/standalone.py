@@ -1,7 +1,7 @@
-"""One HTML file in which a volume still deforms: no kernel, no server, no network.
+"""Export of one HTML file in which a volume still deforms: no kernel, no server, no network.
 
-The file holds the pages of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
-are, the packed voxels, and a script that says to both what Python would have said (standalone.js). The page fits and
+The file holds the front ends of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
+are, the packed voxels, and a script that sends to both the messages of Python (standalone.js). The front end fits and
 warps by itself, so nothing is missing but the kernel. A policy in the file forbids every access to the network, and
 knows each script by its digest: no text of a volume or a title can become one.
 """
@@ -45,7 +45,7 @@ from deformnb.widgets.view.stills import as_png, render_scene
 LIMIT = 128**3
 """Voxels in a file at most, if nothing else is said: about a megabyte."""
 
-# A graphics card shows at least 256 along an axis, every one of today 1024; a file cannot ask.
+# A GPU shows at least 256 along an axis, every one of today 1024; a file cannot ask.
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
@@ -144,7 +144,7 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
 
 @dataclass(frozen=True, eq=False)
 class _ViewPart:
-    """What of a live view is in the page."""
+    """The part of a live view that goes into the page."""
 
     volume: Volume
     shown: ShownVolume
@@ -157,7 +157,7 @@ class _ViewPart:
 
     @property
     def about(self) -> str:
-        """How large the volume is, and how much larger it was."""
+        """Size of the volume, and its size before a reduction."""
         now, before = ((" x ".join(map(str, g.shape[::-1]))) for g in (self.shown.volume.grid, self.volume.grid))
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
@@ -186,7 +186,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int, tell: Progress) -> _V
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
-    """What the view shows with the points of now, and which of the maps they make."""
+    """Field of the view with the current points, and the index of the map that they make."""
     if view.editor is not None and view.editor is not editor:
         raise DeformError("the view follows another editor; give that one, or call follow() with this one first.")
     fit = editor.fit()
@@ -200,7 +200,7 @@ def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractFie
 
 
 def _extrusion(field: AbstractField) -> Extrusion:
-    """What was done last; of a cut one the extrusion of one of its regions, which says as much of plane and depths."""
+    """The last step; of a cut one the extrusion of one of its regions, which has the same plane and depths."""
     last = cut_plane(field.then if isinstance(field, Composed) else field, MOST_MAPS)
     if last is None:
         raise DeformError("the view was shown another deformation since it follows the editor; call follow() again.")

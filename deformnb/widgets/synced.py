@@ -1,10 +1,10 @@
-"""What all our widgets have in common: traits that the page, the kernel's messages and other threads set at once.
+"""Base of all widgets: traits that the front end, the kernel's messages and other threads set at once.
 
 ipywidgets expects one thread. Studios compute in another, and the two rules that follow are held here for all widgets:
 
-1. What is set while traits are held back (``hold_sync``) reaches the page, whichever thread sets it.
-2. Where Python and the page set a trait at once, the value that Python holds in the end is told last. ipywidgets
-   answers a page before it takes the page's value: what another thread tells between the two would stay in the page.
+1. A trait that is set while traits are held back (``hold_sync``) reaches the front end, whichever thread sets it.
+2. Where Python and the front end set a trait at once, the value that Python holds in the end is sent last. ipywidgets
+   answers a front end before it takes its value: a value that another thread sends between the two would stay there.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class PageComm(BaseComm):
 
     def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
                     **keys: Any) -> None:
-        """What ipywidgets sends: of its own life, its traits, and messages."""
+        """Publish a message of ipywidgets: of its own life, its traits, and custom messages."""
         if msg_type == "comm_msg" and data:
             self._post(data, [bytes(buffer) for buffer in buffers or []])
 
@@ -56,15 +56,15 @@ class SyncedWidget(anywidget.AnyWidget):
     def setup_instance(self, *given: Any, **named: Any) -> None:
         """Called by traitlets before anything is set."""
         self._sending = threading.RLock()
-        self._sent_since: set[str] = set()  # since the page has set a trait
+        self._sent_since: set[str] = set()  # since the front end has set a trait
         super().setup_instance(*given, **named)
 
     @contextmanager
     def hold_sync(self) -> Iterator[None]:
-        """Tell the page of all traits at once, at the end; what another thread sets meanwhile is told with them.
+        """Send all traits to the front end at once, at the end, with those that another thread sets meanwhile.
 
         ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
-        between the two, such as the history of an edit while a picture is exchanged, would never reach the page.
+        between the two, such as the history of an edit while a picture is exchanged, would never reach the front end.
         """
         if self._holding_sync:
             yield
@@ -85,13 +85,13 @@ class SyncedWidget(anywidget.AnyWidget):
             return bool(super()._should_send_property(key, value))
 
     def send_state(self, key: Any = None) -> None:
-        """Tell the page of traits; what is told last is what holds, whichever thread told it."""
+        """Send traits to the front end; the value sent last holds, whichever thread sent it."""
         with self._sending:
             self._sent_since.update(self.keys if key is None else [key] if isinstance(key, str) else key)
             super().send_state(key)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits."""
+        """Take the trait values that the front end sends."""
         with self._sending:
             self._sent_since.clear()
         super().set_state(sync_data)

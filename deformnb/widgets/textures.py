@@ -1,21 +1,17 @@
-"""A displacement field as a graphics card reads it: maps over a plane, weighted along its normal, or samples in space.
+"""Displacement fields as textures of the GPU: maps over a plane, weighted along its normal, or samples in space.
 
-What an extrusion says is sent as it is, K small maps, those of every region if it is cut; anything else is sampled
+An extrusion is sent as it is, K small maps, those of every region if it is cut; anything else is sampled
 coarsely in space. Of a composition the last step is kept apart if it is an extrusion, since that is the one being
-edited.
+edited. All moments of an animation are sent as maps over one plane, one behind the other.
 
-Cuts as a graphics card reads them: for every region between cuts its own maps, and how far it is to each cut.
+At cuts every region has its own maps, with its distance to each cut. A map is never interpolated across a cut. The GPU
+decides at every sample anew which region is seen there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
+control points are sent as such, with no displacement.
 
-A map is never interpolated across a cut. The card decides at every sample anew which region is seen there, by the rule
-of :mod:`deformnb.rbf.cuts`; regions without control points are sent as such, with no displacement.
-
-All moments of an animation as a page reads them: maps over one plane, one behind the other.
-
-A composition in which one step has cuts as a graphics card reads it: samples in space, each region by itself.
-
-What lies beside the cut is smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated:
-the displacement of all steps together, how deep the place that it leads to lies within the region, and how deep the
-sample itself does. The card chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
+A composition in which one step has cuts is sent as samples in space, each region by itself. The field beside the cut is
+smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated: the displacement of all
+steps together, the depth within the region of the place that it leads to, and the depth of the sample itself. The GPU
+chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
 """
 
 from __future__ import annotations
@@ -44,7 +40,7 @@ MOST_REGIONS = 32
 # half of such a step, a quarter of a millimetre on a body.
 _STEPS = 512
 
-# Places of origin beyond the box are asked for too, where the last samples would go on as they are.
+# Places of origin beyond the box are needed too, where the last samples would go on as they are.
 _MARGIN = 0.125
 
 # Nodes at which is looked which regions there are: small ones that nobody has put a point into must be found as well.
@@ -68,7 +64,7 @@ class CutPlane:
 
     @property
     def first(self) -> Extrusion:
-        """An extrusion that says what all have in common: plane, depth and weights."""
+        """An extrusion with all that they have in common: plane, depth and weights."""
         return self.regions[0]
 
     @property
@@ -102,7 +98,7 @@ def _still(plane: Plane) -> Extrusion:
 
 
 def same_rule(a: Extrusion, b: Extrusion) -> bool:
-    """Whether two extrusions have plane, depths and weights in common."""
+    """Check whether two extrusions have plane, depths and weights in common."""
     same = a.plane == b.plane and a.depth == b.depth and len(a.maps) == len(b.maps)
     return same and np.array_equal(a.knots, b.knots) and np.array_equal(a.weights, b.weights)
 
@@ -141,7 +137,7 @@ def distances(field: Decoupled, raster: Raster) -> NDArray[np.float32]:
 
 
 def softness_of(plane: CutPlane, grid: Grid) -> float:
-    """The width of the ramp at a cut, also at one that a page will draw: a voxel as it is seen on the plane."""
+    """The width of the ramp at a cut, also at one that a front end will draw: a voxel as it is seen on the plane."""
     if plane.cut is not None:
         return plane.cut.softness
     along = np.abs(plane.first.plane.frame[:2] @ np.asarray(grid.direction)) ** 2
@@ -149,7 +145,7 @@ def softness_of(plane: CutPlane, grid: Grid) -> float:
 
 
 def about_cut(plane: CutPlane, raster: Raster) -> dict[str, Any]:
-    """What a message says of the cuts beside their distances. ``id`` names the distances, which seldom change."""
+    """Entries of a message about the cuts beside their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
     name = hashlib.sha256(repr((data, raster)).encode()).hexdigest()[:16]
@@ -175,7 +171,7 @@ class CutChain:
 
     @property
     def is_exact(self) -> bool:
-        """Whether no other step has cuts, which would be smeared between samples."""
+        """True if no other step has cuts, which would be smeared between samples."""
         return not any(f.has_cuts for f in (*self.later, *self.earlier))
 
 
@@ -189,7 +185,7 @@ def cut_chain(field: AbstractField) -> CutChain | None:
 
 
 def chain_is_exact(field: AbstractField) -> bool:
-    """Whether a composition has cuts in one of its steps only."""
+    """Check whether a composition has cuts in one of its steps only."""
     chain = cut_chain(field)
     return chain is not None and chain.is_exact
 
@@ -201,7 +197,7 @@ def _steps(field: AbstractField) -> list[AbstractField]:
 
 @dataclass(frozen=True, eq=False)
 class SpaceLayers:
-    """What is known at every sample.
+    """Data of every sample.
 
     Parameters
     ----------
@@ -233,7 +229,7 @@ def space_layers(chain: CutChain, points: NDArray[np.float64]) -> SpaceLayers | 
 
 
 def _through(steps: tuple[AbstractField, ...], points: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
-    """Where points come from, and the share of them that is seen."""
+    """Sources of points, and the share of them that is seen."""
     at, kept = points, np.ones(points.shape[:-1])
     for step in steps:
         d, opacity = step.seen(at)
@@ -260,13 +256,13 @@ def _all_sides(cut: Decoupled, here: NDArray[np.float64]) -> list[Sides]:
 # in between errs by less than a thousandth.
 _DEPTHS = 1025
 
-# The card holds at most 256 layers at once by the standard, and a sample adds up those whose weight is not zero.
+# The GPU holds at most 256 layers at once by the standard, and a sample adds up those whose weight is not zero.
 MOST_MAPS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class CardMaps:
-    """A message: what it says, and its buffers, whose names are in ``content["buffers"]``.
+    """A message: its content, and its buffers, whose names are in ``content["buffers"]``.
 
     ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
     """
@@ -284,7 +280,7 @@ class CardMaps:
         return self.buffers[self.content["buffers"].index(name)]
 
     def without(self, name: str) -> CardMaps:
-        """The same message without one of them, for a page that has it."""
+        """The same message without one of them, for a front end that has it."""
         kept = [(n, b) for n, b in zip(self.content["buffers"], self.buffers, strict=True) if n != name]
         return CardMaps({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
 
@@ -312,7 +308,7 @@ def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | No
 
 
 def count_maps(field: AbstractField | None) -> int | None:
-    """How many maps the extrusion that was done last has, in each region; None if it was no extrusion."""
+    """Count the maps of the last extrusion, in each region; None if the last step is no extrusion."""
     if isinstance(field, Composed):
         field = field.then
     planar = None if field is None else cut_plane(field, MOST_MAPS)
@@ -365,7 +361,7 @@ def _planar(planar: CutPlane, shown: ShownVolume, grid: Grid, map_size: int) -> 
 
 
 def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
-    """How far the last step looks beyond the box, where the steps before it must be known too."""
+    """Distance by which the last step looks beyond the box, where the steps before it must be known too."""
     if planar is None:
         return 0.0
     raster = map_raster(planar.first, grid, min(map_size, 64))
@@ -411,9 +407,9 @@ def _cut_space(chain: CutChain, frame: NDArray[np.float64],
 
 
 def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
-    """Whether two extrusions are the same but for one map, so that a page which knows that map needs no other.
+    """Check whether two extrusions are the same but for one map, so that a front end with that map needs no other.
 
-    A page that follows an editor divides that map by the editor's cuts itself, if there is no other.
+    A front end that follows an editor divides that map by the editor's cuts itself, if there is no other.
     """
     if old is None or new is None:
         return False
@@ -431,14 +427,14 @@ def _same_maps(index: int, old: Extrusion, new: Extrusion) -> bool:
 
 
 def equal_fields(a: Any, b: Any) -> bool:
-    """Whether two fields or regions hold the same numbers."""
+    """Check whether two fields or regions hold the same numbers."""
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
     same_form = form == other_form  # type: ignore[operator]  # jax's stub of it says nothing of equality
     return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))
 
 
 def card_frames(maps: TimeMaps, shown: ShownVolume, output: Grid | None, map_size: int) -> CardMaps:
-    """What :func:`~deformnb.widgets.textures.card_maps` says of one moment, with the maps of all.
+    """Textures of one moment, as of :func:`~deformnb.widgets.textures.card_maps`, with the maps of all.
 
     Parameters
     ----------

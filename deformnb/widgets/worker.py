@@ -1,12 +1,12 @@
-"""A thread of one's own, for what takes time, and for VTK, whose OpenGL context belongs to the thread that made it.
+"""Worker threads for slow work and for VTK, and the widgets of a notebook's cell.
 
-Callbacks of widgets come from whatever thread a front end likes. What they want done is queued here: calls in the
-order in which they came, then the newest job of each name, then what waits for a rest.
+VTK needs a thread of its own, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
+from whatever thread a front end likes. The work that they request is queued here: calls in the order in which they
+came, then the newest job of each name, then jobs that wait for a rest.
 
-Widgets of a notebook's cell: a cell that runs again closes what it showed before.
-
-ipywidgets keeps every widget until it is closed. A studio or a view that is made again with each run of its cell would
-leave its volume, its threads, its windows and its servers behind each time.
+A cell that runs again closes the widgets that it showed before. ipywidgets keeps every widget until it is closed. A
+studio or a view that is made again with each run of its cell would leave its volume, its threads, its windows and its
+servers behind each time.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Worker:
 
     def at_rest(self, delay: float, function: Callable[[], None]) -> None:
         """Do this once nothing else has come for ``delay`` seconds; what comes first drops it, and so does the end."""
-        # It may be closed while the job is done that asks for this.
+        # It may be closed while the job is done that requests this.
         with contextlib.suppress(DeformError), self._queue.changed:
             self._start()
             self._queue.put_rest(delay, function)
@@ -134,7 +134,7 @@ class Worker:
 
 
 class _Queue:
-    """What waits, shared by the thread and its owner; it knows neither."""
+    """Queue of jobs, shared by the thread and its owner, with a reference to neither."""
 
     def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None,
                  is_kept: Callable[[], bool]) -> None:
@@ -181,7 +181,7 @@ class _Queue:
             self.changed.notify_all()
 
     def tell(self, error: Exception) -> None:
-        """Tell whoever wants to know that a job has failed; not when nobody is there any more."""
+        """Report that a job has failed; not when nobody is there any more."""
         if self.failed is None or self.closed:
             return
         try:
@@ -266,7 +266,7 @@ _IS_PART = ContextVar("_IS_PART", default=False)
 
 @contextmanager
 def parts_of_another() -> Iterator[None]:
-    """What is made meanwhile belongs to a widget that closes it, and not to the cell that runs."""
+    """Context in which new widgets belong to a widget that closes them, and not to the cell that runs."""
     before = _IS_PART.set(True)
     try:
         yield
@@ -303,7 +303,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
 
 
 def _cell_and_run() -> tuple[str, str] | None:
-    """Ids of the cell that runs and of its run, where the front end tells them."""
+    """Ids of the cell that runs and of its run, where the front end sends them."""
     ipython = sys.modules.get("IPython")  # whoever runs cells has it; nobody else needs it
     shell = ipython.get_ipython() if ipython is not None else None
     parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}

@@ -1,4 +1,4 @@
-"""From a list of painted solids to voxels: the one renderer all phantoms share."""
+"""Voxelisation of a list of painted solids: the one renderer that all phantoms share."""
 
 from __future__ import annotations
 

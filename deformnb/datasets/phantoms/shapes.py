@@ -1,4 +1,4 @@
-"""Solids by their distance: the vocabulary in which every phantom is written.
+"""Solids as signed distance functions: the primitives from which every phantom is built.
 
 A solid knows its box and its (approximately signed) distance: negative inside, positive outside, in the unit of the
 phantom (mm). Distances only have to be right within about one voxel of the surface and in sign elsewhere, which
@@ -239,7 +239,7 @@ class Blend:
 
 @dataclass(frozen=True)
 class Both:
-    """Where all the solids are: their intersection. Those in ``minus`` are taken away."""
+    """Intersection of solids. Those in ``minus`` are taken away."""
 
     solids: tuple[Solid, ...]
     minus: tuple[Solid, ...] = ()

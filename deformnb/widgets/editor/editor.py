@@ -1,11 +1,11 @@
-"""The editor: control points dragged on a picture that follows them while the mouse moves.
+"""Editor of control points on a picture that deforms while a point is dragged.
 
-The page fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
+The front end fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
 
 Messages are those of :mod:`~deformnb.widgets.editor.points` and :mod:`~deformnb.widgets.protocol`.
 
-Pictures of an editor: as the page gets them, and as a still where there is no page.
+The pictures of an editor are made here too: as the front end gets them, and as a still where there is no front end.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def picture_png(picture: Picture) -> tuple[bytes, int]:
 
 
 def raster_json(raster: Raster, channels: int) -> dict[str, Any]:
-    """A raster as the page gets it."""
+    """A raster as the front end gets it."""
     return {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
             "channels": channels}
 
@@ -84,7 +84,7 @@ def sheet(points: ControlPoints) -> Picture:
 
 
 def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
-    """A net of square cells over a raster, ``cells`` along its longer side, as polylines (n, 2) that can bend."""
+    """A grid of square cells over a raster, ``cells`` along its longer side, as polylines (n, 2) that can bend."""
     a0, a1, b0, b1 = raster.box
     size = max(a1 - a0, b1 - b0) / cells
     across, down = max(1, round((a1 - a0) / size)), max(1, round((b1 - b0) / size))
@@ -94,7 +94,7 @@ def grid_lines(raster: Raster, cells: int) -> list[NDArray[np.float64]]:
 
 
 def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list[NDArray[np.float64]]:
-    """Where lines of a picture are after its deformation, in pieces where the map folds and at cuts."""
+    """Lines of a picture after its deformation, in pieces where the map folds and at cuts."""
     places = np.concatenate(lines)
     moved, found = warp_points(places, fit)
     region = np.zeros(len(places), dtype=int)
@@ -112,7 +112,7 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
 
 
 def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cells: int) -> bytes:
-    """The deformed picture with its net and points."""
+    """The deformed picture with its grid and points."""
     from deformnb.imaging.drawing import draw_pictures
 
     lines = grid_lines(picture.raster, cells) if cells else []
@@ -135,14 +135,14 @@ _FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits
 _LOG = logging.getLogger(__name__)
 
 ShapesCallback = Callable[[ShapesMessage], None]
-"""Called with what the page did to cuts or rigid parts."""
+"""Called with what the front end did to cuts or rigid parts."""
 
 # Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
 _LONE_POINT_SHARE = 0.25
 
 
 class Editor(EditedPoints):
-    """Control points on a picture, dragged in the page.
+    """Control points on a picture, dragged in the front end.
 
     Parameters
     ----------
@@ -152,9 +152,9 @@ class Editor(EditedPoints):
     kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_net, show_radius : whether the grid and the reach of the points are drawn.
-    overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how matter grows and
-        shrinks, "strain" crosses along the principal strains, "uncertainty" the haze of ``haze``. Where the map folds
-        all of them show it, "none" does not.
+    overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how tissue grows and
+        shrinks, "strain" crosses along the principal strains, "uncertainty" the uncertainty overlay of ``haze``. Where
+        the map folds all of them show it, "none" does not.
     drag_net : True lets the nodes of the grid be dragged: each that is becomes a control point.
     height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
     theme : "auto" follows the page, "light" and "dark" do not.
@@ -170,20 +170,20 @@ class Editor(EditedPoints):
     Notes
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
-    others. While f runs for an edit of the page, ``edit_under_way`` says what was done; it is None where code did it.
-    The same holds for ``cuts`` and ``parts``, which are drawn in the page too. ``chosen_shape`` is the one of them that
-    is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the list changes.
-    ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what a hand does on one side of the
-    line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap`` is the step of a
-    grid to which a hand's targets keep, 0 for none; ``stop_at_folds`` holds them back before the map folds;
-    ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
+    others. While f runs for an edit of the front end, ``edit_under_way`` says what was done; it is None where code did
+    it. The same holds for ``cuts`` and ``parts``, which are drawn in the front end too. ``chosen_shape`` is the one of
+    them that is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the list
+    changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what the pointer does on
+    one side of the line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap``
+    is the step of a grid to which dragged targets keep, 0 for none; ``stop_at_folds`` holds them back before the map
+    folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
     ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
-    ``selected`` holds the ids of the selected points. ``history`` is {} where the page keeps an undo of its
+    ``selected`` holds the ids of the selected points. ``history`` is {} where the front end keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then tells what the page asks for. ``waiting`` is "" or says what is being made,
-    such as another picture: while it is not empty the page dims the picture, shows that text over it and takes no edit
-    and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
-    editor in its page, where other widgets find its live points without the kernel (see link.js).
+    "" for nothing; :meth:`on_history` then tells what the front end requests. ``waiting`` is "" or says what is being
+    made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
+    takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
+    editor in its front end, where other widgets find its live points without the kernel (see link.js).
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours. ``haze`` is
     one byte for each cell of a raster over the picture, rows first, 255 where the map is known least; ``haze_facts`` is
     ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour is drawn at each byte.
@@ -237,7 +237,7 @@ class Editor(EditedPoints):
 
     @property
     def picture(self) -> Picture | None:
-        """What is seen behind the points; setting another one keeps the points."""
+        """Picture behind the points; setting another one keeps the points."""
         return self._picture
 
     @picture.setter
@@ -249,7 +249,7 @@ class Editor(EditedPoints):
                 setattr(self, name, value)
 
     def fit(self) -> AbstractField:
-        """The fit of the points as the core makes it: the displacement that the page shows.
+        """The fit of the points as the core makes it: the displacement that the front end shows.
 
         An :class:`~deformnb.rbf.interpolant.RBFInterpolant`, beside rigid parts a
         :class:`~deformnb.rbf.rigid.RigidInterpolant`, in stages a :class:`~deformnb.rbf.stages.Staged`, with cuts a
@@ -258,7 +258,7 @@ class Editor(EditedPoints):
         Raises
         ------
         DeformError
-            If the points cannot be fitted; the page shows the same message.
+            If the points cannot be fitted; the front end shows the same message.
         """
         points = self.points if self.strength == 1 else self.points.blended(self.strength)
         cuts = [cut.region for cut in shapes_of("cuts", self.cuts) if cut.enabled]
@@ -299,25 +299,25 @@ class Editor(EditedPoints):
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
     def draw(self, tool: str) -> None:
-        """Let whoever sees the page draw: a "cut", a rigid "part", or the "ground"."""
+        """Start drawing in the front end: a "cut", a rigid "part", or the "ground"."""
         if tool not in ("cut", "part", "ground"):
             raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
         self.send({"type": "draw", "tool": tool})
 
     def choose(self, what: str | None, index: int = 0) -> None:
-        """Mark a shape in the page: one of the "cuts" or "parts" by its place in the list; None marks none."""
+        """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
         self.chosen_shape = {} if what is None else {"what": what, "index": index}
 
     def look_at(self, point: int) -> None:
-        """Bring the point with this id to the middle of the view in the page, nearer if all of the picture is seen."""
+        """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
         self.points.index(point)
         self.send({"type": "look", "id": point})
 
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
-        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the page.
+        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
 
         ``edit`` is a :class:`~deformnb.widgets.protocol.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
-        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the page.
+        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the front end.
         """
         if remove:
             self._shapes_callbacks.remove(callback)

@@ -1,19 +1,19 @@
-"""What the editors of control points have in common: the points and their settings, callbacks, and talk with the page.
+"""Base of the editors of control points: points and their settings, callbacks, and messages with the front end.
 
-Messages by the page:
+Messages of the front end:
 
-- ``{"type": "greet", "sender": id, "seq": 0}`` when a page opens, for the answer
+- ``{"type": "greet", "sender": id, "seq": 0}`` when a front end opens, for the answer
 - ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
   "points": [...]}``
 - ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
 
-Messages to the page: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
+Messages to the front end: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
 ``{"type": "error", "message": text}``.
 
-Points go to Python by these messages alone and to the page by the trait alone; the trait ``seen`` tells each window
-which of its messages the points include (see sender.js).
+Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
+window the number of its last message that the points include (see sender.js).
 
-Traits by which the page of an editor keeps how a hand works: its mirror, its grid, its brush.
+Further traits keep the pointer settings of a front end: its mirror, its grid, its brush.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _is_length(value: Any) -> bool:
 
 PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
-"""What checks a value of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
+"""Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
 SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
 """The same for an editor in space."""
@@ -97,14 +97,14 @@ EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
 
 DetailCallback = Callable[[EditMessage], None]
-"""Called with all that the page says of an edit."""
+"""Called with all that the front end sends of an edit."""
 
 HistoryCallback = Callable[[str], None]
 """Called with "undo" or "redo"."""
 
 
 class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
-    """Control points of one dimension; in the page a plain list."""
+    """Control points of one dimension; in the front end a plain list."""
 
     def __init__(self, dim: int) -> None:
         super().__init__(ControlPoints.empty(dim))
@@ -123,19 +123,19 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
 
 
 class EditedPoints(SyncedWidget):
-    """Control points that are edited in the page; ``points`` is a :class:`PointsTrait` of each editor.
+    """Control points that are edited in the front end; ``points`` is a :class:`PointsTrait` of each editor.
 
     Attributes
     ----------
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
     snap : step of the lattice to which targets keep, 0 for none.
-    page_traits : what checks each trait that the page may change.
+    page_traits : checks of the traits that the front end may change, by name.
     """
 
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
     chooses_support = True
-    """Whether ``chosen_support`` follows the points; False where a session says what it is."""
+    """True if ``chosen_support`` follows the points; False where a session sets it."""
 
     next_id = traitlets.Int(0).tag(sync=True)
     mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
@@ -162,7 +162,7 @@ class EditedPoints(SyncedWidget):
     def __init__(self, **given: Any) -> None:
         self._callbacks: list[tuple[Callable[..., None], bool]] = []
         self._history_callbacks: list[HistoryCallback] = []
-        self.edit_under_way: Any = None  # for observers: the message of the page that changes a trait, None for code
+        self.edit_under_way: Any = None  # for observers: the message that changes a trait, None for code
         self._drawn: dict[str, float] = {}
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
@@ -173,7 +173,8 @@ class EditedPoints(SyncedWidget):
         """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
 
         During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
-        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the page.
+        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the front
+        end.
 
         Parameters
         ----------
@@ -190,9 +191,9 @@ class EditedPoints(SyncedWidget):
         self.live = bool(self._callbacks)
 
     def on_history(self, callback: HistoryCallback, remove: bool = False) -> None:
-        """Call ``callback("undo")`` or ``callback("redo")`` when the page asks, if ``history`` is not empty.
+        """Call ``callback("undo")`` or ``callback("redo")`` when the user requests it, if ``history`` is not empty.
 
-        Exceptions of the callback are logged and shown in the page.
+        Exceptions of the callback are logged and shown in the front end.
         """
         if remove:
             self._history_callbacks.remove(callback)
@@ -205,15 +206,15 @@ class EditedPoints(SyncedWidget):
             return
         try:
             self._take(message)
-        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+        except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of an editor failed")
             self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
         finally:
-            self._note(message)  # whatever came of it: a page that waits for it takes no other points
+            self._note(message)  # whatever came of it: a front end that waits for it takes no other points
             self.send({"type": "done", "sender": message.sender, "seq": message.seq})
 
     def _read(self, content: Any) -> Message | None:
-        """What a message of the page says; None for what is none."""
+        """Parse a message of the front end; None for one of no known kind."""
         return message_from_page(content, self.next_id, self.points.dim)
 
     def _take(self, message: Message) -> None:
@@ -235,24 +236,24 @@ class EditedPoints(SyncedWidget):
                 callback(message) if details else callback(message.points, message.phase)
 
     def _note(self, message: Message) -> None:
-        # After the points and not together with them: until the page reads this it leaves the points alone, and two
-        # updates in order need no pause of all others (hold_sync), which threads would take from one another.
+        # After the points and not together with them: until the front end reads this it leaves the points alone, and
+        # two updates in order need no pause of all others (hold_sync), which threads would take from one another.
         if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
             return
         others = [(sender, seq) for sender, seq in self.seen.items() if sender != message.sender]
         self.seen = dict([*others, (message.sender, message.seq)][-_WINDOWS:])
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         state = checked_state(sync_data, self.page_traits)
         if state:
             super().set_state(state)
 
     def stats(self) -> dict[str, float]:
-        """What the page measured in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
+        """Measurements of the front end in the last drag that took a moment: ``drag_hz`` and ``picture_ms``.
 
-        The first is how many pictures a second were drawn, the second the median from a movement of the hand to its
-        picture. 0 before the first such drag, and where a page does not measure.
+        The first is how many pictures a second were drawn, the second the median from a movement of the pointer to its
+        picture. 0 before the first such drag, and where a front end does not measure.
         """
         return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
 

@@ -1,9 +1,9 @@
-"""The editor in space: control points with three coordinates, in three linked pictures of the volume (Eq. 9).
+"""Editor of control points in space, with three coordinates, in three linked slices of the volume (Eq. 9).
 
-The page draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and sent
-as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others by the page, each with
-``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the page:
-``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: what is said below
+The front end draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and
+sent as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others of the front end, each
+with ``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the front
+end: ``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: the text below
 them), with the pixels of each and, of projections, the depths.
 """
 
@@ -59,7 +59,7 @@ class SpaceEditor(EditedPoints):
     points : control points of dimension 3; default is none.
     before : what was done to the volume before, a backward field in space.
     options : further fields of the step, such as its rigid ``parts``: see :meth:`step`.
-    window : values that are black and white; default is from the background to the densest matter.
+    window : values that are black and white; default is from the background to the densest tissue.
     transfer : of composite pictures, or the name of a preset.
     cursor : the place (x, y, z) through which the slices go; default is the middle.
     projection : "slice", or "mip", "composite" and "shaded" for all of the volume seen from that side.
@@ -72,7 +72,7 @@ class SpaceEditor(EditedPoints):
     It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
     ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
     ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
-    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what a hand does in the
+    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what the pointer does in the
     pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
     that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
 
@@ -131,7 +131,7 @@ class SpaceEditor(EditedPoints):
 
     @property
     def volume(self) -> Volume:
-        """What is deformed; setting another one keeps the points."""
+        """Volume to deform; setting another one keeps the points."""
         return self._pictures.volume
 
     @volume.setter
@@ -145,7 +145,7 @@ class SpaceEditor(EditedPoints):
 
     @property
     def before(self) -> AbstractField | None:
-        """What was done to the volume before this step: a backward field in space, or None."""
+        """Deformation before this step: a backward field in space, or None."""
         return self._before
 
     @before.setter
@@ -170,7 +170,7 @@ class SpaceEditor(EditedPoints):
         Raises
         ------
         DeformError
-            If the points cannot be fitted; the page shows the same message.
+            If the points cannot be fitted; the front end shows the same message.
         """
         return self.step().field(self.volume.grid)
 
@@ -218,7 +218,7 @@ class SpaceEditor(EditedPoints):
         figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
         return stream.getvalue()
 
-    # ---- the page ---------------------------------------------------------------------------------------------------
+    # ---- the front end ----------------------------------------------------------------------------------------------
 
     def _received(self, widget: Any, content: Any, buffers: Any) -> None:
         kind = content.get("type") if isinstance(content, dict) else None
@@ -253,10 +253,10 @@ class SpaceEditor(EditedPoints):
         super()._take(message)
 
     def _held(self, points: ControlPoints) -> ControlPoints:
-        """Points of the page, new ones taking hold of what is seen where they were put.
+        """Points of the front end, new ones taking hold of what is seen where they were put.
 
-        A page knows the target only and sends it as the source. What is seen there comes from target + D, and with that
-        as its source nothing moves. Until the page has heard of it, it goes on sending the same.
+        A front end knows the target only and sends it as the source. What is seen there comes from target + D, and with
+        that as its source nothing moves. Until the front end has received it, it goes on sending the same.
         """
         known, source = set(self.points.ids), points.source.copy()
         for k, number in enumerate(points.ids):
@@ -285,7 +285,7 @@ class SpaceEditor(EditedPoints):
         self._offer()
 
     def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
+        if self._has_page:  # a front end that comes later asks
             self._pacer.offer()
 
     def _ask(self, number: int) -> None:
@@ -296,7 +296,7 @@ class SpaceEditor(EditedPoints):
         self._offer()
 
     def _field(self, points: ControlPoints) -> AbstractField | None:
-        """What these points make of the volume; the last good field where they cannot be fitted, and why."""
+        """Field of these points; the last good one where they cannot be fitted, and the reason."""
         key = (points, self.volume, self._before, self._options, *(getattr(self, name) for name in _SETTINGS))
         with self._lock:
             held = self._made[0]
@@ -375,7 +375,7 @@ class SpaceEditor(EditedPoints):
 
 
 _ANSWERS = {"hello": SpaceEditor._hello, "look": SpaceEditor._look, "seen": SpaceEditor._seen}
-"""What is done about each kind of message, besides those about points."""
+"""Handlers of each kind of message, besides those about points."""
 
 
 def _is_same(a: Any, b: Any) -> bool:

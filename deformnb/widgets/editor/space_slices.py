@@ -1,7 +1,8 @@
-"""Three pictures of a deformed volume at right angles, and what a page must know to draw points in them.
+"""Orthogonal slices of a deformed volume, with the geometry that a front end needs to draw points in them.
 
-A slice of a deformation in space takes its voxels from other slices, so the pictures are made here, each by warping the
-volume onto the lattice of that one slice: a few milliseconds, and the same voxels as in the whole deformed volume.
+A slice of a deformation in space takes its voxels from other slices, so the three pictures are made here, each by
+warping the volume onto the lattice of that one slice: a few milliseconds, and the same voxels as in the whole deformed
+volume.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
 
 PROJECTIONS = ("slice", "mip", "composite", "shaded")
-"""What the pictures may show: a slice, or all of the volume seen from that side."""
+"""Projections of the pictures: a slice, or all of the volume seen from that side."""
 
 # Voxels of the volume that a projection warps while something moves, and at rest: 40 ms and a third of a second.
 _MAXIMUM, _LIGHT = (96**3, 192**3), (64**3, 128**3)
@@ -39,7 +40,7 @@ _OPAQUE = 0.5  # of what lies in front of a place: there the surface of a compos
 
 @dataclass(frozen=True)
 class Pane:
-    """Where one of the pictures lies.
+    """Plane and lattice of one of the pictures.
 
     Parameters
     ----------
@@ -85,11 +86,11 @@ class Pane:
         return Grid((1, *raster.shape), (*raster.spacing, self.spacing[2]), tuple(origin), direction)  # type: ignore[arg-type]
 
     def depth_of(self, place: ArrayLike) -> float:
-        """How deep a place in space lies, at most on the last slice."""
+        """Depth of a place in space, at most on the last slice."""
         return float(np.clip(self.plane.to_plane(place)[2], *self.depths))
 
     def info(self) -> dict[str, Any]:
-        """What the page must know."""
+        """Geometry of the pane for the front end."""
         plane = self.plane
         return {"name": self.name, "origin": list(plane.origin), "u": list(plane.u), "v": list(plane.v),
                 "n": list(plane.normal), "box": list(self.box), "depths": list(self.depths),
@@ -98,7 +99,7 @@ class Pane:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One picture as the page gets it.
+    """One picture as the front end gets it.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ class Shown:
     shapes: NDArray[np.uint8] | None = None
 
     def message(self) -> tuple[dict[str, Any], list[bytes]]:
-        """What is said of it, and its buffers."""
+        """Message about the pane, and its buffers."""
         raster = self.raster
         about = {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
                  "channels": 1 if self.values.ndim == 2 else 3, "hasDepths": self.depths is not None,
@@ -128,7 +129,7 @@ class SpacePictures:
 
     Parameters
     ----------
-    window : values that are black and white; default is from the background to the densest matter.
+    window : values that are black and white; default is from the background to the densest tissue.
     transfer : colours and opacities of composite pictures.
     """
 
@@ -189,7 +190,7 @@ def _layers(volume: Volume, plane: Plane) -> tuple[NDArray[Any], NDArray[np.floa
 
 
 def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
-    """Where the rigid parts and the cuts of a step in space are on a slice; None if it has none.
+    """Coverage of a slice by the rigid parts and the cuts of a step in space; None if it has none.
 
     Shares of 255, uint8 (n, m, 2): of each place how much lies in a part where that has gone, and on a cut.
     """

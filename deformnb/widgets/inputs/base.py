@@ -1,10 +1,10 @@
-"""What the small widgets have in common whose value a hand changes in the page: messages, callbacks, checks.
+"""Base of the small widgets whose value the user changes in the front end: messages, callbacks, checks.
 
-Python says what is shown in one trait, ``shown``; the page never writes traits.
+Python sends the contents of the widget in one trait, ``shown``; the front end never writes traits.
 
-Messages by the page: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages to
-the page: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``. What is
-wrong in a message is said in the page, logged, and changes nothing.
+Messages of the front end: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages
+to the front end: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``.
+An error in a message is shown in the front end, logged, and changes nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SCRIPTS = ("elements.js", "edit_link.js", "edited_page.js")
 """Scripts in front of those of every such widget."""
 
 LONGEST_MESSAGE = 65536
-"""Bytes of a message by the page at most."""
+"""Bytes of a message by the front end at most."""
 
 _LONGEST_NAME = 40
 _PAGES = 16  # that are told apart; an older one has long been closed
@@ -38,11 +38,11 @@ EditCallback = Callable[[Any, str], None]
 
 
 class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
-    """A value that is changed by hand in the page.
+    """A value that is changed by the user in the front end.
 
     Notes
     -----
-    ``on_edit(callback)`` hears of every movement of a drag; the traits change at its end only.
+    ``on_edit(callback)`` receives every movement of a drag; the traits change at its end only.
     """
 
     shown = traitlets.Dict(help="what the page draws").tag(sync=True)
@@ -59,7 +59,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _checked(self, value: Any) -> Any:
-        """What the page means, for callbacks and :meth:`_take`; DeformError for anything wrong."""
+        """Checked value of a message, for callbacks and :meth:`_take`; DeformError for anything wrong."""
 
     @abstractmethod
     def _take(self, edit: Any) -> Any:
@@ -67,21 +67,21 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _show(self) -> None:
-        """Call :meth:`_say` with what the page draws."""
+        """Call :meth:`_say` with what the front end draws."""
 
     def _say(self, **shown: Any) -> None:
-        # In one trait, for no page may meet a new value without knowing whether its own last edit is in it.
+        # In one trait, for no front end may meet a new value without knowing whether its own last edit is in it.
         self.shown = {**shown, "seen": dict(self._seen)}
 
     def _told(self, edit: Any) -> Any:
-        """What callbacks get of an edit."""
+        """Arguments of the callbacks of an edit."""
         return edit
 
     def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
         """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
 
         During a drag the traits stay as they were; only the callback sees the value on its way. Exceptions of the
-        callback are logged and shown in the page.
+        callback are logged and shown in the front end.
         """
         if remove:
             self._callbacks.remove(callback)
@@ -105,7 +105,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         except DeformError as error:
             _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
             self.send({"type": "error", "view": view, "message": str(error)})
-        except Exception as error:  # of anyone's callback or observer: it must not end the conversation with the page
+        except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of %s failed", type(self).__name__)
             self.send({"type": "error", "view": view, "message": f"{type(error).__name__} in a callback: {error}"})
         finally:
@@ -121,7 +121,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             del self._seen[next(iter(self._seen))]
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits: only ipywidgets' own count of views."""
+        """Take the trait values that the front end sends: only ipywidgets' own count of views."""
         given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
         count = given.get("_view_count")
         if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):
@@ -148,17 +148,17 @@ def _envelope(content: Any) -> tuple[int, str, str]:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is a whole number that JavaScript counts exactly."""
+    """Check whether this is a whole number that JavaScript counts exactly."""
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53
 
 
 def is_number(value: Any) -> bool:
-    """Whether this is a finite number of ordinary size."""
+    """Check whether this is a finite number of ordinary size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def nodes_from_json(data: Any, fewest: int, most: int) -> tuple[tuple[float, float], ...]:
-    """Nodes (x, y) from the page's list, x not falling.
+    """Nodes (x, y) from the front end's list, x not falling.
 
     >>> nodes_from_json([[0, 1], [2, 0.5]], 2, 9)
     ((0.0, 1.0), (2.0, 0.5))

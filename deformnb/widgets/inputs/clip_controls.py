@@ -1,4 +1,4 @@
-"""Sliders that cut away parts of what a view shows, moved in the page: a live view follows them without the kernel."""
+"""Clipping sliders of a view, moved in the front end: a live view follows them without the kernel."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class ClipControls(SyncedWidget):
 
     Parameters
     ----------
-    view : any view with the traits ``clip``, ``camera`` and ``volume_info``; None shows nothing. The page writes its
-        ``clip``, as a program may.
+    view : any view with the traits ``clip``, ``camera`` and ``volume_info``; None shows nothing. The front end writes
+        its ``clip``, as a program may.
 
     Examples
     --------
@@ -41,4 +41,4 @@ class ClipControls(SyncedWidget):
         super().__init__(view=view, **traits)
 
     def set_state(self, sync_data: Any) -> None:
-        """The page decides on nothing here: what it cuts away is said to the view."""
+        """The front end decides on nothing here: the clipping is sent to the view."""

@@ -1,9 +1,9 @@
-"""The curve editor: f(z) of the extrusion rule "modulate", drawn by hand or given as a formula.
+"""Curve editor: f(z) of the extrusion rule "modulate", drawn with the pointer or given as a formula.
 
-Values of its messages (see :mod:`base`): ``{"nodes": [[z, f], ...], "smooth": true | false}`` or
-``{"formula": text}``.
+Values of its messages (see :mod:`deformnb.widgets.inputs.base`): ``{"nodes": [[z, f], ...], "smooth": true | false}``
+or ``{"formula": text}``.
 
-Curves over [0, 1] through nodes: their values, and the nodes that draw a given curve.
+Curves over [0, 1] pass through nodes; the module has their values, and the nodes that draw a given curve.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, nodes_from_jso
 Nodes: TypeAlias = tuple[tuple[float, float], ...]
 
 PARTS = 128
-"""The page puts nodes at multiples of 1/128, so that 129 values hold a curve exactly and give its nodes back."""
+"""The front end puts nodes at multiples of 1/128, so that 129 values hold a curve exactly and give its nodes back."""
 
 MOST_NODES = 64
 """More cannot be told apart on a plot of 360 pixels."""
@@ -49,7 +49,7 @@ def values_of(nodes: Nodes, z: ArrayLike, smooth: bool = False) -> NDArray[np.fl
 
 
 def fewest_values(nodes: Nodes) -> int:
-    """How many values at equal steps hold the straight lines through nodes exactly, at most 129.
+    """The fewest values at equal steps that hold the straight lines through nodes exactly, at most 129.
 
     >>> fewest_values(((0, 0), (0.25, 1), (1, 1)))
     5
@@ -114,7 +114,7 @@ Curve = str | tuple[float, ...]
 CURVES = {
     "constant 1": "1", "z": "z", "1 - z": "1-z", "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
 }
-"""Formulas that the page offers, by the name it shows."""
+"""Formulas that the front end offers, by the name it shows."""
 
 
 class _CurveTrait(traitlets.TraitType[Curve, Curve]):
@@ -133,7 +133,7 @@ class _CurveTrait(traitlets.TraitType[Curve, Curve]):
 
 @dataclass(frozen=True)
 class _Edit:
-    """What the page asks for: nodes, or a formula."""
+    """Request of the front end: nodes, or a formula."""
 
     nodes: Nodes
     smooth: bool

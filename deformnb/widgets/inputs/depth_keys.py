@@ -1,7 +1,7 @@
 """Depths of the key pictures of the extrusion rule "interpolate", as marks on a bar.
 
-Values of its messages (see :mod:`base`): ``{"kind": "move" | "add" | "remove" | "select", "index":
-k, "knots": [...], "selected": k}``.
+Values of its messages (see :mod:`deformnb.widgets.inputs.base`): ``{"kind": "move" | "add" | "remove" | "select",
+"index": k, "knots": [...], "selected": k}``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from deformnb.widgets.bundle import joined, style
 from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, is_whole
 
 LEAST_APART = 0.01
-"""The page keeps keys this far apart; two at one depth would tear the volume."""
+"""The front end keeps keys this far apart; two at one depth would tear the volume."""
 
 MOST_KEYS = 64
 
@@ -28,7 +28,7 @@ _KINDS = {"move": 0, "add": 1, "remove": -1, "select": 0}
 
 @dataclass(frozen=True)
 class KeyEdit:
-    """What was done to the keys.
+    """Edit of the keys.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Hands a text to the clipboard, or a file to the browser's downloads: what only the page can do."""
+"""Transfer of a text to the clipboard, or of a file to the browser's downloads, which only the front end can do."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ LARGEST_DOWNLOAD = 128 * 2**20
 
 
 class HandOver(SyncedWidget):
-    """A line in the page that says what was handed over.
+    """A line in the front end that reports each transfer.
 
     Notes
     -----
-    Messages to the page: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}`` with
-    the bytes. The page sends nothing.
+    Messages to the front end: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}``
+    with the bytes. The front end sends nothing.
 
     Examples
     --------
@@ -39,7 +39,7 @@ class HandOver(SyncedWidget):
 
         Parameters
         ----------
-        note : what to do with it, said along with how much was copied.
+        note : what to do with it, shown along with how much was copied.
         """
         self.send({"type": "copy", "text": text, "note": note})
 
@@ -51,4 +51,4 @@ class HandOver(SyncedWidget):
         self.send({"type": "download", "name": name}, [content])
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""

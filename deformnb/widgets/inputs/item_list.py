@@ -1,8 +1,8 @@
-"""A list in the page of things with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
+"""List of items with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 
-Python owns the list and the page asks for what shall be done: ``{"type": "act", "what": "switch", "index": 1,
-"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. What was meant for rows as they were
-before is dropped: another row may be at its place now.
+Python owns the list and the front end requests actions: ``{"type": "act", "what": "switch", "index": 1,
+"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. A request for an earlier version of
+the rows is dropped: another row may be at its place now.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from deformnb.widgets.synced import SyncedWidget
 _LOG = logging.getLogger(__name__)
 
 LONGEST_NAME = 100
-"""Characters of a name that a page gives."""
+"""Characters of a name that a front end gives."""
 
 COMMANDS = ("rename", "up", "down", "double", "remove")
-"""What a row may have a button for."""
+"""Commands for which a row may have a button."""
 
 ActCallback = Callable[[str, int, Any], None]
 """Called with "choose", "switch" or one of :data:`COMMANDS`, the row's number, and True, False or a name."""
@@ -85,7 +85,7 @@ class ItemList(SyncedWidget):
             self.chosen = chosen
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(what, index, value)`` when the page's user wants something done."""
+        """Call ``callback(what, index, value)`` when the front end's user wants something done."""
         self._callbacks.append(callback)
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -96,7 +96,7 @@ class ItemList(SyncedWidget):
             elif content["version"] == self.version:
                 for callback in tuple(self._callbacks):
                     callback(*act)
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a list failed")
         finally:
             self.send({"type": "done"})
@@ -117,9 +117,9 @@ class ItemList(SyncedWidget):
         return (what, index, value) if isinstance(value, wanted) and len(str(value)) <= LONGEST_NAME else None
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
 
 def _identity(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What tells a row from another one at its place."""
+    """Identity of a row, which distinguishes it from another one at its place."""
     return row.get("name"), row.get("title"), row.get("swatch"), row.get("id")

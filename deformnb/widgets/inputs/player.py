@@ -1,13 +1,11 @@
-"""A player for animations: play and pause, a bar with the key frames, speed and loop.
+"""Player for animations: play and pause, a bar with the key frames, speed and loop.
 
-The clock runs in the page. A live view that has the frames (:meth:`~deformnb.widgets.LiveView.play`) follows it there,
-and nothing is sent. Python hears of the time a few times a second while it plays, and exactly where it rests; the page
-may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
+The clock runs in the front end. A live view that has the frames (:meth:`~deformnb.widgets.LiveView.play`) follows it
+there, and nothing is sent. Python receives the time a few times a second while it plays, and exactly where it rests;
+the front end may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
 
-What a view shows while a player plays the key frames of a document.
-
-A view that can go through frames by itself gets them once, as maps over time. Any other view, and a document whose
-moments are no maps, is shown moment by moment, the newest first.
+While a player plays the key frames of a document, a view that can go through frames by itself gets them once, as maps
+over time. Any other view, and a document whose moments are no maps, is shown moment by moment, the newest first.
 """
 
 from __future__ import annotations
@@ -55,11 +53,11 @@ class Player(SyncedWidget):
     time : the moment that is shown; setting it goes there. What lies beyond the ends goes to the nearer one.
     duration : of the whole in seconds.
     marks : the times of the key frames, shown on the bar.
-    is_playing : setting it plays or pauses in all pages; at the end it becomes False by itself, unless it loops.
+    is_playing : setting it plays or pauses in all front ends; at the end it becomes False by itself, unless it loops.
     speed : 1 is real time.
     loop : a name of :data:`~deformnb.document.deformation.LOOPS`.
     step : seconds that an arrow key goes.
-    sync_ms : how often Python hears of the time while it plays.
+    sync_ms : how often Python receives the time while it plays.
     theme : "auto" follows the page, "light" and "dark" do not.
 
     Examples
@@ -115,7 +113,7 @@ class Player(SyncedWidget):
         self.time = min(self.time, self.duration)
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
 

@@ -1,10 +1,10 @@
-"""A table in the page of control points: names, switches, locks, coordinates that can be written.
+"""Table of control points: names, switches, locks, coordinates that can be edited.
 
-Python owns the points; the page asks for what shall be done: ``{"type": "act", "view": name, "seq": n, "what": "cell",
+Python owns the points; the front end requests actions: ``{"type": "act", "view": name, "seq": n, "what": "cell",
 "ids": [3], "field": "target", "axis": 0, "value": "12.5"}``. Each of these is answered by ``{"type": "done", "view":
-name, "seq": n, "ok": true, "text": ""}``. The page sets the trait ``selected``.
+name, "seq": n, "ok": true, "text": ""}``. The front end sets the trait ``selected``.
 
-Points go to the page as arrays, and only while somebody sees the table.
+Points go to the front end as arrays, and only while the table is visible in one.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from deformnb.widgets.synced import SyncedWidget
 _LOG = logging.getLogger(__name__)
 
 FIELDS = ("name", "active", "locked", "source", "target", "weight", "radius")
-"""What of a point can be written."""
+"""Fields of a point that can be edited."""
 
 ACTS = ("cell", "add", "remove", "reset", "lock", "switch", "look", "paste", "undo", "redo", "seen")
-"""What a page asks for."""
+"""Actions that a front end may request."""
 
 _LONGEST_VIEW, _VIEWS = 40, 16
 _SWITCHES = ("active", "locked")
@@ -40,7 +40,7 @@ _SWITCHES = ("active", "locked")
 
 @dataclass(frozen=True)
 class TableAct:
-    """What a page's user wants done.
+    """Action requested by a user of the table.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class TableAct:
 
 
 ActCallback = Callable[[TableAct], str | None]
-"""Does it and returns what to say about it, or None if it was refused."""
+"""Does it and returns a report, or None if it was refused."""
 
 
 class PointsTable(SyncedWidget):
@@ -100,7 +100,7 @@ class PointsTable(SyncedWidget):
 
     @property
     def is_seen(self) -> bool:
-        """Whether a page shows the table where somebody can see it."""
+        """True if the table is visible in a front end."""
         return any(self._seen.values())
 
     def show(self, points: ControlPoints, errors: NDArray[np.float64] | None = None,
@@ -126,10 +126,10 @@ class PointsTable(SyncedWidget):
             self.flags = flags.astype(np.uint8).tobytes()
             self.numbers = rows.astype("<f8").tobytes()
 
-    # -- what the page says --------------------------------------------------------------------------------------------
+    # -- what the front end says ---------------------------------------------------------------------------------------
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(act)`` when the page's user wants something done; it returns words, or None if refused."""
+        """Call ``callback(act)`` when the user requests an action; it returns words, or None if refused."""
         self._callback = callback
 
     def on_sight(self, callback: Callable[[], None]) -> None:
@@ -151,7 +151,7 @@ class PointsTable(SyncedWidget):
                 said = self._take_sight(view, act.value)
             else:
                 said = self._callback(act)
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a table of points failed")
         finally:
             self.send({"type": "done", "view": view, "seq": seq, "ok": said is not None, "text": said or ""})
@@ -160,14 +160,14 @@ class PointsTable(SyncedWidget):
         was = self.is_seen
         self._seen.pop(view, None)
         self._seen[view] = is_seen
-        while len(self._seen) > _VIEWS:  # a page that was closed without a word
+        while len(self._seen) > _VIEWS:  # a front end that was closed without a word
             del self._seen[next(iter(self._seen))]
         if self.is_seen and not was:
             self._sight_callback()
         return ""
 
     def set_state(self, sync_data: Any) -> None:
-        """Take the selection, if it is one; the page owns nothing else."""
+        """Take the selection, if it is one; the front end owns nothing else."""
         given = sync_data.get("selected") if isinstance(sync_data, dict) else None
         if isinstance(given, list) and len(given) <= LARGEST_SET and all(is_whole(i) and i >= 0 for i in given):
             super().set_state({"selected": given})

@@ -1,4 +1,4 @@
-"""The transfer editor: opacity as a curve over the histogram of a volume, below it colours and the window of both.
+"""Transfer function editor: opacity as a curve over the histogram of a volume, colours and window below it.
 
 Values of its messages (see :mod:`~deformnb.widgets.inputs.base`): ``{"nodes": [[value, alpha], ...]}``, ``{"colors":
 [[value, "#rrggbb"], ...]}``, ``{"window": [low, high]}`` or ``{"preset": name}``.
@@ -18,7 +18,7 @@ from deformnb.widgets.bundle import joined, style
 from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, nodes_from_json
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
 
-_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the page adds up what is finer than a pixel
+_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
 _TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
 _FELT = 16  # more steps than this in a bin, and one more or less is not seen
 
@@ -42,14 +42,14 @@ class TransferEditor(AbstractEdited):
     volume : whose values they are for.
     transfer : a transfer function or the name of a preset.
     height : least height of the plot in CSS pixels; a wide page makes it a little larger.
-    power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent matter
+    power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent tissue
         can be told apart and dragged; 1 is linear.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes
     -----
     ``transfer`` is a trait: ``editor.observe(f, "transfer")`` calls f after every edit. Colours are no part of a
-    document and of its undo; the way back is the preset, which the page offers as "Reset".
+    document and of its undo; the way back is the preset, which the front end offers as "Reset".
 
     Examples
     --------
@@ -81,7 +81,7 @@ class TransferEditor(AbstractEdited):
 
     @property
     def volume(self) -> Volume:
-        """Whose values they are for; setting another one keeps a preset's name, or else the nodes."""
+        """Volume whose values the colours are for; setting another one keeps a preset's name, or else the nodes."""
         return self._volume
 
     @volume.setter
@@ -156,7 +156,7 @@ class TransferEditor(AbstractEdited):
 
 
 def _stops(data: Any, most: int) -> list[tuple[float, str]]:
-    """Colours by the page, values not falling."""
+    """Colours by the front end, values not falling."""
     if not isinstance(data, list) or not 1 <= len(data) <= most:
         raise DeformError(f"colours need a list of 1 to {most} stops.")
     if not all(isinstance(row, list) and len(row) == 2 and is_number(row[0]) and isinstance(row[1], str)
@@ -172,7 +172,7 @@ def _window(data: Any) -> tuple[float, float]:
 
 
 def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
-    """The histogram behind the curve, up to the densest matter, with its first and last value.
+    """The histogram behind the curve, up to the densest tissue, with its first and last value.
 
     A few voxels of metal would press all that matters into the first tenth of the plot. Where values come in steps, as
     whole numbers do and what was once a byte, bins hold whole steps: one and a half would look like a comb.

@@ -1,7 +1,7 @@
-"""The controls of the studio: sliders and menus made from the registries, each bound to one thing of the session.
+"""Controls of the studio: sliders and menus made from the registries, each bound to one setting of the session.
 
-A control writes what its user chose and shows what the session holds; when the two are equal nothing happens, so an
-edit never comes back as another one.
+A control writes the choice of its user and shows the value of the session; when the two are equal nothing happens, so
+an edit never comes back as another one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.inputs.clip_controls import ClipControls
 
 Guard = Callable[[Callable[[], None]], bool]
-"""Runs an edit and shows what went wrong with it; says whether it was done."""
+"""Runs an edit and shows its error; returns whether it was done."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
@@ -79,7 +79,7 @@ class Control:
             self.widget.value = value
 
     def _shows(self, shown: Any, value: Any) -> bool:
-        """Whether the widget shows this value: a slider's page rounds it to its step, and tells so as if by hand."""
+        """Check whether the widget shows this value: a slider rounds it to its step, and reports that as an edit."""
         if not _is_slider(self.widget):
             return bool(shown == value)
         if isinstance(self.widget, ipw.FloatLogSlider):
@@ -112,7 +112,7 @@ def fill(widget: ipw.Dropdown, options: list[tuple[str, str]]) -> None:
 
 def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
            layout: Any = None) -> Any:
-    """A slider that follows the hand."""
+    """A slider that follows the pointer."""
     return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
                            readout_format=text, tooltip=tooltip or description, continuous_update=True)
 
@@ -128,7 +128,7 @@ def row(*widgets: Any) -> ipw.HBox:
 
 
 class _Depth(threading.local):
-    """How often a thread is inside something; each has a number of its own, for several refresh a panel at once."""
+    """Nesting depth of a thread; each has a number of its own, for several refresh a panel at once."""
 
     depth = 0
 
@@ -179,14 +179,14 @@ class Panel:
         """Show or hide what depends on the session, and fill the menus."""
 
     def opened(self, is_open: bool) -> None:
-        """Told when the tab of the panel is chosen, and when it is left."""
+        """Called when the tab of the panel is chosen, and when it is left."""
 
     def close(self) -> None:
         """Stop what the panel does on its own."""
 
 
 class PicturePanel(Panel):
-    """What the picture shows: from which side, by which projection, which slice."""
+    """Picture panel: side, projection, slice."""
 
     title = "Picture"
 
@@ -227,7 +227,7 @@ class PicturePanel(Panel):
 
 
 class MapPanel(Panel):
-    """How the drags are interpolated: kernel, support radius, trend, smoothing."""
+    """Interpolation panel: kernel, support radius, trend, smoothing."""
 
     title = "Interpolation"
 
@@ -266,7 +266,7 @@ class MapPanel(Panel):
 
 
 class LookPanel(Panel):
-    """How the volume is shown: projection, colours and opacities."""
+    """Display panel of the volume: projection, colours and opacities."""
 
     title = "Look"
 
@@ -290,7 +290,7 @@ class LookPanel(Panel):
 
 
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
-    """What is always at hand: strength, what the view shows, reset."""
+    """Controls that are always visible: strength, display mode of the view, reset."""
     panel = Panel(session, guard)
     strength = slider("Strength", -1.0, 3.0, 0.01,
                       "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",

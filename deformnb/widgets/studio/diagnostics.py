@@ -1,8 +1,7 @@
-"""What is to be said of the step that a session edits: folds, round trip, how its points agree. No widgets here.
+"""Diagnostics of the edited step, and actions against its folds, for the studio and the application.
 
-Makes the step that a session edits safe, for the studio's panel and for the application. No widgets here.
-
-What it does is said in the session's notice. It may be called from any thread.
+The figures are folds, the round trip, and the agreement of its points. An action makes the step that a session edits
+fold-free and reports its changes in the session's notice; it may be called from any thread. There are no widgets here.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from deformnb.widgets.packed_volume import unit_of
 
 OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
                  ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
-"""What can be laid over a picture, in the words of a menu."""
+"""Overlays of a picture, with the labels of a menu."""
 
 _AGREE = "All points agree with one another."
 _UNKNOWN = "Too few points to tell which of them disagree."
@@ -47,7 +46,7 @@ _UNKNOWN = "Too few points to tell which of them disagree."
 # Places along the longest side that go forth and back.
 _TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
 
-# Cells of a haze along the longer side: it is smooth, and the page spreads it.
+# Cells of an uncertainty overlay along the longer side: it is smooth, and the front end spreads it.
 _HAZE_CELLS = 96
 _CONTOURS = (0.3, 0.6, 0.9)
 _DIGITS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
@@ -59,8 +58,8 @@ class Judgement:
 
     Parameters
     ----------
-    step, key : what is judged.
-    folds, trip, quality, bending : None where they could not be found; ``reason`` then says why.
+    step, key : of the diagnostics.
+    folds, trip, quality, bending : None where they could not be found; ``reason`` then explains why.
     unit : of lengths, in words.
     """
 
@@ -90,7 +89,7 @@ class Judgement:
 
 
 def judge(step: Step, key: int, grid: Grid) -> Judgement:
-    """Judge a step; takes some hundredths of a second, more for points in space."""
+    """Diagnostics of a step; takes some hundredths of a second, more for points in space."""
     unit, reasons = unit_of(grid), []
     folds = trip = quality = bending = None
     try:
@@ -108,7 +107,7 @@ def judge(step: Step, key: int, grid: Grid) -> Judgement:
 
 
 def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
-    """Where matter is asked to go forth and back: all over the middle slice, or the volume."""
+    """Places of tissue for the round trip: all over the middle slice, or the volume."""
     if step.plane is not None:
         raster = picture_raster(step.plane, grid, _TRIPS_ON_PLANE)
         depth = sum(step.plane.depth_range(grid)) / 2
@@ -123,7 +122,7 @@ _JUDGING = threading.Lock()
 
 
 def judgement_of(session: Session) -> Judgement:
-    """The judgement of the step that a session edits; the last one is kept."""
+    """The diagnostics of the step that a session edits; the last ones are kept."""
     with _JUDGING:
         state = session.deformation, session.index, session.key
         kept = _JUDGED.get(session)
@@ -145,7 +144,7 @@ def length_text(value: float) -> str:
 
 
 def point_name(points: ControlPoints, point: int) -> str:
-    """What a point is called in a panel."""
+    """Label of a point in a panel."""
     name = points.names[points.index(point)]
     return f"point {point} ({name[:40]})" if name else f"point {point}"
 
@@ -206,12 +205,12 @@ def _texts(found: Judgement) -> dict[str, str]:
     return texts
 
 
-# ---- the haze --------------------------------------------------------------------------------------------------------
+# ---- the uncertainty overlay -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Haze:
-    """How little is known of a map, as an editor shows it.
+    """Uncertainty overlay of a map, as an editor shows it.
 
     Parameters
     ----------
@@ -252,13 +251,13 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
 
 
 class HazeKeeper:
-    """The haze of the picture of a session, made anew only where something else is asked for."""
+    """The uncertainty overlay of the picture of a session, made anew only where something else is requested."""
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[Any, ...], Haze, str] | None = None
 
     def make(self, session: Session) -> tuple[Haze, str]:
-        """The haze, or none and the reason why."""
+        """The uncertainty overlay, or none and the reason why."""
         asked = (session.step, session.key, session.volume.grid, session.picture().raster)
         kept = self._kept
         if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:
@@ -301,7 +300,7 @@ class Safety:
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
     def look(self, keep_free: bool = False) -> Judgement | None:
-        """Judge the session; None if it has changed meanwhile, so that it must be judged anew.
+        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed anew.
 
         Parameters
         ----------

@@ -1,10 +1,8 @@
-"""The studio's two editors, one for points on a picture and one for points in space, and the place they share.
+"""Editors of the studio, one for points on a picture and one for points in space, and their shared place.
 
-Whatever the session says is shown in the one that the step being edited needs.
-
-What becomes of the edits that come from the page of a studio's editor: edits of the session, or a way back.
-
-Which picture a studio's editor stands on, and the making of the next one in the studio's thread.
+Every change of the session is shown in the editor that the step being edited needs. Edits that come from the front end
+of an editor become edits of the session, or are taken back. The next picture of an editor is made in the studio's
+thread; a key records the one that it shows.
 """
 
 from __future__ import annotations
@@ -70,7 +68,7 @@ def show_step(editor: Any, session: Session) -> None:
 
 
 def _box_on_picture(session: Session) -> list[float]:
-    """Where the result's box reaches on the picture, (a0, a1, b0, b1); empty for the volume's own."""
+    """Outline of the result's box on the picture, (a0, a1, b0, b1); empty for the volume's own."""
     if session.output is None:
         return []
     corners = session.plane.to_plane(session.output.corners())[:, :2]
@@ -83,7 +81,7 @@ def _options(session: Session) -> dict[str, Any]:
 
 
 class StudioEditors:
-    """What stands on the left of a studio.
+    """The editors on the left of a studio.
 
     Parameters
     ----------
@@ -129,7 +127,7 @@ class StudioEditors:
         return made
 
     def make_picture(self) -> Picture | AbstractField | None:
-        """What the editor of this step shows behind its points: takes time, and changes nothing yet."""
+        """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
         session = self._session
         return session.picture() if session.step.plane is not None else session.before()
 
@@ -169,11 +167,11 @@ class StudioEditors:
 
 _MAKING = "The picture is being made"
 _FAILED = "The picture could not be made; below it says why"
-_STANDS = 1e-6  # of a direction's length: less is a rounding error of the page
+_STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 
 
 def picture_key(session: Session) -> Any:
-    """What a picture depends on: the steps before the one being edited, its plane, and how it is projected."""
+    """Key of a picture, of all that it depends on: the steps before the edited one, its plane, and the projection."""
     s = session
     return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
             s.depth if s.method == "slice" else 0.0, s.deformation.mode,
@@ -185,7 +183,7 @@ class StudioPicture:
 
     Parameters
     ----------
-    session : says which picture is wanted; editors : show it.
+    session : determines the picture; editors : show it.
     link : shows the volume from the side of the picture; view : where.
     worker : the thread that makes it.
     undo : takes back the last edit.
@@ -210,11 +208,11 @@ class StudioPicture:
 
     @property
     def is_shown(self) -> bool:
-        """Whether the editor shows the picture that the session asks for."""
+        """True if the editor shows the picture that the session requires."""
         return bool(self._shown == self._wanted())
 
     def renew(self) -> bool:
-        """Ask for the picture that the session wants, if it is another than the one that is shown; says whether."""
+        """Request the picture that the session wants, if it is not the one that is shown; returns whether."""
         if not self.is_shown:
             self.ask()
             return True
@@ -246,11 +244,11 @@ class StudioPicture:
             self._set(wanted)
         except Exception as error:
             reason = reason_of(error)
-        if wanted == self._wanted():  # else another one is asked for by now
+        if wanted == self._wanted():  # else another one is requested by now
             self._settle(reason)
 
     def _settle(self, reason: str) -> None:
-        """Let the editor be used, or say why not: points of one picture on another are worse than none."""
+        """Enable the editor, or show why not: points of one picture on another are worse than none."""
         self._reason.value = as_html(reason, is_error=True)
         self._editors.tell(waiting=_FAILED if reason else "")
         self.ways_on.layout.display = "" if reason else "none"
@@ -267,7 +265,7 @@ class StudioPicture:
 
 
 def looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two cameras look the same way; how near they stand does not count."""
+    """Check whether two cameras have the same direction; their distance does not count."""
     return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))
 
 
@@ -277,7 +275,7 @@ class StudioEdits:
     Parameters
     ----------
     session : is edited.
-    words : says what went wrong.
+    words : reports errors.
     timed : called when there is a new time of an edit.
 
     Attributes
@@ -296,11 +294,11 @@ class StudioEdits:
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user asked for, be it with an editor or with a control; what was said of the edit before goes."""
+        """Do what a user requested, be it with an editor or with a control; the report of the edit before goes."""
         self._words.say("")
         before, start = self._session.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
-        if self._session.deformation is not before:  # much that is asked for edits nothing
+        if self._session.deformation is not before:  # much that is requested edits nothing
             self.milliseconds = (time.perf_counter() - start) * 1e3
             self._timed()
         return is_done
@@ -330,7 +328,7 @@ class StudioEdits:
             self._take(editor, lambda: session.edit_parts(shapes, label, points=points))
 
     def travel(self, way: str) -> None:
-        """Go "undo" or "redo", and say what that was."""
+        """Go "undo" or "redo", and report what that was."""
         self._words.say("")
         what = self._session.undo() if way == "undo" else self._session.redo()
         if what:

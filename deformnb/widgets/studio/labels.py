@@ -1,7 +1,4 @@
-"""An edit of control points in words, for the history of a studio or an application.
-
-The states of a history in the words of a list, for the studio's panel and for the application. No widgets here.
-"""
+"""Labels of edits and rows of the history list, for the studio and the application, without widgets."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ _STROKE = re.compile(r"(smudge|expand|shrink) \d+")
 
 
 def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> str:
-    """What was done to a set of points; ``kind`` is what the page calls it, where it was one.
+    """Label of an edit of a set of points; ``kind`` is the front end's name of it, where it was one.
 
     Examples
     --------
@@ -82,7 +79,7 @@ _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in furthe
 
 
 def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> None:
-    """Go to a state of a session's history or to an earlier session, and say so in its notice.
+    """Go to a state of a session's history or to an earlier session, and report that in its notice.
 
     Raises
     ------
@@ -99,7 +96,7 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
 
 def history_rows(nodes: Sequence[HistoryNode],
                  earlier: Sequence[SavedSession] = ()) -> tuple[list[dict[str, Any]], int]:
-    """What a list of these states and of earlier sessions shows, and the place in it of the state that is shown.
+    """Rows of a list of these states and of earlier sessions, and the index among them of the current state.
 
     Earlier sessions come last; their ids are -1, -2 and so on.
     """
@@ -142,7 +139,7 @@ def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:
 
 
 def _done(nodes: Sequence[HistoryNode]) -> set[int]:
-    """What the state that is shown was made by: itself and those before it."""
+    """The states that made the current one: itself and those before it."""
     parents = {node.id: node.parent for node in nodes}
     at, done = next((node.id for node in nodes if node.is_current), None), set[int]()
     while at is not None:

@@ -1,11 +1,11 @@
-"""A bar at the top of the studio: what was lost when a kernel died, and that it has died just now.
+"""Save button and restore bar of the studio.
 
-Python tells what it offers and when the session was last written by itself. The page asks for one of three things:
-``{"type": "act", "what": "restore", "version": 3}``; what was meant for an offer of before is dropped.
+The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
+now. Python sends its offer and the time of the last autosave. The front end requests one of three actions:
+``{"type": "act", "what": "restore", "version": 3}``; a request for an earlier offer is dropped.
 
-The studio's button "Save", which Ctrl+S presses anywhere in the studio: the session goes into one file of its own.
-
-The page sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S stays what it was where it works; in the
+The button "Save", which Ctrl+S presses anywhere in the studio, writes the session into one file of its own. The front
+end sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S is unchanged where it works; in the
 editor it never did, for the keys there are the editor's.
 """
 
@@ -45,7 +45,7 @@ class RestoreBar(SyncedWidget):
 
     Attributes
     ----------
-    offer : what is asked; written : when the session was last written, for a page whose kernel has gone.
+    offer : the question; written : when the session was last written, for a front end whose kernel has gone.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class RestoreBar(SyncedWidget):
 
     @property
     def recovery(self) -> Recovery:
-        """What writes and restores."""
+        """Recovery, which writes and restores."""
         assert self._recovery is not None
         return self._recovery
 
@@ -95,13 +95,13 @@ class RestoreBar(SyncedWidget):
                 _LOG.warning("a message to the bar of lost sessions was dropped: %.200r", content)
             elif content.get("version") == self.version:
                 self._guard(lambda: self.recovery.act(what))
-        except Exception:  # it must not end the conversation with the page
+        except Exception:  # it must not end the conversation with the front end
             _LOG.exception("the bar of lost sessions failed")
         finally:
             self.send({"type": "done"})
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
     def close(self) -> None:
         """End; what was not saved stays in the history."""
@@ -138,7 +138,7 @@ class SaveButton(SyncedWidget):
     Attributes
     ----------
     unsaved : whether the document is another than the one in the file.
-    tip : what the button says while the mouse rests on it.
+    tip : the tooltip of the button.
 
     Examples
     --------
@@ -201,16 +201,16 @@ class SaveButton(SyncedWidget):
         if isinstance(content, dict) and content.get("type") == "save":
             try:
                 self.press()
-            except Exception:  # it must not end the conversation with the page
+            except Exception:  # it must not end the conversation with the front end
                 _LOG.exception("the session could not be saved")
         else:
             _LOG.warning("a message to the button of saving was dropped: %.200r", content)
 
     def set_state(self, sync_data: Any) -> None:
-        """The page owns nothing here."""
+        """The front end owns nothing here."""
 
     def close(self) -> None:
-        """End, and hear the session no more."""
+        """End, and stop observing the session."""
         if hasattr(self, "_heard"):
             self._session.unobserve(self._heard, ["deformation", "saved", "file"])
             del self._heard

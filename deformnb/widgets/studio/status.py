@@ -1,4 +1,4 @@
-"""What a studio says: a line of facts that always stands there, and beside it what has just happened or gone wrong."""
+"""Status of a studio: a permanent line of facts, and beside it the last event or error."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class StudioWords:
-    """The two texts below a studio, and the guard that no error gets past without being said.
+    """The two texts below a studio, and the guard that lets no error pass unreported.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class StudioWords:
         self.notice.value = as_html(text, is_error)
 
     def guarded(self, action: Callable[[], None]) -> bool:
-        """Do something that may go wrong, and say it in the page if it does; returns whether it went well."""
+        """Do something that may fail, and report that in the front end; returns whether it went well."""
         try:
             action()
         except Exception as error:
@@ -49,7 +49,7 @@ class StudioWords:
         return True
 
     def failed(self, error: Exception) -> None:
-        """Say what went wrong in a thread, which has been logged."""
+        """Report an error of a thread, which has been logged."""
         self.say(_in_words(error), is_error=True)
 
 
@@ -60,7 +60,7 @@ def as_html(text: str, is_error: bool = False) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """What an error says; one that nobody has foreseen is logged."""
+    """Message of an error; an unexpected one is logged."""
     if not isinstance(error, DeformError):
         _LOG.error("an action of the studio failed", exc_info=error)
     return _in_words(error)

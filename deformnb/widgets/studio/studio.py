@@ -1,10 +1,10 @@
-"""The studio: picture with its control points, the volume that follows them, and the controls, in one line of a cell.
+"""Studio: a picture with its control points, the volume that follows them, and the controls, in one line of a cell.
 
-The studio wires and decides nothing: the :class:`Session` holds the document, the editor's page
-fits and warps while the mouse moves, and the view's page follows it. Python hears of the end of an edit, makes the next
-document, and does whatever takes time in one thread of its own, the newest first.
+The studio wires and decides nothing: the :class:`Session` holds the document, the editor's front end
+fits and warps while the mouse moves, and the view's front end follows it. Python receives the end of an edit, makes the
+next document, and does slow work in one thread of its own, the newest first.
 
-What a studio is put together from: its view, the arrangement of its widgets, its status line, its still.
+The module also builds the parts of a studio: its view, the layout of its widgets, its status line, its still.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from deformnb.widgets.worker import (
 
 WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
            "something: draw a cut across it, then drag a point on either side of the cut apart.")
-"""What a studio says before anything was dragged."""
+"""Status of a studio before anything was dragged."""
 
 VIEW_KINDS = ("live", "vtk")
 """Views by name: rendered in the browser, or by VTK in Python."""
@@ -143,7 +143,7 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: 
 
 
 def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
-    """Tells panels which of them is seen; keeps none of them alive."""
+    """Notifies panels which of them is seen; keeps none of them alive."""
     known = [weakref.ref(panel) for panel in panels]
 
     def chosen(change: Any) -> None:
@@ -155,7 +155,7 @@ def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
 
 
 def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
-    """How long Python took for the last edit, and a picture of the view while something moves; empty for neither.
+    """Time that Python took for the last edit, and for a picture of the view in motion; empty for neither.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
 
 
 def status_text(session: Session, latency: str = "", found: Judgement | None = None) -> str:
-    """How many points there are, what is edited, whether it folds and comes back, and how long that took."""
+    """Status line: number of points, edited step, folds and round trip, and the time that these took."""
     step = session.step
     moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
     facts = [f"{len(session.points)} points, {moved} dragged"]
@@ -405,7 +405,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _show_status(self) -> None:
         self._tell_status()
-        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the page has told its times
+        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has told its times
 
     def _tell_status(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
@@ -484,10 +484,10 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_all(view)
 
     def stats(self) -> dict[str, Any]:
-        """What was measured: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
+        """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
         ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
-        picture followed the hand in the last drag: ``drag_hz`` and ``picture_ms``, of
+        picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
@@ -539,7 +539,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _display_(self) -> Any:
-        """What marimo shows, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
+        """Display in marimo, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")

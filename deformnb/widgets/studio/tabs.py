@@ -1,4 +1,4 @@
-"""The panels of a studio in the order of their tabs; the first is the strip below the pictures."""
+"""Tabs of a studio: its panels in order; the first is the strip below the pictures."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from deformnb.widgets.worker import Worker
 
 @dataclass(frozen=True)
 class PanelParts:
-    """What panels may need of a studio.
+    """Parts of a studio that panels may need.
 
     Parameters
     ----------
-    guard : does what a user asked for and says in the page what went wrong.
+    guard : does what a user requested and shows errors in the front end.
     editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
     worker : the studio's thread, ``worker.latest(name, work)``.
     opacity : the editor of the opacity curve.

@@ -1,7 +1,7 @@
-"""What the studio's view shows: the displacement of the session, and what a hand is doing to it.
+"""Synchronisation of the studio's view with the displacement of the session and with a drag in progress.
 
-While a point of the last step on a picture is dragged, the view's page follows the editor's page by itself. What it
-cannot know there (a drag in an earlier step, in space, or of steps that are added up) is shown by Python, coarsely:
+While a point of the last step on a picture is dragged, the view's front end follows the editor's by itself. Drags that
+it cannot know there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
 the newest movement, whenever the one before is done.
 """
 
@@ -21,7 +21,7 @@ from deformnb.widgets.worker import Worker
 
 
 def followed_step(deformation: Deformation) -> int | None:
-    """The step whose drags a page can show by itself: the last in use, on a picture, and not added to others."""
+    """The step whose drags a front end can show by itself: the last in use, on a picture, and not added to others."""
     in_use = [k for k, step in enumerate(deformation.steps) if step.enabled]
     if not in_use or deformation.steps[in_use[-1]].plane is None:
         return None
@@ -87,7 +87,7 @@ class StudioLink:
         self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
 
     def close(self) -> None:
-        """Hear no editor any more."""
+        """Stop observing the editors."""
         self._hear(None)
         if self._in_space is not None:
             self._view.edit_points(None)

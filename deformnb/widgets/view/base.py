@@ -1,6 +1,6 @@
-"""What all views of a volume have in common, so that one can take another's place.
+"""Base of all views of a volume, through which one can take another's place.
 
-What an editor's points make of a deformation while they move: one map of it fitted anew, by the core.
+Views that follow an editor get its deformation while its points move: one map is fitted anew, by the core.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class AbstractView(ABC):
     shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
-    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the viewer's hand change it.
+    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the user change it.
     draws_by_vtk : whether its pictures are VTK's, and so those in files too.
     """
 
@@ -83,7 +83,7 @@ class AbstractView(ABC):
 
         Notes
         -----
-        May be called after every edit: what is dragged meanwhile stays where the hand is. Unless a view has a way of
+        May be called after every edit: what is dragged meanwhile stays where the pointer is. Unless a view has a way of
         its own, the core fits the map anew and :meth:`show_deformation` shows it.
         """
         following, self._followed_output = self._following, output
@@ -99,7 +99,7 @@ class AbstractView(ABC):
         self.show_deformation(make(), output=self._followed_output)
 
     def _stop_following(self) -> None:
-        """Hear the editor no more."""
+        """Stop observing the editor."""
         following, self._following = self._following, None
         if following is not None:
             following.close()
@@ -131,7 +131,7 @@ class AbstractView(ABC):
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
     def seen(self) -> Seen:
-        """What this view shows now, apart from the deformation: what a picture in a file needs to show the same."""
+        """Display settings of this view, apart from the deformation, with which a picture in a file shows the same."""
         from deformnb.session.exports import Seen
         from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
 
@@ -204,7 +204,7 @@ def check_map(field: AbstractField | None, index: int) -> None:
 
 
 def state_followed(editor: Any, index: int) -> dict[str, Any]:
-    """What of an editor a field is made of, so that its page knows whether it has gone on since."""
+    """State of an editor of which a field is made, so that its front end knows whether it has gone on since."""
     shapes = ("cuts", "cut_rule", "parts")
     state = editor.get_state(["points", *shapes])
     return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in shapes}}
@@ -234,7 +234,7 @@ class Refit:
         self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
 
     def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
-        """The field with the map of these points; the last one where they cannot be fitted, as the editor says."""
+        """The field with the map of these points; the last one where they cannot be fitted, as the editor reports."""
         field, (of, good) = self._field, self._good  # another thread may put another field meanwhile
         last = good if of is field else field
         with contextlib.suppress(DeformError):
@@ -290,11 +290,11 @@ class Following:
         editor.observe(self._changed, _OBSERVED)
 
     def goes_on(self, editor: Any, index: int) -> bool:
-        """Whether it is this map of this editor that is followed."""
+        """Check whether it is this map of this editor that is followed."""
         return editor is self._editor and index == self._refit.index
 
     def show(self, field: AbstractField) -> Callable[[], AbstractField | None]:
-        """What makes another field, as the editor has it now: what a hand is dragging does not jump back."""
+        """Maker of another field, in the editor's current state: a point that is being dragged does not jump back."""
         self._refit.put(field)
         moving = self._moving
         if moving is None or self._editor.edit_under_way is not None or moving[0] == self._editor.points:
@@ -302,7 +302,7 @@ class Following:
         return partial(self._refit, *moving)
 
     def close(self) -> None:
-        """Hear the editor no more."""
+        """Stop observing the editor."""
         self._editor.on_edit(self._tell, remove=True)
         self._editor.unobserve(self._changed, _OBSERVED)
 

@@ -1,9 +1,9 @@
-"""What draws a live view's volume in Python for the pages whose browser cannot: a volume view without pages of its own.
+"""Server-side fallback of a live view for browsers that cannot draw it: a volume view without front ends of its own.
 
-Messages by such a page: ``still`` (it cannot draw, and asks to be drawn for) and ``drawn`` (say: what the page of a
-volume view would say, see :mod:`volume_view`). Messages to it: ``drawn`` (somebody draws), ``info``
-(of the box that is seen, as the trait ``volume_info`` of a volume view; ``drawn`` has it too), and what a volume view
-says to its pages.
+Messages of such a front end: ``still`` (it cannot draw, and requests a server renderer) and ``drawn`` (say: the message
+that the front end of a volume view would send, see :mod:`deformnb.widgets.view.volume_view`). Messages to it: ``drawn``
+(a server renderer is there), ``info`` (of the box that is seen, as the trait ``volume_info`` of a volume view;
+``drawn`` has it too), and those of a volume view to its front ends.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class StandIn:
     Parameters
     ----------
     view : the view that is stood in for, held weakly; the two share camera, clip and the like.
-    say : a method of it that sends a message to its pages, held weakly too.
+    say : a method of it that sends a message to its front ends, held weakly too.
     options : of the :class:`~deformnb.widgets.VolumeView` that draws.
     """
 
@@ -50,13 +50,13 @@ class StandIn:
         self._came: Callable[[Any], None] | None = None
 
     def receive(self, said: Any) -> bool:
-        """Take what a page says to whoever draws for it; returns whether any page is left."""
+        """Take a front end's message to the server renderer; returns whether any front end is left."""
         self._view._receive(None, said, [])
         return bool(self._view._pages)
 
     @property
     def info(self) -> dict[str, Any]:
-        """What a page must know of the box that is seen; it is told when that is another one."""
+        """Facts for a front end about the visible box, sent again when that is another one."""
         return dict(self._view.volume_info)
 
     def show(self, volume: Volume, field: AbstractField | None, output: Grid | None,
@@ -101,11 +101,11 @@ class StandIn:
             self._player = None
 
     def stats(self) -> dict[str, Any]:
-        """What was measured: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
+        """Measurements: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
         return self._view.stats()
 
     def close(self) -> None:
-        """Give back the window that was drawn in, and hear no editor any more."""
+        """Give back the window that was drawn in, and stop observing the editor."""
         self._hear_no_more()
         for link in self._links:
             link.unlink()
@@ -113,7 +113,7 @@ class StandIn:
 
 
 def _pass_on(say: weakref.WeakMethod[Say], data: dict[str, Any], buffers: list[bytes]) -> None:
-    """Send a message of the view that draws to the other view's pages; its traits concern no page."""
+    """Send a message of the view that draws to the other view's front ends; they need none of its traits."""
     send = say()
     if send is not None and data.get("method") == "custom":
         send(data["content"], buffers)

@@ -1,15 +1,16 @@
-"""The live view: a volume in the browser, turned and deformed without sending it again.
+"""Live view: a volume rendered by WebGL in the browser, rotated and deformed without sending it again.
 
-The page gets the voxels once, in packed pieces that it asks for, and then displacements only: it warps at every sample
-of a ray, as the paper does on its graphics card.
+The front end gets the voxels once, in packed pieces that it requests, and then displacements only: it warps at every
+sample of a ray, as the paper does on its graphics card. A live view can also play the moments of an animation by
+itself.
 
-Messages by the page (each with ``view``, the page's own name): ``hello`` (largest texture, voxels if the card has been
-found to hold no more, renderer, background: the page's), ``chunk`` (id, index: asks for a piece), ``seen`` (seq: that
-field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
-:mod:`~deformnb.widgets.view.fallback`). Messages to the page: ``chunk`` (id, index, start, with gzip), ``field`` (see
-:mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor moves,
-and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: asks for one), and ``drawn``. What the
-page sends is checked and dropped if it is wrong.
+Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
+has been found to hold no more, renderer, background: the page's), ``chunk`` (id, index: requests a piece), ``seen``
+(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
+:mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip), ``field``
+(see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor
+moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and ``drawn``.
+Messages of the front end are checked and dropped if they are wrong.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
-_ANY = 2**53  # a number of voxels that no card limits
+_ANY = 2**53  # a number of voxels that no GPU limits
 
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
@@ -78,16 +79,17 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
     background : "auto" follows the page, "dark" and "light" do not.
-    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.view.base.SHOWS`.
-    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.view.base.CameraTrait`. The page
-        writes it when the hand lets go; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views together.
+    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.camera.SHOWS`.
+    camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The front
+        end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
+        together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
-    limit : voxels sent to the page at most; a larger volume is averaged and the view says so.
+    limit : voxels sent to the front end at most; a larger volume is averaged and the view says so.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
-    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
 
@@ -142,10 +144,10 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._output: Grid | None = None
         self._followed: dict[str, Any] | None = None
         self._moments: TimeMaps | None = None
-        self._maps: CardMaps | None = None  # of the field, made when a page wants them
-        self._stand_in: StandIn | None = None  # draws for the pages that cannot
-        self._largest = 2048  # along an axis of a texture, until a page says less
-        self._sent_cut: str | None = None  # whose distances all pages have
+        self._maps: CardMaps | None = None  # of the field, made when a front end wants them
+        self._stand_in: StandIn | None = None  # draws for the front ends that cannot
+        self._largest = 2048  # along an axis of a texture, until a front end says less
+        self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
         self._has_page = False
         self._page_theme = "dark"
@@ -171,7 +173,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Parameters
         ----------
-        window : values that are told apart; default is the whole range for bytes, and up to the densest matter (all
+        window : values that are told apart; default is the whole range for bytes, and up to the densest tissue (all
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
             that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
         """
@@ -191,7 +193,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self._volume, self._window, self._pieces = volume, window, Pieces(shown)
             self._hold(field, output, followed)
             self.label = f"Volume {volume.name}".strip()
-            self.volume_info = shown.info()  # before the colours: a page keeps the old ones until the voxels have come
+            self.volume_info = shown.info()  # before the colours: clients keep the old ones until the voxels have come
             self.set_transfer(self._wanted_transfer)
 
     def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
@@ -271,15 +273,15 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Notes
         -----
-        May be called after every edit: the page keeps its connection, and what the editor has gone on to show stays. To
-        let the editor move another map, follow with the other index first and then give it that map's points.
+        May be called after every edit: the front end keeps its connection, and what the editor has gone on to show
+        stays. To let the editor move another map, follow with the other index first and then give it that map's points.
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
         followed = None if editor is None else state_followed(editor, index)
         goes_on = followed is not None and self._moments is None and (
             editor, index, output) == (self.editor, self.editor_map, self._output)
-        if goes_on and differ_only_in(index, self._field, field):  # the page has made that map itself: nothing to send
+        if goes_on and differ_only_in(index, self._field, field):  # the front end made that map itself: nothing to send
             self._hold(field, output, followed)
         else:
             self._take(field, output, followed)
@@ -293,7 +295,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
             function = self._transfer = _function(self._wanted_transfer, self._volume)
-            table = function.table(*self._shown.window)  # alphas as they are: the page fits them
+            table = function.table(*self._shown.window)  # alphas as they are: the front end fits them
             with self.hold_sync():
                 self.unit = function.unit
                 self.table = np.ascontiguousarray(table, "<f4").tobytes()
@@ -306,7 +308,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     def close(self) -> None:
-        """Leave the pages, and end what draws for those that cannot."""
+        """Leave the front ends, and end what draws for those that cannot."""
         if self._sharpener is not None:
             self._sharpener.cancel()
         self._draw_no_more()
@@ -335,21 +337,21 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     @property
     def moments(self) -> TimeMaps | None:
-        """What a player goes through now, if anything."""
+        """Moments that a player goes through now, if any."""
         return self._moments
 
     def _at_present(self, field: AbstractField | None) -> AbstractField | None:
-        """What is seen now: the moment of the player, if it plays something, else a field."""
+        """The current field: the moment of the player, if it plays something."""
         return field if self._moments is None else self._moments.field(self.player.time)
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the front ends ---------------------------------------------------------------------------------------------
 
     def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
         self._sent["messages"] += 1
         self.send(content, buffers)
 
     def _offer(self) -> None:
-        if self._has_page:  # a page that comes later asks
+        if self._has_page:  # a front end that comes later asks
             self._pacer.offer()
 
     def _send_field(self, number: int, view: str | None = None) -> None:
@@ -373,7 +375,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return card_maps(self._field, shown, self._output, self._map_size, nodes)
 
     def _tell_stand_in(self) -> None:
-        """Let whoever draws for pages that cannot draw what is shown now."""
+        """Let whoever draws for front ends that cannot draw what is shown now."""
         with self._lock:
             if self._stand_in is None or self._volume is None:
                 return
@@ -385,7 +387,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 self._stand_in.hear(self.player, self._tell_stand_in)
 
     def _draw_here(self) -> StandIn:
-        """Whoever draws for pages that cannot."""
+        """Whoever draws for front ends that cannot."""
         from deformnb.widgets.view.fallback import StandIn
 
         with self._lock:
@@ -401,14 +403,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if stand_in is not None:
             stand_in.close()
 
-    # -- from the pages ------------------------------------------------------------------------------------------------
+    # -- from the front ends -------------------------------------------------------------------------------------------
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a page sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
         try:
             kind = content.get("type") if isinstance(content, dict) else None
             answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
@@ -426,11 +428,11 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._has_page = True
         voxels = whole(content.get("voxels", _ANY), 1, _ANY)
         if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
-            view = None  # for all pages: what they have is of a finer volume
+            view = None  # for all front ends: what they have is of a finer volume
         self._send_field(0, view)
 
     def _make_smaller(self, largest: int, voxels: int) -> bool:
-        """Whether there had to be fewer voxels for a card that holds no more along an axis, or no more of them."""
+        """Reduce the voxels for a GPU that holds no more along an axis, or in all; True if that was necessary."""
         with self._lock:
             self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
             size = None if self._shown is None else self._shown.volume.grid
@@ -456,7 +458,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
         if pieces is None or content.get("id") != pieces.shown.id:
-            return  # of a volume that was shown before: the page will notice
+            return  # of a volume that was shown before: the front end will notice
         index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
         start, packed = pieces[index]
         self._sent["volume_bytes"] += len(packed)
@@ -498,12 +500,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return render_scene(self._scene(), size or (self.width, self.height))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The picture that is on the screen now, (height, width, 3); without a page the one of :meth:`still`.
+        """The picture that is on the screen now, (height, width, 3); without a front end the one of :meth:`still`.
 
         Parameters
         ----------
-        timeout : seconds to wait for the page. Where a front end delivers messages only between cells, nothing comes
-            while this is awaited, and the still is returned.
+        timeout : seconds to wait for the front end. Where a front end delivers messages only between cells, nothing
+            comes while this is awaited, and the still is returned.
         """
         loop, number = asyncio.get_running_loop(), next(self._numbers)
         answer: asyncio.Future[bytes] = loop.create_future()
@@ -532,12 +534,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return bundle if self._shown is None else with_png(bundle, self.preview_png)
 
     def stats(self) -> dict[str, Any]:
-        """What the page measured last, and what was sent.
+        """Last measurements of the front end, and counts of sent data.
 
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
-        ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the page), ``received`` (bytes); of Python
-        ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and ``stand_in``:
-        what was measured where Python draws for a page that cannot.
+        ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the front end), ``received`` (bytes); of
+        Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
+        ``stand_in``: what was measured where Python draws for a front end that cannot.
         """
         shown = self._shown
         drawn = {"stand_in": stand_in.stats()} if (stand_in := self._stand_in) is not None else {}
@@ -550,7 +552,7 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
     "drawn": LiveView._drawn, "seen": LiveView._seen, "screenshot": LiveView._screenshot,
     "stats": LiveView._stats,
 }
-"""What is done about each kind of message."""
+"""Handlers of each kind of message."""
 
 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:

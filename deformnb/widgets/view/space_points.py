@@ -1,4 +1,4 @@
-"""Control points in space over a view of the volume: which editor's, and what they make of the volume at once."""
+"""Control points in space over a view of the volume: their editor, and the deformation that they make at once."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_r
 
 POINT_STYLES = ("editor.css", "space_points.css")
 
-# Samples along the longest side of a displacement while points move: 0.4 MB, which a page gets 30 times a second. What
-# lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
+# Samples along the longest side of a displacement while points move: 0.4 MB, which a front end gets 30 times a second.
+# What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32
 
-_REST = 1.5  # seconds after the last movement, if no end of it is heard: a hand may rest, and a kernel be slow
+_REST = 1.5  # seconds after the last movement, if no end of it is heard: a pointer may rest, and a kernel be slow
 _SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 FieldOf = Callable[[ControlPoints], AbstractField]
@@ -38,7 +38,7 @@ class ShowsPoints(traitlets.HasTraits):
     points_editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
 
     is_quick = False
-    """Whether what is shown is on its way, so that less of it will do."""
+    """True while the deformation is in motion, so that a coarser one will do."""
 
     show_deformation: Callable[..., None]
 
@@ -58,8 +58,8 @@ class ShowsPoints(traitlets.HasTraits):
 
         Notes
         -----
-        In the page: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a voxel;
-        a double click on the body puts a point there.
+        In the front end: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a
+        voxel; a double click on the body puts a point there.
         """
         leave = getattr(self, "_leave_points", None)
         if leave is not None:
@@ -91,7 +91,7 @@ class ShowsPoints(traitlets.HasTraits):
 
 
 def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -> Callable[[], None]:
-    """Tell a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
+    """Notify a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
 
     def tell(points: ControlPoints, phase: str) -> None:
         show = held()

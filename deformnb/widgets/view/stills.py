@@ -1,8 +1,7 @@
-"""A live view's picture rendered by the core: for browsers without WebGL2, for scripts and for tests.
+"""Still pictures of a view, rendered by the core: for browsers without WebGL2, for scripts and for tests.
 
-The picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
-
-A scene for machines without OpenGL, which the package itself draws, and the choice between it and VTK's.
+A still is also the picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
+For machines without OpenGL there is a scene that the package itself draws, and the choice between it and VTK's.
 """
 
 from __future__ import annotations
@@ -50,9 +49,9 @@ class Scene:
     ----------
     shown : what is shown, before the deformation.
     output : grid whose box is seen.
-    camera : as in :class:`~deformnb.widgets.view.base.CameraTrait`.
+    camera : as in :class:`~deformnb.widgets.camera.CameraTrait`.
     background : a name of :data:`BACKGROUNDS`.
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen.
     """
 
@@ -159,8 +158,8 @@ def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: 
                eye: Eye | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
-    # Bytes instead of the volume's own values: what the page has too, and a colour is looked up by value. Half a voxel
-    # between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
+    # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value. Half a
+    # voxel between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
     background = BACKGROUNDS[scene.background]
     picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
                       spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye,
@@ -187,7 +186,7 @@ def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[
 
 
 def _places(picture: Picture, height: float, size: tuple[int, int]) -> tuple[float, ...]:
-    """Where each pixel of a canvas lies in a picture: the plane's origin is the middle of the canvas."""
+    """Places in a picture of the pixels of a canvas: the plane's origin is the middle of the canvas."""
     a0, _, b0, _ = picture.raster.box
     d, step = picture.raster.spacing[0], height / size[1]
     return (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
@@ -221,7 +220,7 @@ _QUICK_SHARE = 0.35
 
 _LIMIT, _LARGEST = 256**3, 2048
 
-# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a graphics card 5 s and 10 s more for its
+# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a GPU 5 s and 10 s more for its
 # shader. The core's time grows with the voxels, that of VTK with the pixels.
 _MOST_BY_CORE = 160**3
 
@@ -253,7 +252,7 @@ class CoreScene:
 
     @property
     def volume(self) -> Volume:
-        """What is shown, before the deformation."""
+        """Volume before the deformation."""
         return self._volume
 
     def set_volume(self, volume: Volume) -> None:
@@ -290,11 +289,11 @@ class CoreScene:
         self._camera = checked_camera(camera)
 
     def set_shows(self, shows: str) -> None:
-        """What is seen."""
+        """Set the display mode."""
         self._shows = shows
 
     def set_clip(self, clip: Clip) -> None:
-        """Which part of the box is seen."""
+        """Clip the box."""
         self._clip = checked_clip(clip)
 
     def set_size(self, size: tuple[int, int]) -> None:
@@ -349,9 +348,9 @@ def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, i
 
 
 class StillAsSeen:
-    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a graphics card too.
+    """One picture of a volume as a view shows it that does not draw by VTK; soon there without a GPU too.
 
-    The core draws it, but for large volumes and where matter is red because it folds, which the core does not show.
+    The core draws it, but for large volumes and where tissue is red because it folds, which the core does not show.
     Parameters are those of :func:`scene_as_seen`.
     """
 

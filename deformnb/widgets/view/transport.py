@@ -1,6 +1,6 @@
-"""Pictures on their way to pages: JPEG, numbered, and not more of them than pages have confirmed.
+"""Flow control of pictures sent to front ends: JPEG, numbered, as many under way as confirmations allow.
 
-When the newest of many states may go to a page: not before it has shown the one before, and not never.
+Of many states the newest is sent: not before the front end has shown the one before, and not never.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, Scene
 
 _QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
-_IN_FLIGHT = 2  # pictures that no page has confirmed: the second hides the way of the first
-_LOST_AFTER = 2.0  # seconds; a page that was closed confirms nothing
+_IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
+_LOST_AFTER = 2.0  # seconds; a front end that was closed confirms nothing
 _PREVIEW_SHARE = 0.6  # of a preview's pixels
 
 
 class FrameSender:
     """Makes messages of frames and knows which of them have been seen; may be used by several threads.
 
-    All pages get all frames, so the slowest of those that answer sets the pace: what is sent faster than a page shows
-    it would wait there, and the page would lag behind more and more.
+    All front ends get all frames, so the slowest of those that answer sets the pace: what is sent faster than a front
+    end shows it would wait there, and the front end would lag behind more and more.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._number = self._last_bytes = self._bytes = 0
-        self._sent: dict[int, float] = {}  # when, of the frames that some page may still have to show
-        self._seen: dict[str, int] = {}  # the newest frame of each page that answers
+        self._sent: dict[int, float] = {}  # when, of the frames that some front end may still have to show
+        self._seen: dict[str, int] = {}  # the newest frame of each front end that answers
         self.last: Frame | None = None
         self._was_full = False  # whether someone was refused: the confirmation that makes room draws again
 
     @property
     def may_send(self) -> bool:
-        """Whether few enough pictures are on their way; once it was False, :meth:`seen` returns True in the end."""
+        """True if few enough pictures are under way; once it was False, :meth:`seen` returns True in the end."""
         with self._lock:
             self._was_full = self._on_the_way() >= _IN_FLIGHT
             return not self._was_full
 
     def _on_the_way(self) -> int:
-        """How many frames the slowest page has yet to show; one that is silent for too long is not waited for."""
+        """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
         late = time.monotonic() - _LOST_AFTER
         for page, newest in list(self._seen.items()):
             if any(at < late for number, at in self._sent.items() if number > newest):
@@ -69,19 +69,19 @@ class FrameSender:
         return {"type": "frame", "seq": number, "full": frame.is_full, **content}, buffers
 
     def seen(self, number: int, page: str = "") -> bool:
-        """A page shows the frame of this number. Returns whether someone was refused meanwhile and may send now."""
+        """A front end shows this frame. Returns whether someone was refused meanwhile and may send now."""
         with self._lock:
             self._seen[page] = max(min(number, self._number), self._seen.get(page, 0))
             return self._is_free_again()
 
     def left(self, page: str) -> bool:
-        """A page is closed. Returns what :meth:`seen` does."""
+        """A front end is closed. Returns what :meth:`seen` does."""
         with self._lock:
             self._seen.pop(page, None)
             return self._is_free_again()
 
     def lost(self) -> None:
-        """What is on its way comes to nobody: a page that is new was not there when it was sent."""
+        """Forget the frames under way, which nobody receives: a new front end was not there when they were sent."""
         with self._lock:
             self._sent.clear()
 
@@ -139,7 +139,7 @@ class Pacer:
 
     Parameters
     ----------
-    send : called with a number that the page confirms. It looks up what is newest itself. Calls never overlap.
+    send : called with a number that the front end confirms. It looks up what is newest itself. Calls never overlap.
     patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell hears no
         page, and a hidden page draws nothing.
     """
@@ -153,11 +153,11 @@ class Pacer:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether a state has been offered and not yet sent."""
+        """True if a state has been offered and not yet sent."""
         return self._timer is not None
 
     def offer(self) -> None:
-        """There is a newer state: send it now, or as soon as the page is ready."""
+        """There is a newer state: send it now, or as soon as the front end is ready."""
         with self._lock:
             wait = self._sent + self._patience - time.monotonic() if self._number > self._seen else 0.0
             if wait <= 0:
@@ -168,7 +168,7 @@ class Pacer:
                 self._timer.start()
 
     def seen(self, number: int) -> None:
-        """The page shows the state of this number."""
+        """The front end shows the state of this number."""
         with self._lock:
             self._seen = max(self._seen, min(number, self._number))
             if self._timer is not None and self._seen == self._number:

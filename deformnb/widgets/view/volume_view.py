@@ -1,12 +1,13 @@
-"""The volume view: a volume drawn by VTK in Python, for browsers that are weak and for what VTK can add.
+"""Volume view: a volume drawn by VTK in Python, for browsers that are weak and for features of VTK.
 
-One thread makes the window and does every call of VTK. The page gets pictures as JPEG and sends where the viewer
-stands; the newest of all changes is drawn, at most two pictures are on their way.
+One thread makes the window and does every call of VTK. The front end gets pictures as JPEG and sends the viewer's
+position; the newest of all changes is drawn, at most two pictures are under way. The view knows of each of its front
+ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
 
-Messages by a page (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
-origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the page: ``frame``
-(seq, full, camera: the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice`` and
-``badge`` (text), ``trame`` (view, url: where a frame gets the pictures instead).
+Messages of a front end (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
+origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the front end:
+``frame`` (seq, full, camera: the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice``
+and ``badge`` (text), ``trame`` (view, url: where a frame gets the pictures instead).
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ _MOST = 8  # of one view; an older one has been closed without a word
 
 
 class Pages:
-    """Sizes by name of a page; may be used by several threads.
+    """Sizes by name of a front end; may be used by several threads.
 
     Examples
     --------
@@ -67,7 +68,7 @@ class Pages:
         return bool(self._sizes)
 
     def put(self, name: str, content: dict[str, Any]) -> None:
-        """What a page says of itself: width and height in pixels, background; ValueError if that is wrong."""
+        """Store a front end's width and height in pixels and background; ValueError if they are wrong."""
         size = (whole(content.get("width"), 1, LARGEST), whole(content.get("height"), 1, LARGEST))
         with self._lock:
             self._sizes.pop(name, None)
@@ -78,18 +79,18 @@ class Pages:
             self.theme = str(content["background"])
 
     def drop(self, name: str) -> None:
-        """A page is closed."""
+        """A front end is closed."""
         with self._lock:
             self._sizes.pop(name, None)
 
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
-        """The largest of what the pages show."""
+        """The largest of what the front ends show."""
         with self._lock:
             return max(self._sizes.values(), key=lambda s: s[0] * s[1], default=default)
 
 
 def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
-    """What a page must know to turn a camera around a volume: its axes, its sides and the box that is seen."""
+    """Facts that a front end needs to turn a camera around a volume: its axes, its sides and the visible box."""
     shown = ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
     names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
@@ -106,7 +107,7 @@ def _trame_frames(view: VolumeView) -> Any:
 
 
 TRANSPORTS: dict[str, Callable[[VolumeView], Any] | None] = {"comm": None, "trame": _trame_frames}
-"""How pictures reach a page, by name: over the notebook's own channel, or by what is made of the view."""
+"""Transports of pictures to a front end, by name: None for the notebook's own channel, or what makes another."""
 
 
 def check_transport(name: str) -> None:
@@ -134,28 +135,28 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     volume : shown at once if given.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
-    background : "dark", "light" or "auto", which is the page's.
-    shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+    background : "dark", "light" or "auto", which is the front end's.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
-    transport : how pictures reach the page: "comm" is the notebook's own channel, "trame" a server of this process
+    transport : how pictures reach the front end: "comm" is the notebook's own channel, "trame" a server of this process
         with trame's remote view in a frame, which only a browser on this machine reaches.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
-    show_folds : whether matter is red and striped where the map folds; it costs nothing where nothing does.
+    show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
     method : "texture" deforms in VTK's shader, "array" warps the voxels, "core" draws without VTK; "auto" takes the
         first that works.
     map_size, space_size : samples of displacements, as for :class:`~deformnb.widgets.LiveView`.
 
     Attributes
     ----------
-    badge : what stands in a corner of the pictures: that the map folds. Empty if nothing does.
+    badge : text in a corner of the pictures: that the map folds. Empty if it does not.
 
     Notes
     -----
-    The window of VTK is made when a page or a still asks for a picture, and given back when the last page has gone, or
-    some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
+    The window of VTK is made when a front end or a still requests a picture, and given back when the last front end has
+    gone, or some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
     :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
 
     Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
@@ -212,7 +213,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._frames = FrameSender()
         self._notice = ""
         self._carrier: Any = None  # of pictures that do not go the notebook's way
-        self._shown_camera: tuple[str, int] = ("", 0)  # of which page, and its number of the newest one in the scene
+        self._shown_camera: tuple[str, int] = ("", 0)  # of which front end, and its newest number in the scene
         super().__init__(**traits)
         check_transport(transport)
         self.set_trait("transport", transport)
@@ -266,7 +267,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Notes
         -----
-        May be called after every edit: what is dragged meanwhile stays where the hand is.
+        May be called after every edit: what is dragged meanwhile stays where the pointer is.
         """
         following = self._following
         if following is not None and following.goes_on(editor, index):
@@ -310,7 +311,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     # -- the scene and its thread --------------------------------------------------------------------------------------
 
     def call(self, function: Callable[[Any], _Result]) -> _Result:
-        """What ``function(plotter)`` returns, called in the thread that renders; the picture is drawn again.
+        """Call ``function(plotter)`` in the thread that renders and return its result; the picture is drawn again.
 
         Parameters
         ----------
@@ -321,7 +322,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         DeformError
             Where VTK cannot draw, and whatever ``function`` raises.
         """
-        self._has_guests = True  # from now on the scene stays, also while no page shows it
+        self._has_guests = True  # from now on the scene stays, also while no front end shows it
         result = self._do(lambda scene: function(scene.plotter))
         if self._pages:
             self._awake().touch()
@@ -345,7 +346,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     @property
     def _is_watched(self) -> bool:
-        """Whether the scene must stay: a page shows it, or it holds what only it knows."""
+        """True if the scene must stay: a front end shows it, or it holds state that only it has."""
         return bool(self._pages) or self._has_guests
 
     def _make(self) -> Any:
@@ -381,7 +382,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.send({"type": "badge", "text": text})
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
-        if self._is_closed:  # a page's mouse may go on for a moment
+        if self._is_closed:  # a front end's mouse may go on for a moment
             return
         loop = self._awake() if self._pages and self._content is not None else self._loop
         if loop is not None:
@@ -415,7 +416,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             loop.close()
 
     def close(self) -> None:
-        """End the thread that renders, give back its window, and leave the pages."""
+        """End the thread that renders, give back its window, and leave the front ends."""
         with self._lock:
             self._is_closed = True
         self._stop_following()
@@ -423,7 +424,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._rest()
         super().close()
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the front ends ---------------------------------------------------------------------------------------------
 
     def _deliver(self, frame: Frame) -> None:
         view, number = self._shown_camera
@@ -437,10 +438,10 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._notice = notice
         self.send({"type": "notice", "text": notice})
 
-    # -- from the pages ------------------------------------------------------------------------------------------------
+    # -- from the front ends -------------------------------------------------------------------------------------------
 
     def set_state(self, sync_data: Any) -> None:
-        """Take what the page says of its traits, as far as it is right."""
+        """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
@@ -461,7 +462,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 self.send({"type": kind, "text": words})
 
     def _carry(self, view: str, origin: Any) -> None:
-        """Tell a page where its frame gets the pictures, if they do not go the notebook's way."""
+        """Send a front end the address from which its frame gets the pictures, if they take another way."""
         make = TRANSPORTS[self.transport]
         if make is None:
             return
@@ -469,7 +470,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
 
     def draw_again(self) -> None:
-        """A page has come that was not there when the last picture was sent: none is on its way to it."""
+        """A front end has come that was not there when the last picture was sent: none is on its way to it."""
         self._frames.lost()
         if self._loop is not None and self._pages:
             self._loop.touch()
@@ -508,7 +509,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self._pages.theme if self.background == "auto" else str(self.background)
 
     def _size(self) -> tuple[int, int]:
-        """The largest of what the pages show, or what the traits say."""
+        """The largest size of the front ends, or that of the traits."""
         return self._pages.size((self.width, self.height))
 
     def _change_page(self) -> None:
@@ -523,7 +524,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
-        """The picture in full, (height, width, 3), rendered as the view renders; needs no page.
+        """The picture in full, (height, width, 3), rendered as the view renders; needs no front end.
 
         Parameters
         ----------
@@ -534,7 +535,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
-        """The full picture that the page has of all that was asked for; without a page the one of :meth:`still`.
+        """The full picture of all changes so far in the front end; without one that of :meth:`still`.
 
         Parameters
         ----------
@@ -549,7 +550,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return await asyncio.to_thread(self.still)
 
     def stats(self) -> dict[str, Any]:
-        """What was measured and sent.
+        """Measurements and counts of sent data.
 
         ``edit_ms`` (median of fitting and loading a deformation), ``frame_ms`` (of quick pictures), ``full_ms``,
         ``frames``, ``scale`` (share of the full width that quick pictures have), ``path`` ("texture", "array" or
@@ -573,7 +574,7 @@ _ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
     "hello": VolumeView._resized, "size": VolumeView._resized, "camera": VolumeView._camera,
     "seen": VolumeView._seen, "bye": VolumeView._bye,
 }
-"""What is done about each kind of message."""
+"""Handlers of each kind of message."""
 
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:

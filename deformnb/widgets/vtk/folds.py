@@ -1,7 +1,7 @@
-"""Folds in VTK's own volume shader: matter that a map turns over is red with stripes, as in the live view.
+"""Folds in VTK's own volume shader: tissue that a map inverts is red with stripes, as in the live view.
 
-The text is in the shader only while the maps that it looks up turn over a cell, which is asked of them here: what does
-not fold is drawn by the same shader as ever.
+The text is in the shader only while the maps that it looks up invert a cell, which is checked here: a deformation
+without folds is drawn by the same shader as ever.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NODES = 33
 # Changes of slope of the weights of several maps; of more than these a bound must do.
 _MOST_BENDS = 64
 
-# VTK asks for a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
+# VTK computes a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
 # turned over must be known before.
 REPLACED_FOR_FOLDS = {
     "texture2D(in_colorTransferFunc_0[0],": "dnb_tinted(in_colorTransferFunc_0[0],",
@@ -38,7 +38,7 @@ REPLACED_FOR_FOLDS = {
         "dnb_turned = dnb_folded(g_dataPos); g_srcColor = computeColor(scalar, g_srcColor.a);",
     "l_maxValue.w = scalar.x;": "l_maxValue.w = scalar.x; dnb_turned = dnb_folded(g_dataPos);",
 }
-"""What takes the place of VTK's words where the map folds."""
+"""Replacements in VTK's shader that paint folds."""
 
 # The sign of a determinant is the same in coordinates of textures. No step leads out of what is seen, where the maps
 # are constant; beside a cut the map of the region seen goes on.
@@ -70,7 +70,7 @@ def fold_glsl(has_cuts: bool) -> str:
 
 
 def fold_step(maps: CardMaps, lattice: Grid) -> float:
-    """How far apart displacements are looked up: a length over which the samples tell of a slope."""
+    """Distance between look-ups of displacements: a length over which the samples show a slope."""
     planar, space = maps.content["planar"], maps.content["space"]
     return max(min(lattice.spacing), min(planar["spacing"]) if planar is not None else 0.0,
                min(space["spacing"]) / 2 if space is not None else 0.0)
@@ -80,7 +80,7 @@ def fold_step(maps: CardMaps, lattice: Grid) -> float:
 
 
 def maps_fold(maps: CardMaps) -> bool:
-    """Whether maps turn over a cell, at one of two opposite corners, at any weight that they have.
+    """Check whether maps invert a cell, at one of two opposite corners, at any weight that they have.
 
     Of a region beside a cut it does not matter whether the cell is seen. Not for maps with cuts of earlier steps.
 
@@ -120,7 +120,7 @@ def _bends(weights: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
-    """Whether anything is turned over by weights from a to b: the determinant is a parabola on the way."""
+    """Check whether anything is inverted by weights from a to b: the determinant is a parabola on the way."""
     one = one_plus(np.einsum("mnrkyx,k->mnryx", slopes, a))
     way = np.einsum("mnrkyx,k->mnryx", slopes, b - a)
     start, bow = determinant(one), determinant(way)
@@ -151,7 +151,7 @@ def _slopes(samples: NDArray[np.float32], spacing: list[float]) -> Iterator[NDAr
 
 
 class Folding:
-    """Whether what a scene shows folds, found out at most once for each deformation and only if someone asks.
+    """Folds of a scene, searched for at most once for each deformation and only on request.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Folding:
         self.set(None)
 
     def set(self, maps: CardMaps | None, field: AbstractField | None = None, grid: Grid | None = None) -> None:
-        """What is shown from now on: maps by a shader, or else a field by whatever it takes on a grid."""
+        """Set the current deformation: maps of a shader, or else a field, sampled on a grid."""
         self._maps, self._field, self._grid = maps, field, grid
         self._found: bool | None = None
 
@@ -184,12 +184,12 @@ class Folding:
 
     @property
     def is_red(self) -> bool:
-        """Whether the shader has something to paint red."""
+        """True if the shader has something to paint red."""
         return self.show and self._maps is not None and self._folds and (self._is_trusted or folds_work())
 
     @property
     def remark(self) -> str:
-        """What people must know of the deformed picture, or an empty text."""
+        """Remark for people on the deformed picture, or an empty text."""
         if not self.show or not self._folds:
             return ""
         return RED if self.is_red else UNSEEN
@@ -217,7 +217,7 @@ def pressed() -> tuple[Volume, AbstractField]:
 
 @cache
 def folds_work() -> bool:
-    """Whether VTK's shader shows folds red, and only those; a small volume is drawn and looked at, once a process.
+    """Check that VTK's shader shows folds red, and only those; a small volume is drawn and examined, once a process.
 
     To be called by a thread that renders.
     """

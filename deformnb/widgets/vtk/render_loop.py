@@ -1,4 +1,4 @@
-"""When a scene is drawn: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
+"""Render loop of a scene: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
 
 The scene is made, drawn and closed by one thread. Changes may come from any thread and faster than pictures: of each
 kind the newest is kept, and the last is always drawn.
@@ -30,14 +30,14 @@ _Result = TypeVar("_Result")
 _BAND_MS = 50.0  # a part of a full picture: a change waits for this and one quick picture
 _SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
 _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
-_RETRY = 1.0  # seconds after which nobody waits any longer for a page to say that it has shown a picture
+_RETRY = 1.0  # seconds after which nobody waits any longer for a front end to say that it has shown a picture
 _KEPT = 50  # times that medians are taken of
 _RATES = 3
 _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
 
 
 class Scene(Protocol):
-    """What a loop draws: :class:`~deformnb.widgets.vtk.scene.VtkScene` and whatever has these."""
+    """Scene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -76,7 +76,7 @@ class SceneLoop:
     make : makes the scene; called in the thread, before the first picture.
     deliver : called in the thread with each picture.
     failed : called in the thread with what went wrong, for people; the last good picture stays.
-    ready : says whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
+    ready : returns whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
     target_ms : time that a quick picture may take.
     settle_ms : rest after which the full picture is drawn.
     longest_ms : time that a full picture may take; on slow machines it has fewer pixels.
@@ -107,7 +107,7 @@ class SceneLoop:
 
         Parameters
         ----------
-        draw : False where nobody looks: the next picture that someone asks for is early enough.
+        draw : False where nobody looks: the next picture that someone requests is early enough.
         """
         with self._lock:
             self._changes[key] = function
@@ -115,7 +115,7 @@ class SceneLoop:
             self.touch()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`; "flicker" delivers two. Draws nothing."""
+        """Set the mode, a name of :data:`~deformnb.widgets.camera.SHOWS`; "flicker" delivers two. Draws nothing."""
         self._shows = shows
 
     def touch(self) -> None:
@@ -127,11 +127,11 @@ class SceneLoop:
 
     @property
     def is_settled(self) -> bool:
-        """Whether all that was asked for so far has been delivered in full."""
+        """True if all requests so far have been delivered in full."""
         return self._settled == self._asked
 
     def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
-        """What ``function(scene)`` returns, called in the thread after all changes so far."""
+        """Call ``function(scene)`` in the thread after all changes so far, and return its result."""
         if self._thread.is_here:
             raise DeformError("this is the thread that renders, and would wait for itself; use what you were given.")
 

@@ -1,14 +1,12 @@
-"""A volume, its deformation, a camera and colours as a scene of VTK, without a widget: for views, servers and movies.
+"""VTK scene of a volume, its deformation, a camera and colours, without a widget: for views, servers and movies.
 
-All calls must come from one thread, which OpenGL asks for (see :mod:`~deformnb.widgets.worker`). The voxels go
-to the card once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
+All calls must come from one thread, which OpenGL requires (see :mod:`~deformnb.widgets.worker`). The voxels go
+to the GPU once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
 of VTK cannot, the core warps the voxels and they are written over the old ones in place.
 
-A window of VTK that nobody sees, and its pixels.
-
-What a scene of VTK must know of a volume: its voxels as far as can be seen, its frame, and what is white.
-
-A small volume and a deformation that show whether a shader deforms rightly: every part has a visible effect.
+The scene draws in an off-screen window. It takes from a volume its voxels within the visible box, its frame, and its
+white value. A small volume and a deformation of which every part has a visible effect check that a shader deforms
+rightly.
 """
 
 from __future__ import annotations
@@ -59,7 +57,7 @@ def new_plotter() -> Any:
 
 
 def pixels(window: Any) -> Image:
-    """What a render window has drawn, (height, width, 3), without drawing it again."""
+    """Read the pixels of a render window, (height, width, 3), without drawing it again."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
@@ -71,7 +69,7 @@ def pixels(window: Any) -> Image:
 
 
 def has_overlay(plotter: Any, usual: int) -> bool:
-    """Whether something lies on the picture instead of in space: it would be drawn once in every part.
+    """Check whether something lies on the picture instead of in space: it would be drawn once in every part.
 
     Parameters
     ----------
@@ -150,7 +148,7 @@ class SceneVoxels:
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
 
     def box(self, clip: Clip) -> Box:
-        """What is seen of the lattice; without a field of view up to the centres of the background around."""
+        """Visible box of the lattice; without a field of view up to the centres of the background around."""
         shares, margin = np.asarray(clip), 0.5 if self.output is None else 0.0
         low, high = self._cut_at(shares)
         return (np.where(shares[:, 0] > 0, low, self._low - margin),
@@ -169,7 +167,7 @@ class SceneVoxels:
         return np.where(shares[:, 0] > 0, low, 0.0), np.where(shares[:, 1] < 1, np.maximum(low, high), last)
 
     def write(self, kind: str, field: AbstractField | None, kept: Box | None) -> None:
-        """Have other voxels in the memory that VTK has, which it sends to the card with the next picture.
+        """Have other voxels in the memory that VTK has, which it sends to the GPU with the next picture.
 
         Parameters
         ----------
@@ -245,7 +243,7 @@ _LIKE_WITH_CUTS = 3.2
 
 
 def is_like(image: Image, other: Image, *, has_cuts: bool = False) -> bool:
-    """Whether two pictures of a volume below, 96 x 96, show the same."""
+    """Check whether two pictures of a volume below, 96 x 96, show the same."""
     return float(np.abs(image.astype(int) - other.astype(int)).mean()) < (_LIKE_WITH_CUTS if has_cuts else _LIKE)
 
 
@@ -312,7 +310,7 @@ class VtkScene:
 
     Attributes
     ----------
-    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` says what that means here.
+    folding : ``folding.show`` paints red where the map folds; ``folding.remark`` explains what that means here.
 
     Raises
     ------
@@ -358,7 +356,7 @@ class VtkScene:
 
     @property
     def volume(self) -> Volume:
-        """What is shown, before the deformation."""
+        """Volume before the deformation."""
         return self._volume
 
     def set_volume(self, volume: Volume) -> None:
@@ -393,7 +391,7 @@ class VtkScene:
         self.folding.set(maps, wanted, output or grid)
 
     def _can(self, maps: CardMaps) -> bool:
-        """Whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
+        """Check whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
         has_cuts = bool((maps.content["planar"] or {}).get("cut"))
         is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))
         return not is_early and (self._is_trusted or not has_cuts or cuts_work())
@@ -427,12 +425,12 @@ class VtkScene:
         self._camera = checked_camera(camera)
 
     def set_clip(self, clip: Clip) -> None:
-        """Which part of the box is seen: shares along its axes as in a view's ``clip``."""
+        """Clip the box: shares along its axes as in a view's ``clip``."""
         self._clip = checked_clip(clip)
         self._apply_clip()
 
     def set_shows(self, shows: str) -> None:
-        """What is seen, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
+        """Set the display mode, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
         self._shows = known(shows, tuple(SHOWS), "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
@@ -459,7 +457,7 @@ class VtkScene:
         coarseness : samples lie this many times farther apart along a ray.
         shows : instead of what was set.
         bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
-        interrupted : asked between two parts; if it says True, the work is dropped and None returned.
+        interrupted : called between two parts; if it returns True, the work is dropped and None returned.
         progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
@@ -590,7 +588,7 @@ class VtkScene:
             self._actor = None
 
     def close(self) -> None:
-        """Give back the window and all that is on the card; a second time does nothing."""
+        """Give back the window and all that is on the GPU; a second time does nothing."""
         if self._plotter is not None:
             self._close_actor()
             self._plotter.close()
@@ -599,9 +597,9 @@ class VtkScene:
 
 @cache
 def texture_works() -> bool:
-    """Whether VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
+    """Check that VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
 
-    To be called by a thread that renders. What VTK says of a shader that it cannot compile is not shown.
+    To be called by a thread that renders. VTK's message about a shader that it cannot compile is not shown.
     """
     return _is_right(*probe())
 

@@ -1,21 +1,19 @@
-"""The deformation inside VTK's own volume shader: each sample of a ray is looked up where it came from.
+"""Deformation inside VTK's own volume shader: each sample of a ray is looked up backwards.
 
 The maps of :mod:`~deformnb.widgets.textures` become textures, and replacements in the text of VTK's shader let every
-look-up of the volume, those for the slope included, go through them. An edit sends the maps only, some 100 kB.
+look-up of the volume, those for the gradient included, go through them. An edit sends the maps only, some 100 kB.
 
 This depends on the words of VTK's shader, which no version promises to keep: whoever uses it compares a picture first.
 
-Cuts in VTK's own volume shader: text that decides at every sample which region is seen, as deformnb.rbf.cuts does.
+At cuts the text chooses at every sample the region that is seen, as :mod:`deformnb.rbf.cuts` does. The regions are
+written out one after the other, since Mesa's software renderer executes both sides of every branch anyway. Points and
+cuts that move change textures only; the text is another one for other regions or another rule.
 
-The regions are written out one after the other, since Mesa's software renderer executes both sides of every branch
-anyway. Points and cuts that move change textures only; the text is another one for other regions or another rule.
-
-Empty space in VTK's own volume shader: a ray goes on to its next sample that is seen before it asks for a slope.
-
-Mesa's software renderer executes both sides of a branch, so VTK's shader pays for slope and light, six look-ups and
-their displacements, also where nothing is. A loop is left for good by each ray, though: the loop here has one look-up
-for a sample, and what comes behind it is executed only as often as the busiest of a few neighbours meets something. The
-samples are the same, and so is the picture.
+Empty space is skipped: a ray goes on to its next visible sample before it computes a gradient. Because Mesa's software
+renderer executes both sides of a branch, VTK's shader pays for gradient and light, six look-ups and their
+displacements, also in empty space. A loop is left for good by each ray, though: the loop here has one look-up for a
+sample, and the code behind it is executed only as often as the busiest of a few neighbours meets something. The samples
+are the same, and so is the picture.
 """
 
 from __future__ import annotations
@@ -129,7 +127,7 @@ REPLACED_FOR_CUTS = {
        f"{g}.{x} = dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"
        for g, side in (("g1", "P"), ("g2", "N")) for k, x in enumerate(_AXES)},
 }
-"""What takes the place of VTK's words where there are cuts."""
+"""Replacements in VTK's shader for cuts."""
 
 
 def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside: str, space: str) -> str:
@@ -163,7 +161,7 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
 
 
 def _depth(side: Sequence[bool], away: str) -> str:
-    """How deep a place lies within a region, of its distances to the cuts."""
+    """Depth of a place within a region, of its distances to the cuts."""
     terms = [("-" if inside else "") + away.format(c) for c, inside in enumerate(side)]
     text = terms[0]
     for term in terms[1:]:
@@ -180,7 +178,7 @@ def _picked(name: str, count: int, index: str) -> str:
 
 
 RAY_HOOK = "//VTK::Base::Impl"
-"""What of VTK's template the text stands before: the first words of the loop along a ray."""
+"""Line of VTK's template before which the text is inserted: the first words of the loop along a ray."""
 
 # How a ray ends is written as VTK does it behind each sample.
 SKIP_EMPTY = """bool dnb_ends = false;
@@ -204,7 +202,7 @@ SKIP_EMPTY = """bool dnb_ends = false;
 """Goes on to the next sample that is not transparent, or leaves the loop along the ray."""
 
 REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = dnb_texel;"}
-"""What need not be looked up again behind it; nothing is wrong where VTK has no such words."""
+"""Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
 
 
 Vector = NDArray[np.float64]
@@ -343,7 +341,7 @@ class VolumeWarp:
             add(theirs, False, replacement, True)
 
     def set_box(self, low: Vector, high: Vector, lattice: Grid, is_cut: Vector | None = None) -> None:
-        """What can be seen: a box of indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
+        """Set the visible box, in indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
 
         Parameters
         ----------
@@ -364,7 +362,7 @@ class VolumeWarp:
         self._uniforms.SetUniformf("dnb_strength", strength)
 
     def set_folds(self, is_red: bool) -> None:
-        """Whether what the maps turn over is red, which is another shader."""
+        """Paint the tissue that the maps invert red, or not, which is another shader."""
         self._is_red = is_red
         self._inject(*self._what)
 
@@ -373,7 +371,7 @@ class VolumeWarp:
         self._uniforms.SetUniformf("dnb_fold_row", float(row))
 
     def set_projection(self, is_mip: bool, is_lit: bool) -> None:
-        """Whether the largest value of a ray is seen, for which what was cut away is background; whether slopes are."""
+        """Set maximum intensity projection, for which clipped voxels are background, and gradient shading."""
         self._uniforms.SetUniformf("dnb_is_mip", float(is_mip))
         self._is_lit = is_lit
         self._inject(*self._what)
@@ -444,7 +442,7 @@ class VolumeWarp:
 
     def _set_space(self, about: dict[str, Any], samples: bytes, scale: Vector, shift: Vector) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
-        values = np.zeros((*n[::-1], 4), np.float32)  # four: cards are slow with three
+        values = np.zeros((*n[::-1], 4), np.float32)  # four: GPUs are slow with three
         values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
         self._uniforms.SetUniform3f("dnb_scale", (scale / spacing / n).tolist())
         self._uniforms.SetUniform3f("dnb_shift", (((shift - about["origin"]) / spacing + 0.5) / n).tolist())
@@ -466,7 +464,7 @@ def _along(plane: dict[str, Any], axis: str, scale: Vector, shift: Vector, start
 
 
 class _Texture:
-    """Samples on the card, interpolated linearly and constant beyond the outermost."""
+    """Samples on the GPU, interpolated linearly and constant beyond the outermost."""
 
     def __init__(self, window: Any) -> None:
         from vtkmodules.vtkRenderingOpenGL2 import vtkTextureObject
@@ -491,7 +489,7 @@ class _Texture:
         self._texture.Activate()
 
     def unit(self) -> int:
-        """Which texture unit holds it."""
+        """Texture unit that holds it."""
         return int(self._texture.GetTextureUnit())
 
     def close(self) -> None:

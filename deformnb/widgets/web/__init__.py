@@ -1,1 +1,1 @@
-"""Pages in a browser without Jupyter: trame's server with its doors shut, and its remote controlled area."""
+"""Pages outside of Jupyter: trame's web server with a guard, and its remote controlled area."""

@@ -1,8 +1,9 @@
-"""A volume view's pictures by trame: a page of trame's remote controlled area in a frame of the notebook.
+"""Notebook display of a volume view's pictures by trame: a remote controlled area in an inline frame.
 
-The server is the application's, with the same doors: this machine only, a password made for this view, and of other
-pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some minutes
-after the last page has gone. Pictures and the mouse go this way; all else stays with the notebook's own channel.
+The server is the application's, with the same access control: this machine only, a password made for this view, and of
+other pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some
+minutes after the last client has gone. Pictures and mouse events use this connection; all else stays with the
+notebook's own channel.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ class _Served:
 
 
 class _ViewArea:
-    """A page that is the picture of one view and nothing else; the content of a :class:`PageServer`.
+    """Page with the picture of one view and nothing else: the content of a :class:`PageServer`.
 
     Parameters
     ----------
@@ -168,12 +169,12 @@ class _ViewArea:
         """Wait for a page."""
 
     def answers(self) -> dict[str, Answer]:
-        """What a page may call: size and mouse of the area, the cube beside it, and confirmations."""
+        """Remote procedures: size and mouse of the area, the cube beside it, and confirmations."""
         return {"trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
                 "deformnb.seen": for_area(self._seen), "deformnb.look": self._look_from}
 
     def assets(self) -> dict[str, tuple[str, str]]:
-        """Styles of what stands over the picture."""
+        """Styles of the overlays on the picture."""
         return {"/deformnb/widgets.css": (style("live_view.css", "volume_view.css"), "text/css")}
 
     def file(self, key: str) -> None:
@@ -183,7 +184,7 @@ class _ViewArea:
         """A page has gone; it held nothing but the mouse."""
 
     def _size(self, origin: str, size: Any) -> None:
-        """A page is there. How large the pictures shall be is said by the view's own page around it."""
+        """A page is there. The view's own page around it sends the size of the pictures."""
         view = self._view()
         if view is not None:
             view.draw_again()

@@ -1,9 +1,9 @@
-"""Who may talk to the application's server, and what may be said to it.
+"""Access control of the application's server: origins, hosts, passwords, and allowed remote procedures.
 
-trame's server alone answers every page of the browser and everyone on the machine: its password is public, it asks
-neither where a page came from nor by which name it was called, and a message may have 4 GB. So each start makes a
+trame's server alone answers every page of the browser and everyone on the machine: its password is public, it checks
+neither the origin of a request nor the host name in it, and a message may have 4 GB. So each start makes a
 password of its own, requests that carry another name or origin get 403, and of the remote procedures only those in a
-table remain, each with a check of its arguments. What is wrong is logged, without its content, and dropped.
+table remain, each with a check of its arguments. A wrong message is logged, without its content, and dropped.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LONGEST_OTHER = 65536
 """Bytes of any other message by the page."""
 
 LONGEST_OF_STRANGERS = 512
-"""Bytes of a message before the password: it has room in them, and nothing else is heard."""
+"""Bytes of a message before the password: it has room in them, and nothing else is received."""
 
 MOST_PAGES = 16
 """Connections at a time: a classroom looks at one projector."""
@@ -44,7 +44,7 @@ FAREWELL_SECONDS = 0.5
 
 _ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
-_PER_SECOND = 240.0  # messages of one page that are read; a hand that drags makes 60, a camera another 60
+_PER_SECOND = 240.0  # messages of one page that are read; a drag makes 60, a camera another 60
 _AT_ONCE = 480.0
 
 _LOG = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ def checked_host(host: str) -> str:
     Raises
     ------
     DeformError
-        If it means all addresses, or is no address: the names under which pages may be asked for follow from it.
+        If it means all addresses, or is no address: the names under which pages may be requested follow from it.
 
     Examples
     --------
@@ -78,12 +78,12 @@ def checked_host(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Check whether only this machine reaches an address."""
     return ipaddress.ip_address(host).is_loopback
 
 
 def own_names(host: str, port: int) -> frozenset[str]:
-    """What the header Host may say: a page of another site that has turned its name into our address says its own."""
+    """Allowed values of the header Host: a foreign site whose name was turned into our address sends its own."""
     names = {f"[{host}]" if ":" in host else host}
     if is_loopback(host):
         names.add("localhost")
@@ -106,7 +106,7 @@ def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
 
 
 def checked_origin(origin: Any) -> str:
-    """Where a page came from, as a browser says it; DeformError for anything else: it becomes part of a header.
+    """Check the origin of a page, as a browser sends it; DeformError for anything else: it becomes part of a header.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by
 
     Parameters
     ----------
-    names : the server's own, see :func:`own_names`; asked at each request, for the port is chosen late.
+    names : the server's own, see :func:`own_names`; looked up at each request, for the port is chosen late.
     handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it says goodbye, so
         that a plain request, as of an ``<img>`` in any page, would stay for ever.
     framed_by : the one origin whose pages may show ours in a frame.
@@ -161,7 +161,7 @@ def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by
 
 
 def _is_logged(count: int) -> bool:
-    """Whether the warning of this number is told: 1st, 2nd, 4th, 8th ..., for a flood must not become one of lines."""
+    """Check whether the warning of this number is logged: 1st, 2nd, 4th, 8th ..., lest a flood become one of lines."""
     return count & (count - 1) == 0
 
 
@@ -218,7 +218,7 @@ class MessageGuard:
         self.dropped = 0
         handler.functionMap.clear()
         handler.functionMap.update({name: (self, _without_self(self._guarded(name))) for name in answers})
-        handler.onMessage = self.receive  # asked for at each message
+        handler.onMessage = self.receive  # looked up at each message
         self._close = handler.onClose
         handler.onClose, handler.disconnectClients = self.leave, self.leave_all
 

@@ -1,4 +1,4 @@
-"""trame's remote controlled area, for pictures that are drawn here: what it is sent, and its mouse as a camera."""
+"""Remote controlled area of trame, for pictures that are rendered here: its pictures, and its mouse as a camera."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from deformnb.widgets.camera import seen_height
 from deformnb.widgets.worker import Worker
 
 AREA = "volume"
-"""Name of the area in the page."""
+"""Name of the area in the client."""
 
 Camera = dict[str, Any]
 Push = Callable[[bytes, dict[str, Any]], None]
-"""Called with a picture's JPEG and what the page must know of it."""
+"""Called with a picture's JPEG and facts about it for the page."""
 
 _TURN = math.pi  # radians for a drag across the height of the picture
 _ZOOM = 1.15  # for one notch of the wheel
@@ -34,7 +34,7 @@ class MouseCamera:
 
     Parameters
     ----------
-    look : called at each movement, in the thread of :meth:`on_event`, with what makes the next camera of the last one.
+    look : called at each movement, in the thread of :meth:`on_event`, with a function from the last camera to the next.
     rest : called when the button is released, or the wheel has turned.
 
     Examples
@@ -57,12 +57,12 @@ class MouseCamera:
         return self._held is not None
 
     def on_event(self, event: Any, box: Grid, shows: str = "deformed") -> None:
-        """Take what the page says of the mouse.
+        """Take an event of the mouse from the page.
 
         Parameters
         ----------
         box : whose box is seen.
-        shows : what is seen, a name of :data:`~deformnb.widgets.view.base.SHOWS`.
+        shows : a name of :data:`~deformnb.widgets.view.base.SHOWS`.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Pictures:
         images : one picture or two, of which the second is the original.
         jpegs : the same, packed.
         camera : where the viewer stands in them.
-        about : what else the page must know: ``n`` (number of the picture), ``full``, ``shows`` and ``badge``.
+        about : further facts for the page: ``n`` (number of the picture), ``full``, ``shows`` and ``badge``.
         """
         with self._lock:
             self._layers = [(jpeg, {**about_picture(image, camera), **about, "layer": layer})
@@ -141,7 +141,7 @@ class Pictures:
 
 
 def for_area(answer: Callable[..., None]) -> Callable[..., None]:
-    """A procedure that pages may call with the name of the area first; DeformError for any other area.
+    """A remote procedure that clients call with the name of the area first; DeformError for any other area.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def for_area(answer: Callable[..., None]) -> Callable[..., None]:
 
 
 def about_picture(image: Any, camera: dict[str, Any]) -> dict[str, Any]:
-    """What trame's area wants to know of a JPEG, and where the viewer stands in it."""
+    """Metadata of a JPEG for trame's area, with the camera that it shows."""
     rows, columns = image.shape[:2]
     return {"type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows, "st": int(time.time() * 1000),
             "camera": {name: camera[name] for name in ("direction", "up")}}
@@ -179,7 +179,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
         return {**camera, "pan": [right - dx * seen, above - dy * seen]}
     plane = Plane.through((0, 0, 0), camera["direction"], camera["up"])
     right, up, ahead = np.asarray(plane.u), -np.asarray(plane.v), np.asarray(plane.normal)
-    # What is in front follows the hand: the viewer goes the other way, and looks more to where the hand goes.
+    # What is in front follows the pointer: the viewer goes the other way, and looks more to where the pointer goes.
     ahead, right = _turned(ahead, right, dx * _TURN)
     ahead, up = _turned(ahead, up, dy * _TURN)
     return {**camera, "direction": ahead.tolist(), "up": up.tolist()}

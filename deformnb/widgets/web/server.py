@@ -1,4 +1,4 @@
-"""trame's server with its doors shut, for the pages of one session or one view."""
+"""Web server of one session or one view: trame's, with its access restricted by the guard."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ _LOG = logging.getLogger(__name__)
 
 
 class Content(Protocol):
-    """What a server's pages show, and what is done about what they say."""
+    """Content of a server: the page, and the answers to the messages of its clients."""
 
     def start(self) -> None:
-        """Begin: pages can be told things from now on. Called in the thread of the server's event loop."""
+        """Begin: clients can be sent messages from now on. Called in the thread of the server's event loop."""
 
     def answers(self) -> dict[str, Answer]:
-        """What a page may call, by name; each checks what it is given."""
+        """Remote procedures of a client, by name; each checks its arguments."""
 
     def assets(self) -> dict[str, tuple[str, str]]:
-        """What else the page loads: text and content type by path."""
+        """Further files that the page loads: text and content type by path."""
 
     def file(self, key: str) -> Path | None:
-        """A file that was written for a page, which alone has heard of this key; None if there is none."""
+        """A file that was written for a client, which alone has received this key; None if there is none."""
 
     def left(self) -> None:
-        """A page has gone."""
+        """A client has gone."""
 
 
 class PageServer:
@@ -75,8 +75,8 @@ class PageServer:
     Attributes
     ----------
     trame : trame's own server, for its state and its page.
-    root : the protocol by which pages hear of things, while there is one; see :meth:`publish`.
-    content : what was made.
+    root : wslink's protocol of the server, while it runs; see :meth:`publish`.
+    content : the result of ``make``.
     url : where the page is, with its password; empty before the server runs.
     reason : why it ended.
     """
@@ -200,7 +200,7 @@ class PageServer:
             for number in caught:
                 loop.remove_signal_handler(number)
 
-    # -- to the pages --------------------------------------------------------------------------------------------------
+    # -- to the clients ------------------------------------------------------------------------------------------------
 
     def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
         """Call a function in the server's thread, from any thread."""
@@ -209,7 +209,7 @@ class PageServer:
                 self._loop.call_soon_threadsafe(function, *args)
 
     def publish(self, topic: str, message: dict[str, Any], **options: Any) -> None:
-        """Send a message to all pages, or by wslink's ``client_id`` to one; in the server's thread."""
+        """Send a message to all clients, or with wslink's ``client_id`` to one; in the server's thread."""
         if self.root is not None:
             self.root.publish(topic, message, **options)
 
@@ -218,7 +218,7 @@ class PageServer:
         self.in_loop(lambda: self.root and self.trame.protocol_call("trame.rca.push", AREA, about, jpeg))
 
     def others(self) -> list[str]:
-        """Names of the pages, but for the one whose message is being answered."""
+        """Names of the clients, but for the one whose message is being answered."""
         return [client for handler in self._handlers for client in handler.authentified_client_ids
                 if client != self._web.last_active_client_id]
 
@@ -249,7 +249,7 @@ class PageServer:
         return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{path.name}"'})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
-        """What the page may call: trame's state, and what the content takes."""
+        """Remote procedures of a client: trame's state, and those of the content."""
         state, state_of = offered["trame.state.get"]
 
         def life(name: str) -> None:
@@ -264,7 +264,7 @@ class PageServer:
 
 
 def _outlives_its_terminal() -> bool:
-    """Whether who started this wants it to stay when the terminal has gone, as nohup says."""
+    """Check whether the server shall stay when the terminal has gone, as nohup requests."""
     return hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 

@@ -1,4 +1,4 @@
-"""Key frames in the studio: a list of moments, a player, and movies of them."""
+"""Animation panel: a list of key frames, a player, and movies of them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
 _EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
 _STYLE = {"description_width": "initial"}
-# The page tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
+# The front end tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
 _LATE = 1.0
 
 
@@ -86,7 +86,7 @@ class AnimationPanel(Panel):
         return button(text, tooltip, lambda: self.guard(lambda: self._edit(label, change)))
 
     def animation(self) -> Animation | None:
-        """What the player plays; None without key frames, and right after an edit, whose result is to be seen."""
+        """Animation for the player; None without key frames, and right after an edit, whose result is to be seen."""
         document = self.session.deformation
         if not document.keyframes or (time.monotonic() < self._quiet_until and not self.player.is_playing):
             return None
@@ -111,7 +111,7 @@ class AnimationPanel(Panel):
         return key_frames.add_key(deformation, moment)
 
     def _is_between(self) -> bool:
-        """Whether the player rests between two key frames."""
+        """True if the player rests between two key frames."""
         keys, t = self.session.deformation.keyframes, self.player.time
         return len(keys) > 1 and keys[0].time < t < keys[-1].time and key_frames.key_at(
             self.session.deformation, t) is None

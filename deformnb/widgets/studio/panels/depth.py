@@ -1,4 +1,4 @@
-"""From the picture into depth: the rule of extrusion, its curve, its key pictures."""
+"""Depth panel: the rule of extrusion from the picture into depth, its curve, its key pictures."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ HINTS = {
     "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
     "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
 }
-"""What a picture's step does by each rule, in words."""
+"""Hints on the effect of each rule on a picture's step."""
 
 _OF_ANOTHER = "A rule of extrusion of its own, with nothing to set here."
 _IN_SPACE = "Points in space have their own depth: there is nothing to extrude."
 
 Preview = Callable[[Step | None], None]
-"""What shows a step while it is being changed."""
+"""Function that shows a step while it is being changed."""
 
 
 class DepthPanel(Panel):
@@ -35,7 +35,7 @@ class DepthPanel(Panel):
 
     Parameters
     ----------
-    preview : shows a step that is on its way while a hand moves the curve or a key; None gives it up.
+    preview : shows a step that is on its way while the user moves the curve or a key; None gives it up.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
-"""Whether the deformation can be believed, in the studio: figures, points that disagree, and what to do about folds.
+"""Diagnostics panel: figures of the deformation, possible outliers among its points, and actions against folds.
 
-What takes time is done in the studio's thread after an edit, the newest first, and never while something is dragged:
-Python hears of a drag at its end.
+Slow figures are computed in the studio's thread after an edit, the newest first, and never during a drag: Python
+receives a drag at its end.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class TrustPanel(Panel):
             editor.selected = [point]
             editor.look_at(point)
 
-    # -- the haze ------------------------------------------------------------------------------------------------------
+    # -- the uncertainty overlay ---------------------------------------------------------------------------------------
 
     def _overlay_changed(self, _change: Any) -> None:
         self.refresh()
@@ -149,7 +149,7 @@ class TrustPanel(Panel):
     # -- what is done --------------------------------------------------------------------------------------------------
 
     def _soon(self, method: Callable[[Any], None]) -> None:
-        """In the thread, its errors in the page."""
+        """In the thread, its errors in the front end."""
         self.guard(lambda: self._worker.latest("make safe", weakly(self, _guarded(method), _is_open)))
 
     def _keep_changed(self, change: Any) -> None:

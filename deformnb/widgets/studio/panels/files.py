@@ -1,10 +1,9 @@
-"""Saving, opening and exporting in the studio: files by plain names in one folder, with progress and a way to stop.
+"""Files panel: saving, opening and exporting by plain names in one folder, with progress and a way to stop.
 
-The box of the result in the studio: as the volume, with a margin, or as large as deformed matter needs.
-
-What is dragged out of the box is cut off everywhere: in the view, in the result, in whatever is written. So after each
-edit the studio's thread looks whether that happens, makes the box anew where it shall be as large as needed, and warns
-where it shall not: below the picture, for that is where it is seen, with a button that makes the box larger.
+The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
+Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
+after each edit the studio's thread checks for that, makes the box anew if it shall be as large as needed, and warns
+otherwise: below the picture, for that is where it is seen, with a button that makes the box larger.
 """
 
 from __future__ import annotations
@@ -146,7 +145,7 @@ class FilesPanel(Panel):
     def _progress(self, job: Job, share: float) -> None:
         if job.is_cancelled:
             raise Cancelled("stopped in the studio.")
-        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the page
+        if share - self.bar.value > 0.01 or share == 1:  # a message for every slice would flood the front end
             with self._ending:
                 if self._job is job:
                     self.bar.value = share
@@ -161,7 +160,7 @@ class FilesPanel(Panel):
             self._ended(job, f"Stopped; {job.path.name} was not written.")
 
     def _ended(self, job: Job, said: str) -> bool:
-        """Whether this was still awaited, and nothing is any more."""
+        """End the wait for a job with a message; False if it was awaited no more."""
         with self._ending:
             if self._job is not job:
                 return False
@@ -240,7 +239,7 @@ class Job:
         self._lock = threading.Lock()
 
     def cancel(self) -> bool:
-        """Whether the file will not be there; False once it takes its place, which takes no time."""
+        """Cancel the writing; True if there will be no file, False once it takes its place, which takes no time."""
         with self._lock:
             self.is_cancelled = not self._is_landing
             return self.is_cancelled
@@ -264,7 +263,7 @@ class Question:
 
     Attributes
     ----------
-    box : the line; text : what is asked; agree, refuse : the buttons.
+    box : the line; text : the question; agree, refuse : the buttons.
     """
 
     def __init__(self, guard: Guard) -> None:
@@ -276,14 +275,14 @@ class Question:
         self.forget()
 
     def ask(self, text: str, agreement: str, action: Callable[[], None]) -> None:
-        """Ask, and do this if the answer is yes; what was asked before is forgotten."""
+        """Ask, and do this if the answer is yes; an earlier question is dropped."""
         self._action = action
         self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
         self.agree.description = self.agree.tooltip = agreement
         self.box.layout.display = ""
 
     def forget(self) -> None:
-        """Ask nothing."""
+        """Remove the question."""
         self._action = None
         self.box.layout.display = "none"
 
@@ -295,7 +294,7 @@ class Question:
 
 
 def plain_name(text: str) -> str:
-    """A file name without folders, as a page may give it.
+    """A file name without folders, as a front end may give it.
 
     Raises
     ------
@@ -319,7 +318,7 @@ def _size(path: Path) -> str:
 
 
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
-"""What the result's box may be, in words and by name."""
+"""Choices of the result's box, as labels and names."""
 
 _OWN = ("a box of its own", "own")  # that somebody gave by code
 

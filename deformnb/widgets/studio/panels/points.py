@@ -1,7 +1,7 @@
-"""The table of the points being edited: names, switches, locks, coordinates, and who disagrees with the others.
+"""Points panel: the table of the points being edited, with names, switches, locks, coordinates, and possible outliers.
 
-Everything that is done in it is an edit of the session. Python sends rows only while somebody sees the table, and asks
-for leave-one-out errors in the studio's thread, so that an edit waits for neither.
+Every change in the table is an edit of the session. Python sends rows only while the table is visible, and computes
+leave-one-out errors in the studio's thread, so that an edit waits for neither.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class PointsPanel(Panel):
                 self._send()
 
     def _send(self) -> None:
-        """The points with what is known of their errors: those of the edit before until they are judged again."""
+        """The points with what is known of their errors: those of the edit before until they are computed again."""
         points = self.session.points
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)
@@ -167,7 +167,7 @@ class PointsPanel(Panel):
         self._said = f"Point {new} added."
 
     def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where what is seen at a place comes from: a new point there moves nothing."""
+        """Source of a visible place: a new point there moves nothing."""
         try:
             way = np.asarray(self._editors.current.fit().displacement(place)) / (self.session.step.strength or 1.0)
         except DeformError:  # nothing is fitted yet

@@ -1,9 +1,9 @@
-"""Fitting in the studio: a target is chosen, and points go by themselves to where the two pictures look alike.
+"""Registration panel: a target is chosen, and points move to where the two pictures look alike.
 
-What takes time runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
+The fit runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
 something was edited meanwhile, that edit stays and the result is dropped.
 
-What a session shall become alike: another volume, or what another session made of this one; and how it is shown.
+The target is another volume, or the result of another session on this one; the panel shows it too.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class FitTarget:
         return replace(warp(volume, made.field(volume.grid), progress=progress), name=path.stem)
 
     def pair(self) -> tuple[Pictured, Pictured]:
-        """What is deformed and what it shall look like: pictures of the same side, or volumes for points in space."""
+        """Moving and fixed image: pictures of the same side, or volumes for points in space."""
         target, session = self.volume, self._session
         if target is None:
             raise DeformError("choose a target first: a volume, or the session file of another result.")
@@ -197,7 +197,7 @@ _OUTLINE = "outline "
 
 @dataclass(frozen=True)
 class Begun:
-    """What a fit began with, of this moment."""
+    """State of the session with which a fit began."""
 
     deformation: Deformation
     index: int
@@ -209,7 +209,7 @@ class Begun:
     settings: dict[str, Any]
 
     def is_overtaken(self, session: Session) -> bool:
-        """Whether something was edited, or another step chosen, since."""
+        """Check whether something was edited, or another step chosen, since."""
         return (session.deformation, session.index, session.key) != (self.deformation, self.index, self.key)
 
 
@@ -359,7 +359,7 @@ class FitPanel(Panel):
         return words
 
     def _finish(self, action: Callable[[], str]) -> None:
-        """Do it in the thread and say how it ended."""
+        """Do it in the thread and report the result."""
         said = ""
         try:
             said = action()
@@ -432,7 +432,7 @@ class FitPanel(Panel):
             self._thread.latest("preview", self._show_preview)
 
     def _show_preview(self) -> None:
-        """Both pictures; what keeps them from being made is said where it matters, at the buttons."""
+        """Both pictures; an error in making them is shown at the buttons."""
         if self.session.step.plane is None:
             return
         try:

@@ -1,6 +1,6 @@
-"""Cuts and rigid parts of the step that is edited: a list of them, what each does, and ways to make more.
+"""Shapes panel: cuts and rigid parts of the edited step, the properties of each, and ways to make more.
 
-How one rigid part moves, and how far it is felt: menus and sliders.
+Menus and sliders set the motion of the chosen rigid part and the range of its influence.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _AXES = np.eye(3)
 
 @lru_cache(maxsize=32)
 def middle_of(region: AbstractRegion) -> tuple[float, ...]:
-    """The place about which a part is turned: the middle of its matter, or the place on the boundary of a half space.
+    """The place about which a part is turned: the middle of its voxels, or the place on the boundary of a half space.
 
     Examples
     --------
@@ -74,11 +74,11 @@ def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple
 
 
 class PartControls(Panel):
-    """What the rigid part that is chosen does.
+    """Controls of the chosen rigid part.
 
     Parameters
     ----------
-    index : tells which part of the step is chosen, None for none.
+    index : gives the chosen part of the step, None for none.
     """
 
     def __init__(self, session: Session, guard: Guard, index: Any) -> None:

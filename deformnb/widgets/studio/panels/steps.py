@@ -1,6 +1,6 @@
-"""The list of steps: choose, name, switch, order, double and delete them; add one; how they make one deformation.
+"""Steps panel: choose, name, switch, order, duplicate and delete steps; add one; composition mode; the history.
 
-The history as a list: every state that can be gone to, branches moved in, the one that is shown marked.
+The history is a list of every state that can be gone to, with branches indented and the current one marked.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from deformnb.widgets.studio.controls import Guard, Panel, button, prose, row
 from deformnb.widgets.studio.labels import go_to, history_rows
 
 MODES = {"compose": "one after the other", "blend": "added up"}
-"""How steps make one deformation, in words."""
+"""Labels of the compositions of steps."""
 
 _HINTS = {
     "compose": "Each step deforms what those above it have made.",
@@ -86,12 +86,12 @@ def _row(step: Step, view: str | None) -> dict[str, Any]:
 
 
 def side_words(step: Step, view: str | None) -> str:
-    """Where a step lies, in words."""
+    """Plane of a step, in words."""
     return "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
 
 
 def shapes_words(step: Step) -> str:
-    """What lies on a step besides points, in words; empty for nothing."""
+    """Shapes of a step besides its points, in words; empty for none."""
     found = (("cut", step.cuts), ("rigid part", step.parts))
     counts = [(name, sum(shape.enabled for shape in shapes)) for name, shapes in found]
     return ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts if count)
@@ -149,7 +149,7 @@ class HistoryPanel(Panel):
         self.refresh()
 
     def arrange(self) -> None:
-        if not self._is_seen:  # hundreds of rows would go to the page after every edit
+        if not self._is_seen:  # hundreds of rows would go to the front end after every edit
             return
         nodes = self.session.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
         if nodes == self._shown:

@@ -1,7 +1,7 @@
-"""Thompson's grids in the studio: the picture on a regular net, beside the deformed one on a net that can be dragged.
+"""Thompson panel: the picture on a regular grid, beside the deformed one on a grid that can be dragged.
 
-Both are views of one editor, so that whatever is dragged in one is seen in all: the element around a view tells it what
-to show (see net_nodes.js).
+Both are views of one editor, so that a drag in one is seen in all: the element around a view selects its contents
+(see net_nodes.js).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, 
              ("principal strains", "strain"), ("uncertainty", "uncertainty")]
 _IN_SPACE = "Points in space deform no picture, so there is no net to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
-_CELLS = 12  # of a printed net, where the picture shows none
+_CELLS = 12  # of a printed grid, where the picture shows none
 _LOOK = ('<div style="line-height: 1.35">The left net lies on the original. <b>Drag the diamonds of the right one</b>: '
          "each becomes a control point, and Delete gives it back to the net.</div>")
 
@@ -47,7 +47,7 @@ class ThompsonPanel(Panel):
     Parameters
     ----------
     session : what is deformed.
-    guard : does what was asked for and says what went wrong; default says it in the panel.
+    guard : does what was requested and reports errors; default shows them in the panel.
     editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
         shown by itself: the last expression of a cell, or its ``box``.
     folder : where figures are written.
@@ -133,7 +133,7 @@ class ThompsonPanel(Panel):
     # -- what is shown -------------------------------------------------------------------------------------------------
 
     def opened(self, is_open: bool) -> None:
-        """The views are in the page only while the panel is seen: each of them paints whenever something moves."""
+        """The views are in the front end only while the panel is seen: each of them paints whenever something moves."""
         self._is_open = is_open
         self.arrange()
 
@@ -150,7 +150,7 @@ class ThompsonPanel(Panel):
     # -- what is done --------------------------------------------------------------------------------------------------
 
     def lay_on(self) -> None:
-        """Put control points at the nodes of one of Thompson's nets, laid around what the picture shows."""
+        """Put control points at the nodes of one of Thompson's grids, laid around what the picture shows."""
         if self.session.step.plane is None:
             raise DeformError(_IN_SPACE)
         source, target = self.net.value
@@ -255,7 +255,7 @@ class ThompsonPanel(Panel):
 
 
 def in_words(strength: float) -> str:
-    """What a strength does to a drawing.
+    """Effect of a strength on a drawing, in words.
 
     Examples
     --------
