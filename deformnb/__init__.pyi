@@ -103,6 +103,7 @@ from .volume.plane import Plane as Plane
 from .volume.plane import Raster as Raster
 from .volume.transfer import PRESETS as PRESETS
 from .volume.transfer import TransferFunction as TransferFunction
+from .volume.transfer import preset as preset
 from .volume.volume import Grid as Grid
 from .volume.volume import Volume as Volume
 from .warping.inverse import Inverse as Inverse

@@ -53,7 +53,7 @@ def shipped_notebooks() -> list[Path]:
     >>> shipped_notebooks()[0].name
     '01_quickstart.ipynb'
     """
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for folder in (package / "notebooks", package.parent / "notebooks"):  # installed; a checkout
         if (folder / FIRST).is_file():
             return sorted(folder.glob("*.ipynb"))

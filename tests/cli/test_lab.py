@@ -27,10 +27,11 @@ def test_the_notebooks_are_those_of_the_checkout() -> None:
 
 def test_an_installed_package_has_them_beside_its_modules(tmp_path: Path) -> None:
     package = tmp_path / "deformnb"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    for name in ("launch.py", "errors.py"):
-        shutil.copy(ROOT / "deformnb" / name, package)
+    (package / "cli").mkdir(parents=True)
+    for name in ("__init__.py", "cli/__init__.py"):
+        (package / name).touch()
+    for name in ("cli/lab.py", "errors.py"):
+        shutil.copy(ROOT / "deformnb" / name, package / name)
     shutil.copytree(ROOT / "notebooks", package / "notebooks")
     code = "from deformnb.cli.lab import shipped_notebooks; print(shipped_notebooks()[0])"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -36,7 +36,7 @@ def pictures(shown: Any, **options: Any) -> list[Any]:
 @pytest.mark.parametrize("name", SHOWN)
 def test_the_picture_is_the_same_to_the_last_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = pictures(SHOWN[name])
-    monkeypatch.setattr(vtk_warp, "_SKIP_EMPTY", "")
+    monkeypatch.setattr(vtk_warp, "SKIP_EMPTY", "")
     monkeypatch.setattr(vtk_warp, "REPLACED_FOR_EMPTY", {})
     for ours, theirs in zip(quick, pictures(SHOWN[name]), strict=True):
         assert theirs.max() > 100
@@ -49,7 +49,7 @@ def test_what_is_behind_the_loop_is_executed_where_something_is_seen(monkeypatch
     monkeypatch.setattr(vtk_warp, "REPLACED_FOR_EMPTY", {})
     counts = []
     for skip in (SKIP_EMPTY, ""):
-        monkeypatch.setattr(vtk_warp, "_SKIP_EMPTY", f"{skip} g_fragColor.r += 1.0 / 255.0; ")
+        monkeypatch.setattr(vtk_warp, "SKIP_EMPTY", f"{skip} g_fragColor.r += 1.0 / 255.0; ")
         counted = pictures(SHOWN["one map"])[0][..., 0]
         counts.append(float((counted - picture[..., 0].astype(float)).mean()))
     assert 0 < counts[0] < 0.5 * counts[1]
@@ -58,5 +58,5 @@ def test_what_is_behind_the_loop_is_executed_where_something_is_seen(monkeypatch
 @pytest.mark.parametrize(("projection", "is_there"), [("shaded", True), ("composite", False), ("mip", False)])
 def test_only_slopes_are_worth_it(projection: str, is_there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = pictures(None, projection=projection)[0]
-    monkeypatch.setattr(vtk_warp, "_SKIP_EMPTY", "break; ")
+    monkeypatch.setattr(vtk_warp, "SKIP_EMPTY", "break; ")
     assert (pictures(None, projection=projection)[0] == plain).all() == (not is_there)
