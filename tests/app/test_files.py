@@ -195,7 +195,8 @@ def test_a_page_is_told_where_its_file_is_and_nobody_else_finds_it() -> None:
             assert status == 200
             assert headers["Content-Disposition"] == 'attachment; filename="bar_phantom.py"'
             assert "Deformation" in text
-        for wrong in (files["key"][:-1] + "x", "x", "..%2f..%2fetc%2fpasswd"):
+        other = "y" if files["key"].endswith("x") else "x"
+        for wrong in (files["key"][:-1] + other, "x", "..%2f..%2fetc%2fpasswd"):
             with status_of(app, f"/deformnb/file/{wrong}") as (status, _, text):
                 assert status == 404
         with status_of(app, f"/deformnb/file/{files['key']}", Origin="http://evil.example") as (status, _, _text):
