@@ -13,6 +13,7 @@ import textwrap
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -229,6 +230,18 @@ def test_a_class_with_heirs_has_two() -> None:
     assert len(heirs["deformnb.rbf.fields.AbstractField"]) > 5  # or it looks for the wrong names
     alone = {base for base, found in heirs.items() if base.startswith("deformnb.") and len(found) == 1}
     assert alone == set(EXTENSION_POINTS), "make one class of it, or write down who else may subclass it"
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    modules = _modules()
+    packages = {module.rpartition(".")[0] for module in modules}  # they only hand on the names of their modules
+    imports: dict[str, set[str]] = {}
+    for module, tree in modules.items():  # imports in functions and for type checking count
+        named = {name for full in _named_here(module, tree).values() for name in (full, full.rpartition(".")[0])}
+        if module not in packages:
+            imports[module] = named & modules.keys() - packages - {module}
+    assert "deformnb.volume.volume" in imports["deformnb.rbf.fields"]
+    TopologicalSorter(imports).prepare()  # raises a CycleError that names the circle
 
 
 def test_no_module_imports_another_by_string() -> None:

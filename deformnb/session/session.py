@@ -569,6 +569,12 @@ class Session(traitlets.HasTraits):
             raise DeformError(f"transfer must be a TransferFunction or the name of a preset, got {value!r:.60}.")
         return value
 
+    @property
+    def look(self) -> Look:
+        """View state at this moment; the depth only where it is the slice of the last step."""
+        is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
+        return Look(self.transfer, self.method, self.depth if is_slice else None)
+
     def _look_as(self, look: Look, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over how a document was looked at, as far as it tells."""
         for name, value in look.traits(is_other=is_other).items():
@@ -729,7 +735,7 @@ class Session(traitlets.HasTraits):
 
     def document(self) -> Deformation:
         """The deformation, how it is looked at, and the checksum of its volume, as it is saved."""
-        return Look.of(self).added_to(replace(self.deformation, volume=self.reference()))
+        return self.look.added_to(replace(self.deformation, volume=self.reference()))
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False, document: Deformation | None = None) -> None:
         """Write the document as JSON.

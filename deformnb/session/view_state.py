@@ -7,16 +7,13 @@ with an edit, and two documents that only look different are the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import Reader
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import PROJECTIONS
 from deformnb.volume.transfer import PRESETS, TransferFunction
-
-if TYPE_CHECKING:
-    from deformnb.session.session import Session
 
 FIELD = "look"
 MOST_NODES = 1024
@@ -37,12 +34,6 @@ class Look:
     transfer: str | TransferFunction | None = None
     method: str | None = None
     depth: float | None = None
-
-    @classmethod
-    def of(cls, session: Session) -> Look:
-        """A session's, at this moment."""
-        is_slice = session.method == "slice" and session.index == len(session.deformation.steps) - 1
-        return cls(session.transfer, session.method, session.depth if is_slice else None)
 
     def added_to(self, deformation: Deformation) -> Deformation:
         """A document with this look."""

@@ -100,11 +100,11 @@ def test_a_slice_lies_within_the_volume_and_belongs_to_the_last_step() -> None:
     session = Session(BAR)
     session.take(Look(method="slice", depth=1e300).added_to(Deformation()))
     assert session.depth == session.depth_range[1]
-    assert Look.of(session).depth == session.depth
+    assert session.look.depth == session.depth
     session.add_step()
     session.edit_step(0)
     session.method = "slice"
-    assert Look.of(session).depth is None
+    assert session.look.depth is None
 
 
 def test_what_a_later_version_may_know_is_passed_over() -> None:

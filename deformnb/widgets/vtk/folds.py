@@ -6,8 +6,7 @@ without folds is drawn by the same shader as ever.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -155,16 +154,16 @@ class Folding:
 
     Parameters
     ----------
-    is_trusted : whether the shader is taken to show it without a look at a picture first.
+    works : checks with a picture whether the shader shows folds; default: it is taken to.
 
     Attributes
     ----------
     show : whether folds shall be seen; False at first.
     """
 
-    def __init__(self, is_trusted: bool = False) -> None:
+    def __init__(self, works: Callable[[], bool] | None = None) -> None:
         self.show = False
-        self._is_trusted = is_trusted
+        self._works = works
         self.set(None)
 
     def set(self, maps: CardMaps | None, field: AbstractField | None = None, grid: Grid | None = None) -> None:
@@ -185,7 +184,7 @@ class Folding:
     @property
     def is_red(self) -> bool:
         """True if the shader has something to paint red."""
-        return self.show and self._maps is not None and self._folds and (self._is_trusted or folds_work())
+        return self.show and self._maps is not None and self._folds and (self._works is None or self._works())
 
     @property
     def remark(self) -> str:
@@ -213,30 +212,3 @@ def pressed() -> tuple[Volume, AbstractField]:
     samples = np.zeros((2, 3, 2))
     samples[:, 2, 0] = -16.0
     return volume, Extrusion(plane, plane.depth_range(grid), (DisplacementField(samples, raster),), *replicate())
-
-
-@cache
-def folds_work() -> bool:
-    """Check that VTK's shader shows folds red, and only those; a small volume is drawn and examined, once a process.
-
-    To be called by a thread that renders.
-    """
-    from deformnb.widgets.vtk.scene import VtkScene
-
-    volume, field = pressed()
-    scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")
-    try:
-        plane = Plane.along(volume.grid, "+z")
-        scene.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
-        scene.set_field(field)
-        plain = scene.render()
-        scene.folding.show = True
-        image = scene.render()
-        assert plain is not None
-        assert image is not None
-    finally:
-        scene.close()
-    # A shader that cannot be compiled leaves nothing of the block, neither left nor right.
-    kept = bool((image[16:48, 14:28] == plain[16:48, 14:28]).all()) and int(plain[16:48, 14:28].max()) > 60
-    r, g, b = np.moveaxis(image[16:48, 36:48].astype(int), -1, 0)
-    return kept and bool(((r > g + 30) & (r > b + 30)).mean() > 0.6)

@@ -39,7 +39,7 @@ from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, STANDOFF, checked_camera, known, seen_height, within
 from deformnb.widgets.packed_volume import ShownVolume
 from deformnb.widgets.textures import CardMaps, card_maps
-from deformnb.widgets.vtk.folds import Folding
+from deformnb.widgets.vtk.folds import Folding, pressed
 from deformnb.widgets.vtk.shader import VolumeWarp
 
 _IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
@@ -328,7 +328,7 @@ class VtkScene:
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
         self._is_trusted = method == "texture"
-        self.folding = Folding(self._is_trusted)
+        self.folding = Folding(None if self._is_trusted else folds_work)
         self._map_size, self._space_size = int(map_size), int(space_size)
         self._plotter = new_plotter()
         self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
@@ -608,6 +608,31 @@ def texture_works() -> bool:
 def cuts_work() -> bool:
     """The same of displacements with cuts, whose text is another one."""
     return texture_works() and _is_right(*cut_probe())
+
+
+@cache
+def folds_work() -> bool:
+    """Check that VTK's shader shows folds red, and only those; a small volume is drawn and examined, once a process.
+
+    To be called by a thread that renders.
+    """
+    volume, field = pressed()
+    scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")
+    try:
+        plane = Plane.along(volume.grid, "+z")
+        scene.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
+        scene.set_field(field)
+        plain = scene.render()
+        scene.folding.show = True
+        image = scene.render()
+        assert plain is not None
+        assert image is not None
+    finally:
+        scene.close()
+    # A shader that cannot be compiled leaves nothing of the block, neither left nor right.
+    kept = bool((image[16:48, 14:28] == plain[16:48, 14:28]).all()) and int(plain[16:48, 14:28].max()) > 60
+    r, g, b = np.moveaxis(image[16:48, 36:48].astype(int), -1, 0)
+    return kept and bool(((r > g + 30) & (r > b + 30)).mean() > 0.6)
 
 
 def _is_right(volume: Volume, field: AbstractField) -> bool:

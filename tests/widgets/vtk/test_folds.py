@@ -24,8 +24,8 @@ from deformnb.widgets.textures import card_maps
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.vtk import folds as vtk_folds
 from deformnb.widgets.vtk import shader as vtk_warp
-from deformnb.widgets.vtk.folds import RED, UNSEEN, Folding, folds_work, maps_fold
-from deformnb.widgets.vtk.scene import VtkScene, frame_of
+from deformnb.widgets.vtk.folds import RED, UNSEEN, Folding, maps_fold
+from deformnb.widgets.vtk.scene import VtkScene, folds_work, frame_of
 
 GRID = Grid((24, 40, 48), (1.5, 1.5, 1.5), (3.0, -8.0, 20.0))
 PLANE = Plane.along(GRID, "-z")
@@ -225,7 +225,7 @@ def test_other_words_in_a_shader_are_noticed_and_it_is_said(scene: Any, monkeypa
         monkeypatch.setattr(vtk_warp, "REPLACED_FOR_FOLDS", bad)
         assert not folds_work()
         one = scene("auto")
-        one.folding = Folding()
+        one.folding = Folding(folds_work)
         one.folding.show = True
         one.set_field(field_of("replicate"))
         one.render()
@@ -303,7 +303,7 @@ def test_two_folds_one_after_the_other_are_found() -> None:
 def test_nothing_is_asked_before_someone_wants_to_know(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(vtk_folds, "maps_fold", lambda maps: bool(asked.append(maps)))
-    folding, maps = Folding(), card_maps(field_of("replicate"), frame_of(slab()), None, 16, 16)
+    folding, maps = Folding(folds_work), card_maps(field_of("replicate"), frame_of(slab()), None, 16, 16)
     folding.set(maps)
     assert (folding.is_red, folding.remark, asked) == (False, "", [])
     folding.show = True
