@@ -68,7 +68,7 @@ SAID = {
 
 
 # The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.filterwarnings("default")
 @every_notebook
 def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:

@@ -140,7 +140,6 @@ def test_on_rasters_as_at_points(kernel: str) -> None:
     oracle.assert_close(jacobian_determinant(field, RASTER), at_points(field, RASTER.points()), atol=10 * SINGLE)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("grid", [GRID, TILTED])
 @pytest.mark.parametrize("view", ["+x", "-y", "+z", "oblique"])
 @pytest.mark.parametrize("rule", RULES)

@@ -48,7 +48,6 @@ def check(points: ControlPoints, support: float = 90.0, **options: Any) -> None:
 # -- leave-one-out -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_leaving_one_out_at_once_is_what_a_loop_of_fits_finds(kernel: str, trend: str, dim: int) -> None:
@@ -57,7 +56,6 @@ def test_leaving_one_out_at_once_is_what_a_loop_of_fits_finds(kernel: str, trend
         check(points, kernel=kernel, trend=trend, smoothing=smoothing)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("kernel", "trend"), DEFINITE)
 def test_points_with_radii_of_their_own_are_left_out_as_well(kernel: str, trend: str, dim: int) -> None:

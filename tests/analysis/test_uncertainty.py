@@ -60,7 +60,6 @@ def dense(points: ControlPoints, places: np.ndarray, kernel: str, trend: str, sm
     return np.array(out), sigma
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_the_deviation_is_that_of_dense_kriging(kernel: str, trend: str, dim: int) -> None:
@@ -74,7 +73,6 @@ def test_the_deviation_is_that_of_dense_kriging(kernel: str, trend: str, dim: in
         assert_allclose(known.at(places), sigma * np.sqrt(variance), rtol=1e-6)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_it_is_zero_at_the_points_and_grows_away_from_them(kernel: str, trend: str) -> None:
     points = some_points(2)

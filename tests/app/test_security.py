@@ -548,6 +548,7 @@ def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.Monke
     assert server.reason == "asked early"
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
     command = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser --idle 0"

@@ -22,6 +22,7 @@ def app() -> Iterator[RunningApp]:
         yield running
 
 
+@pytest.mark.nightly
 def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app: RunningApp) -> None:
     tab = Tab(browser, app, size=(1000, 640))
     session = app.desk.session

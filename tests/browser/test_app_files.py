@@ -25,6 +25,7 @@ def tab(browser: Any) -> Iterator[Tab]:
         opened.close()
 
 
+@pytest.mark.nightly
 def test_the_deformed_volume_goes_to_the_downloads_of_the_page_that_asked(tab: Tab, browser: Any, tmp_path: Path
                                                                           ) -> None:
     other, downloads = Tab(browser, tab.app), []

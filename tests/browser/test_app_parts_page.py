@@ -125,6 +125,7 @@ def test_a_point_is_named_and_moved_in_the_table(tab: Tab) -> None:
     assert tab.page.locator(".dnb-pt-row[data-id]").count() == 4
 
 
+@pytest.mark.nightly
 def test_a_step_is_added_and_left_for_the_first_one(tab: Tab) -> None:
     session = tab.app.desk.session
     go_to(tab, "Points")

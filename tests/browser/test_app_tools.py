@@ -119,6 +119,7 @@ def test_a_node_of_the_net_becomes_a_point_where_it_is_dragged(tab: Tab) -> None
     tab.page.wait_for_function(f"!{EDITOR}.netNodes.isOn")
 
 
+@pytest.mark.nightly
 def test_a_drag_that_folds_is_told_unfolded_and_gone_back_behind(tab: Tab) -> None:
     session, page = tab.app.desk.session, tab.page
     support = page.evaluate(f"0.4 * ({EDITOR}.box[1] - {EDITOR}.box[0])")

@@ -165,6 +165,7 @@ def test_a_hand_on_the_picture_turns_it_and_the_cube_looks_from_a_side(tab: Pict
     assert tab.page.locator(".dnb-letter.dnb-top").first.inner_text() == "S"
 
 
+@pytest.mark.nightly
 def test_a_fold_is_red_and_said_over_the_picture(tab: PictureTab) -> None:
     tab.add_in_the_middle()
     low, high = tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.box.slice(0, 2)")
@@ -195,6 +196,7 @@ def test_before_and_after_stand_side_by_side(tab: PictureTab) -> None:
     eventually(lambda: apart() > 0.02)
 
 
+@pytest.mark.nightly
 def test_a_page_without_webgl2_gets_pictures_by_itself(browser: Any) -> None:
     with RunningApp(Session(cube(), view="+y", transfer="bone")) as app:
         app.desk.thread.call(lambda: app.desk.act("front")).result(30)

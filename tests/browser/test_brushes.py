@@ -129,6 +129,7 @@ def test_strokes_over_one_place_do_not_pile_up_points(opened: Any, picture: Pict
     assert last not in page.points.ids
 
 
+@pytest.mark.nightly
 def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture))
     radius = brush(page, "s")

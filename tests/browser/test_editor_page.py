@@ -441,6 +441,7 @@ def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: Co
     assert both == [70, 70]
 
 
+@pytest.mark.nightly
 def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     for _ in range(20):

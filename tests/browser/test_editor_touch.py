@@ -235,6 +235,7 @@ def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Pictur
 # ---- in space -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_in_space_fingers_scroll_tap_and_select(page: LivePage) -> None:
     start = ControlPoints.from_arrays([[-10.0, 25, 20], [10, 45, 20], [25, 40, 20]])
     space = Opened(page, SpaceEditor(waves(), start, cursor=[-10.0, 25, 20]))

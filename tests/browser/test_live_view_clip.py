@@ -152,6 +152,7 @@ def test_original_and_deformed_are_cut_at_the_same_place(opened: Any) -> None:
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.95
 
 
+@pytest.mark.nightly
 def test_a_perspective_is_the_same_in_a_still(opened: Any) -> None:
     page, view = opened
     parallel = silhouette(page.pixels())

@@ -124,7 +124,7 @@ def early() -> dict[str, Deformation]:
             "cut twice": Deformation((in_space, pulled(6.0, plane=other)))}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", but({"in space", "paper, before a bend"}, *early()))
 def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, LiveView], name: str) -> None:
     page, view = drawn
@@ -140,6 +140,7 @@ def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, Liv
     assert page.errors == []
 
 
+@pytest.mark.nightly
 def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
     view = opened(page, transfer="surface", show_folds=False)  # see above
     bend = early()["before a bend"].steps[1]

@@ -136,6 +136,7 @@ def test_only_the_depths_where_the_weight_folds_are_red(page: LivePage) -> None:
     assert not page.page.evaluate("() => document.querySelector('.dnb-view').deformnb.caster.folds")
 
 
+@pytest.mark.nightly
 def test_a_fold_in_space_is_red_too(page: LivePage) -> None:
     view = opened(page)
     corners = GRID.corners()

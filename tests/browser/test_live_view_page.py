@@ -348,6 +348,7 @@ def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None
     assert page.page.is_visible(".dnb-canvas")
 
 
+@pytest.mark.nightly
 def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> None:
     opened(page, Volume(np.full((8, 8, 8), 200, np.uint8), Grid((8, 8, 8))))
     for _ in range(20):

@@ -362,6 +362,7 @@ def test_a_click_in_the_history_goes_there(page: LivePage) -> None:
     assert page.errors == []
 
 
+@pytest.mark.nightly
 def test_a_point_in_space_comes_into_the_middle_of_pictures_that_are_zoomed_in(page: LivePage) -> None:
     z, y, x = np.mgrid[:24, :28, :32]
     volume = Volume((x + 2 * y + z).astype(np.uint8), Grid((24, 28, 32)))

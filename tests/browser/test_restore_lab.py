@@ -38,6 +38,7 @@ def points(page: Any) -> Any:
     return page.evaluate(f"() => {EDITOR}.points.map(({{ source, target }}) => [source, target])")
 
 
+@pytest.mark.nightly
 def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
     # anywidget waits two seconds for the module of a model; here it has no time at all, as on a machine too busy.

@@ -397,6 +397,7 @@ def test_stages_locks_and_radii_come_back_with_the_points(opened: Callable[..., 
     assert (step.stages, page.js(f"{EDITOR}.fit.stages.length")) == (4, 4)
 
 
+@pytest.mark.nightly
 def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
     editor, view = pair()
     low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))

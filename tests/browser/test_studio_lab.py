@@ -159,6 +159,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     assert shown.told(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
 
 
+@pytest.mark.nightly
 def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None:
     page = shown.page
     shown.add(29.5, 29.5)

@@ -53,6 +53,7 @@ def test_strength_blends_the_points(strength: str, small: Path, monkeypatch: pyt
     np.testing.assert_array_equal(read_volume(small / "out.nrrd").values, wanted.values)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("options", "shape", "spacing"), [
     ("--resolution 0.5", (18, 28, 16), (0.5, 0.5, 0.5)), ("--resolution 2 2 3", (3, 7, 4), (2, 2, 3)),
     ("--margin 3", (10, 10, 14), (1, 2, 1.5)), ("--margin 0 4 -1.5", (4, 11, 8), (1, 2, 1.5)),

@@ -25,7 +25,6 @@ from deformnb.volume.volume import Grid, Volume
 # ---- along the voxels ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("view", VIEWS)
 def test_maximum_mean_and_slice_are_those_of_the_voxels_under_each_pixel(view: str, direction: str) -> None:
@@ -191,7 +190,6 @@ def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:
         oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.2)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("degrees", [0.0, 0.005, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("about", [0, 1, 2])
 def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: float) -> None:
@@ -205,7 +203,6 @@ def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: f
     oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.05)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_lattice_without_rotation_gives_the_view_along_the_axis(view: str, method: str) -> None:
@@ -291,7 +288,6 @@ def test_finer_sampling_makes_nothing_darker(method: str) -> None:
 # ---- odd volumes -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 5, 6), (5, 1, 6), (5, 6, 1), (40, 1, 1)])
 def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int]) -> None:
@@ -360,7 +356,6 @@ def test_voxels_that_are_not_finite_count_as_background(method: str) -> None:
         assert found.window == wanted.window
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", PROJECTIONS)
 @pytest.mark.parametrize("value", [0, 7, -1000, 1e-30, 1e30, np.nan])
 def test_a_constant_volume_is_an_even_picture(method: str, value: float) -> None:

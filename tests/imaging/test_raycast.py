@@ -46,7 +46,6 @@ def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, 
         assert (cut != project(labels, plane, "mip", spacing=0.5).values).any()
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("pair", [(0.5, 1.0), (0.0, 0.5)])

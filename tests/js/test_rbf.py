@@ -146,7 +146,6 @@ def answers() -> dict[str, dict[str, Any]]:
     return dict(zip(given, run_script(FILES, MAIN, json.loads(json.dumps(asked))), strict=True))
 
 
-@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", list(cases()))
 def test_the_browser_fits_as_the_package_does(name: str) -> None:
     points, settings = cases()[name]

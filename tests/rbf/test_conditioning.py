@@ -83,7 +83,6 @@ def test_one_point_without_trend_is_a_bump_of_a_given_reach(dim: int) -> None:
 # ---- rows and planes -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("count", [2, 5])
 @pytest.mark.parametrize("degrees", [0.001, 30, 60, 90, 150, 180])
 @pytest.mark.parametrize("dim", [2, 3])

@@ -97,7 +97,6 @@ def test_switched_off_points_make_no_region() -> None:
 # ---- Eq. 8 -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [0.0, 2.0, 8.0])
 @pytest.mark.parametrize("name", CUTS)
 def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
@@ -117,7 +116,6 @@ def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
         assert opacity == oracle.equation_8(x, region, maps)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [2.0, 8.0, 30.0])
 @pytest.mark.parametrize("name", CUTS)
 def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: float) -> None:
@@ -137,7 +135,6 @@ def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: floa
             assert min(np.abs(found - w).max() for w in wanted) < 1e-12
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [0.0, 5.0, 30.0])
 @pytest.mark.parametrize("name", CUTS)
 def test_the_source_rule_shows_something_wherever_the_paper_s_does(name: str, size: float) -> None:
@@ -150,7 +147,6 @@ def test_the_source_rule_shows_something_wherever_the_paper_s_does(name: str, si
 # ---- closed, opened, closed over -------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("softness", [1e-3, 1.0, 7.0])
 @pytest.mark.parametrize("rule", CUT_RULES)
 @pytest.mark.parametrize("name", CUTS)

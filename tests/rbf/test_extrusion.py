@@ -168,7 +168,6 @@ def points_of(grid: Grid) -> np.ndarray:
     return grid.index_to_point(np.stack([x, y, z], axis=-1))
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("view", [*VIEWS, "oblique", "tilted"])
 @pytest.mark.parametrize("grid", [GRID, TURNED, PRINTED], ids=["straight", "turned", "printed"])
 def test_the_fast_way_through_a_grid_gives_the_values_at_its_points(grid: Grid, view: str) -> None:

@@ -116,7 +116,6 @@ def points_of(grid: Grid) -> np.ndarray:
     return grid.index_to_point(np.stack([x, y, z], axis=-1))
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("which", GRIDS)
 @pytest.mark.parametrize("name", spatial())
 def test_values_on_a_grid_are_those_at_its_points(name: str, which: str) -> None:

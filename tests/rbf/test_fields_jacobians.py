@@ -170,7 +170,6 @@ RULES = {"replicate": replicate(), "modulate": modulate("sin(pi * z)"), "samples
          "interpolate": interpolate([0.1, 0.5, 0.8])}
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("view", ["oblique", "+x", "-y", "+z"])
 @pytest.mark.parametrize("rule", RULES)
 def test_extrusions_by_every_rule_and_view(rule: str, view: str) -> None:

@@ -95,7 +95,6 @@ def test_pairings_that_are_not_well_posed_are_refused_with_the_trends_that_are(k
         assert (name in str(error.value).split("needs a trend of")[1].split(";")[0]) == (order >= KERNEL_ORDER[kernel])
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
 def test_interpolates_at_the_targets(kernel: str, trend: str, dim: int) -> None:
     points, fit = fitted(kernel, trend, dim)
@@ -117,7 +116,6 @@ def groups(trend: str, dim: int) -> dict[str, tuple[Any, Any]]:
     return {name: kinds[name] for name in own[trend]}
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim"), [c for c in CASES if c[1] != "none"])
 def test_a_trend_reproduces_its_own_group_with_nothing_left_for_the_kernels(kernel: str, trend: str, dim: int) -> None:
     x = sources(dim)
@@ -129,7 +127,6 @@ def test_a_trend_reproduces_its_own_group_with_nothing_left_for_the_kernels(kern
         oracle.assert_close(linear_part(fit), m, atol=1e-11)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
 def test_no_drag_is_exactly_the_identity_and_a_tiny_drag_is_tiny(kernel: str, trend: str, dim: int) -> None:
     x = sources(dim)
@@ -142,7 +139,6 @@ def test_no_drag_is_exactly_the_identity_and_a_tiny_drag_is_tiny(kernel: str, tr
     assert np.abs(tiny.displacement(elsewhere(dim))).max() < 1e-10
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
 def test_turning_scaling_and_permuting_everything_does_so_to_the_result(kernel: str, trend: str, dim: int) -> None:
     points, fit = fitted(kernel, trend, dim)
@@ -355,7 +351,6 @@ def test_float64_is_within_a_billionth_of_the_extent(trend: str, support: float,
     assert np.abs(fit.displacement(at) - wanted).max() < 1e-9 * EXTENT
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "support"), [(k, s) for k in KERNELS for s in (5.0, 80.0, 400.0)])
 def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support: float) -> None:
     """At points that lie on pixels: on_raster against what was asked, for small and for wide kernels."""
@@ -408,7 +403,6 @@ def own_radii(kernel: str, trend: str, dim: int) -> tuple[ControlPoints, RBFInte
     return points, fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("trend", TRENDS)
 @pytest.mark.parametrize("kernel", OWN_KERNELS)
@@ -476,7 +470,6 @@ def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
 # ---- the derivative in closed form ----------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kernel", "trend", "dim", "own"), [(*case, False) for case in CASES] + [
     (*case, True) for case in CASES if case[0] in OWN_KERNELS])
 def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, dim: int, own: bool) -> None:

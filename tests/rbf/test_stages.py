@@ -47,7 +47,6 @@ def points_of(dim: int, seed: int = 0) -> ControlPoints:
     return ControlPoints.from_arrays(source, source + rng.normal(0, 6, source.shape))
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("kernel", "trend"), pairs_of(("wendland_c2", "gaussian", "linear", "thin_plate")))
 def test_every_source_comes_to_its_target(kernel: str, trend: str, dim: int) -> None:

@@ -58,6 +58,7 @@ def test_correlation_is_indifferent_to_brightness_and_contrast() -> None:
     assert _misses(fit_targets(START, MOVING, paler, energy=0.0).points).max() < 0.5
 
 
+@pytest.mark.nightly
 def test_only_what_is_free_moves() -> None:
     points = START.edit(4, locked=True).edit(0, active=False)
     found = fit_targets(points, MOVING, FIXED).points

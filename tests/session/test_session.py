@@ -157,7 +157,6 @@ def do(session: Session, what: str, n: int) -> None:
 # -- settings that need each other -------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("trend", TRENDS)
 def test_every_kernel_can_be_chosen_with_every_trend_before_it(kernel: str, trend: str, session: Session) -> None:
@@ -169,7 +168,6 @@ def test_every_kernel_can_be_chosen_with_every_trend_before_it(kernel: str, tren
     assert (session.step.trend == trend) != needs_more
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("trend", TRENDS)
 def test_every_trend_can_be_chosen_with_every_kernel_before_it(kernel: str, trend: str, session: Session) -> None:

@@ -403,6 +403,7 @@ except DeformError as error:
 """
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps mapped files whole")
 @pytest.mark.parametrize("use", ["values", "range", "finite", "new", "warp", "write", "view"])
 def test_a_mapped_file_cut_short_is_an_error_and_not_the_end_of_the_process(use: str, tmp_path: Path) -> None:

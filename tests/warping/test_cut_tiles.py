@@ -56,7 +56,6 @@ def agrees(result: NDArray[Any], expected: NDArray[np.float64], share: float = 0
     assert np.mean(error <= most) >= share, (np.mean(error <= most), error.max())
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("cut_rule", CUT_RULES)
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize(("view", "grid", "shape"), [("+x", OBLIQUE, "line"), ("-y", FLIPPED, "crossing"),
@@ -100,7 +99,6 @@ def test_step_is_of_no_account_beside_cuts(rule: str) -> None:
         assert (warp(volume, field, step=4).values == warp(volume, field).values).all()
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dtype", ["bool", "uint8", "int16", "float64"])
 @pytest.mark.parametrize("rule", RULES)
 def test_cuts_in_every_kind_of_voxel(rule: str, dtype: str) -> None:
@@ -122,7 +120,6 @@ def test_labels_beside_cuts_stay_labels() -> None:
         assert set(np.unique(result.values)) <= {0, 3, 7, 1000}
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "float64", "bool"])
 @pytest.mark.parametrize("shape", ["line", "bent", "crossing"])
 @pytest.mark.parametrize("cut_rule", CUT_RULES)

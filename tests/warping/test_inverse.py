@@ -170,7 +170,6 @@ def test_a_large_drag_in_stages_is_inverted() -> None:
 RULES = {"replicate": replicate(), "modulate": modulate("sin(pi * z)"), "interpolate": interpolate([0.1, 0.5, 0.8])}
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("grid", [GRID, TILTED])
 @pytest.mark.parametrize("view", ["+x", "-y", "+z", "oblique", "rounded"])
 @pytest.mark.parametrize("rule", RULES)

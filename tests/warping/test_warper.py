@@ -263,7 +263,6 @@ def test_every_rule_is_tested() -> None:
     assert set(RULES) == set(EXTRUSIONS)
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("grid", [STRAIGHT, OBLIQUE, FLIPPED])
@@ -420,7 +419,6 @@ def test_the_input_is_never_written() -> None:
     assert (volume.values == before).all()
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shape", [(1, 9, 11), (7, 1, 11), (7, 9, 1), (1, 1, 11), (1, 1, 1)])
 @pytest.mark.parametrize(("method", "step"), [(m, s) for m in METHODS for s in (1, 4)])
 def test_one_slice(shape: tuple[int, int, int], method: str, step: int) -> None:
@@ -502,6 +500,7 @@ class AlongX(AbstractField):
         return self.field.displacement(points) * np.array([1.0, 0, 0])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("step", [1, 4])
 def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -157,6 +157,7 @@ def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path
     until(lambda: threading.active_count() <= before)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("view", ["live", "vtk"])
 def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written(
         tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -126,6 +126,7 @@ def on_matter(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_
 FRONT = -11.5  # of the slab, as the viewer sees it
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_folds_is_red_at_its_place(scene: Any, kind: str) -> None:
@@ -154,6 +155,7 @@ def test_in_all_projections(scene: Any, projection: str) -> None:
     assert (image[..., 0] - image[..., 1])[sure & painted].mean() > 60
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_does_not_fold_is_drawn_by_the_same_shader_as_ever(scene: Any, kind: str) -> None:
@@ -258,6 +260,7 @@ def test_a_picture_by_the_core_says_that_it_folds() -> None:
 # ---- whether it folds, of the maps alone -----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", KINDS)
 def test_maps_fold_where_their_field_does(kind: str) -> None:
     answers = set()

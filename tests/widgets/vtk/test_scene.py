@@ -107,6 +107,7 @@ def middle(image: np.ndarray) -> np.ndarray:
     return np.array([columns.mean(), rows.mean()])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("grid", [GRID, SKEW], ids=["turned", "oblique grid"])
 @pytest.mark.parametrize("name", ["replicate", "oblique", "modulate", "interpolate", "two planes", "in space"])
 def test_both_ways_show_what_the_core_has_warped(scene: Any, grid: Grid, name: str) -> None:

@@ -33,6 +33,7 @@ def pictures(shown: Any, **options: Any) -> list[Any]:
         scene.close()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", SHOWN)
 def test_the_picture_is_the_same_to_the_last_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = pictures(SHOWN[name])
