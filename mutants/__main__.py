@@ -76,7 +76,8 @@ class Copy:
     def test(self, tests: list[str], minutes: float) -> tuple[str, str]:
         """What pytest said, in a word, and its last line. What takes too long may hang, or the machine is busy."""
         environment = {**os.environ, "PYTHONPATH": str(self.root)}
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        for own in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
+            environment.pop(own, None)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         log = self.folder / "log"
         with log.open("wb") as out, subprocess.Popen(command, cwd=self.root, env=environment, stdout=out, stderr=out,
