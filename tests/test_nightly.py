@@ -53,16 +53,18 @@ def test_tables_are_counted_one_by_one_and_a_test_that_is_none_is_kept() -> None
     assert not any(item.left for item in items)
 
 
-@pytest.mark.parametrize(("variables", "runs"), [
-    ({}, True), ({"CI": "true"}, False), ({"CI": "true", "HYPOTHESIS_PROFILE": "ci"}, False),
-    ({"CI": "true", "HYPOTHESIS_PROFILE": "nightly"}, True),
+@pytest.mark.parametrize(("profile", "arguments", "runs"), [
+    (None, ["tests"], False), ("ci", ["tests/test_table.py"], False), ("nightly", ["tests"], True),
+    (None, ["tests/test_table.py::test_it"], True),
 ])
-def test_only_ci_leaves_it_to_the_night(variables: dict[str, str], runs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("CI", "HYPOTHESIS_PROFILE"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    item: Any = SimpleNamespace(get_closest_marker={"nightly": pytest.mark.nightly}.get)
+def test_it_runs_at_night_and_where_it_is_named(profile: str | None, arguments: list[str], runs: bool,
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    if profile is None:
+        monkeypatch.delenv("HYPOTHESIS_PROFILE", raising=False)
+    else:
+        monkeypatch.setenv("HYPOTHESIS_PROFILE", profile)
+    config = SimpleNamespace(args=arguments)
+    item: Any = SimpleNamespace(get_closest_marker={"nightly": pytest.mark.nightly}.get, config=config)
     if runs:
         nightly.pytest_runtest_setup(item)
     else:
