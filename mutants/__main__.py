@@ -51,6 +51,8 @@ class Copy:
 
     def __enter__(self) -> Copy:
         shutil.copytree(self._original, self.root, symlinks=True, ignore=shutil.ignore_patterns(*NOT_COPIED))
+        if (self._original / "node_modules").is_dir():  # large, and only read
+            (self.root / "node_modules").symlink_to(self._original / "node_modules")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -61,15 +63,16 @@ class Copy:
         """The line that is changed, while the block lasts."""
         change = placed(mutant, self.root)
         original = change.path.read_bytes()
-        self._write(change.path, change.text.encode())
         try:
+            self._write(change.path, change.text.encode())
             yield f"{change.path.relative_to(self.root).as_posix()}:{change.line}"
         finally:
             self._write(change.path, original)
 
-    @staticmethod
-    def _write(path: Path, data: bytes) -> None:
+    def _write(self, path: Path, data: bytes) -> None:
         path.write_bytes(data)
+        if path.suffix == ".js":
+            subprocess.run([sys.executable, "node_tasks.py", "bundle"], cwd=self.root, check=True)
         if path.suffix == ".py":  # by its time alone, in whole seconds, the compiled file would pass for today's
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 NOT_COPIED = (".git", ".venv", ".hypothesis", ".mypy_cache", ".ruff_cache", ".import_linter_cache", "__pycache__",
-              "build", "dist")
+              "build", "dist", "node_modules")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
-_NOT_SOURCES = ("tests", "mutants", "benchmarks", "notebooks", "docs", "node_modules")
+_NOT_SOURCES = ("tests", "mutants", "benchmarks", "notebooks", "docs", "node_modules", "static")
 
 
 class StaleError(Exception):

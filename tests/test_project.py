@@ -82,7 +82,7 @@ def _requirements(*extras: str) -> dict[str, str]:
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name)}
-    own |= {"deformnb", "benchmarks", "browser", "mutants", "scripts", folder.name}
+    own |= {"deformnb", "benchmarks", "browser", "mutants", "node_tasks", "scripts", folder.name}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 

@@ -1,24 +1,63 @@
-"""Bundling of the widgets' JavaScript: text files joined into one module for each widget, without a build step.
+"""Bundles of the widgets' JavaScript and styles: one ES module and one style sheet for each widget.
 
-A front end loads a widget's module from a blob, where relative imports do not work. So every file declares plain
-functions, and only the last one of a widget has ``export default``.
+esbuild makes them of the modules in ``deformnb/widgets/js`` (``sh run bundle``). A wheel holds the bundles only; in a
+checkout, where the modules are, a bundle of other modules than these is an error.
+
+Python's standard library is all that this module needs: the build of the package loads it by its path.
 """
 
 from __future__ import annotations
 
+import hashlib
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
+
+SOURCES = Path(__file__).parent / "js"
+"""The modules, in a checkout."""
+
+BUNDLES = Path(__file__).parent / "static"
+
+STAMP = BUNDLES / "sources.sha256"
+"""The digest of the modules that the bundles were made of."""
+
+_CURE = "run \"sh run bundle\" in the checkout"
+
+
+def bundle(name: str) -> str:
+    """The bundle of this name, such as ``"editor.js"`` or ``"editor.css"``.
+
+    Raises
+    ------
+    RuntimeError
+        If it was not built, or of other sources than those beside it.
+    """
+    _check_fresh()
+    return _text(name)
 
 
 @cache
-def joined(*names: str) -> str:
-    """The text of the files of these names in ``deformnb/widgets/js``, one after the other."""
-    folder = files("deformnb.widgets") / "js"
-    return "\n".join(f"// ---- {name}\n{(folder / name).read_text(encoding='utf-8')}" for name in names)
+def _text(name: str) -> str:
+    return (BUNDLES / name).read_text(encoding="utf-8")
 
 
 @cache
-def style(*names: str) -> str:
-    """The style sheets of these names, one after the other."""
-    folder = files("deformnb.widgets") / "js"
-    return "\n".join((folder / name).read_text(encoding="utf-8") for name in names)
+def _check_fresh() -> None:
+    """At the import of the first widget, so that no widget runs what its sources no longer say."""
+    if not STAMP.exists():
+        raise RuntimeError(f"the JavaScript of the widgets has not been bundled: {_CURE}.")
+    if SOURCES.is_dir() and is_stale():
+        raise RuntimeError(f"the JavaScript of the widgets has changed since it was bundled: {_CURE}.")
+
+
+def is_stale() -> bool:
+    """Whether the bundles are missing or were made of other sources than those of this checkout."""
+    return not STAMP.exists() or STAMP.read_text(encoding="utf-8") != digest()
+
+
+def digest() -> str:
+    """SHA-256 of the names and the text of all sources."""
+    found = hashlib.sha256()
+    for path in sorted(SOURCES.rglob("*")):
+        if path.suffix in (".js", ".mjs", ".css"):
+            found.update(f"{path.relative_to(SOURCES).as_posix()}\n".encode() + path.read_bytes() + b"\0")
+    return found.hexdigest()

@@ -32,10 +32,9 @@ from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.inputs.clip_controls import CLIP_FILES, CLIP_STYLES
 from deformnb.widgets.packed_volume import ShownVolume, shown_volume
 from deformnb.widgets.textures import MOST_MAPS, CardMaps, card_maps, cut_plane
 from deformnb.widgets.view.base import with_map
@@ -103,8 +102,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         "shows": _SHOWN, "document": _document(editor, part, name),
     }
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
-               joined("elements.js", "camera.js", "clipping.js", *CLIP_FILES, "plain_model.js", "standalone.js")]
-    styles = [Editor._css, *([LiveView._css] if part else []), style(*CLIP_STYLES, "standalone.css")]
+               bundle("standalone.js")]
+    styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
     texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
     page = _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
     tell(1.0)
@@ -298,9 +297,9 @@ def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, An
 
 def _as_script(module: str, name: str) -> str:
     """A widget's module as an inline script: what it exports is kept under a name, since nobody can import it."""
-    text, count = re.subn(r"^export default ", f'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = ',
-                          module, flags=re.MULTILINE)
-    assert count == 1, "a widget's module has one default export"
+    text, count = re.subn(r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
+                          rf'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = \1;', module)
+    assert count == 1, "the bundle of a widget ends with its only export"
     return text
 
 

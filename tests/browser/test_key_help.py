@@ -31,13 +31,13 @@ def heard(name: str) -> set[str]:
 
 def told(table: str) -> set[str]:
     main = f"() => keyRows({table}).flatMap(([, , about]) => about?.keys ?? [])"
-    keys = set(run_script(("key_help.js",), main, None))
+    keys = set(run_script(("ui/key_help.js",), main, None))
     return {part.split("+")[-1] or "+" for part in keys}
 
 
 @pytest.mark.parametrize(("scripts", "table"), [
-    (("editor_keys.js", "pen.js", "brush_tool.js"), "EDITOR_KEYS"), (("space_gestures.js",), "SPACE_EDITOR_KEYS"),
-    (("hands.js",), "VIEW_KEYS")])
+    (("editor/pointer.js", "editor/shape_tools.js", "editor/brush_tool.js"), "EDITOR_KEYS"),
+    (("space_editor/pointer.js",), "SPACE_EDITOR_KEYS"), (("view/pointer.js",), "VIEW_KEYS")])
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
     keys = set().union(*(heard(name) for name in scripts))
     assert len(keys) >= 7
@@ -48,13 +48,13 @@ def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -
 @pytest.mark.parametrize("table", ["EDITOR_KEYS", "SPACE_EDITOR_KEYS"])
 def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     main = f"() => keyRows({table}).map(([shown, what, about]) => [shown, what, about ?? {{}}])"
-    rows = run_script(("key_help.js",), main, None)
+    rows = run_script(("ui/key_help.js",), main, None)
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)
-    scripts = "editor.js editor_hand.js"
+    scripts = "editor/editor.js editor/point_tools.js"
     if table != "EDITOR_KEYS":
-        scripts = "space_editing.js space_hand.js space_gestures.js"
+        scripts = "space_editor/editor.js space_editor/pointer.js"
     text = "".join((JS / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
         assert re.search(rf'[{{,\s]"?{command}"?: \((?:page)?\) =>', text), command

@@ -15,7 +15,7 @@ POINTS = ControlPoints.from_arrays([[0.0, 0.0], [40.0, 0.0]], [[0.0, 0.0], [50.0
 
 def measured(events: list[list[Any]]) -> Any:
     main = "(events) => { const r = new DrawRate(); for (const [what, at] of events) r[what](at); return r.taken(); }"
-    return run_script(("draw_rate.js",), main, events)
+    return run_script(("editor/drawing.js",), main, events)
 
 
 def test_pictures_of_movements_are_counted_and_those_of_anything_else_are_not() -> None:
@@ -34,7 +34,7 @@ def test_a_short_drag_says_nothing_and_the_next_begins_anew() -> None:
     again = """() => { const r = new DrawRate();
         for (let t = 0; t < 200; t += 20) { r.moved(t); r.drew(t + 5); }
         return [r.taken(), r.taken()]; }"""
-    assert run_script(("draw_rate.js",), again, None) == [{"hz": 50, "ms": 5}, None]
+    assert run_script(("editor/drawing.js",), again, None) == [{"hz": 50, "ms": 5}, None]
 
 
 def test_it_goes_with_the_next_end_of_an_edit_and_only_with_that() -> None:
@@ -49,7 +49,7 @@ def test_it_goes_with_the_next_end_of_an_edit_and_only_with_that() -> None:
         sender.edit(at(2), "move");
         sender.edit(at(3), "move");
         return sent.map((m) => [m.phase, m.drawn ?? null]); }"""
-    files = ("rbf_solve.js", "rbf.js", "edits.js", "regions.js", "shapes.js", "sender.js")
+    files = ("maths/rbf.js", "maths/points.js", "maths/regions.js", "maths/shapes.js", "sync/edits.js")
     assert run_script(files, main, None) == [["move", None], ["end", {"hz": 40, "ms": 9}], ["end", None]]
 
 

@@ -28,7 +28,7 @@ def test_edits_change_what_they_say_and_nothing_else() -> None:
         mixed: switchedPoints(switchedPoints(points, [1]), [0, 1]), named: renamedPoint(points, 2, "  fin "),
         reset: resetPoints(points, [3]), added: addedPoint(points, 9, [1, 2], [3, 4]), next: nextId(points, 7) };
         return [out, before === JSON.stringify(points)]; }"""
-    out, is_pure = run_script(("edits.js",), main, points)
+    out, is_pure = run_script(("maths/points.js",), main, points)
     assert is_pure
     targets = {name: [p["target"] for p in out[name]] for name in ("moved", "both", "source", "reset")}
     sources = {name: [p["source"] for p in out[name]] for name in ("moved", "both", "source", "reset")}
@@ -56,7 +56,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end() -> None:
         for (;;) { const next = history.redo(current); if (next === null) break; seen.push(current = next); }
         history.undo(current); history.record(99);
         return [seen, history.redo(0)]; }"""
-    assert run_script(("edits.js",), main, None) == [[4, 3, 2, 3, 4, 5], None]  # the oldest two are forgotten
+    assert run_script(("maths/points.js",), main, None) == [[4, 3, 2, 3, 4, 5], None]  # the oldest two are forgotten
 
 
 def test_quick_steps_of_one_kind_are_undone_as_one() -> None:
@@ -65,7 +65,7 @@ def test_quick_steps_of_one_kind_are_undone_as_one() -> None:
             [null, 5001], [null, 5002]];
         steps.forEach(([kind, at], k) => history.record(k, kind, at));
         return history.past; }"""
-    assert run_script(("edits.js",), main, None) == [0, 3, 4, 5, 6]
+    assert run_script(("maths/points.js",), main, None) == [0, 3, 4, 5, 6]
 
 
 def test_points_from_anywhere_are_cleaned() -> None:
@@ -75,11 +75,10 @@ def test_points_from_anywhere_are_cleaned() -> None:
         { id: 5, source: [1, NaN], target: [3, 4] }])]"""
     good = {"id": 4, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1,
             "locked": False, "radius": None}
-    assert run_script(("edits.js",), main, None) == [[], [good]]
+    assert run_script(("maths/points.js",), main, None) == [[], [good]]
 
 
-MAPS = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js",
-        "cut_fits.js", "maps.js", "fold_map.js")
+MAPS = ("maths/rbf.js", "maths/rigid_stages.js", "maths/cuts.js", "maths/warp_map.js", "maths/folds.js")
 
 
 def test_the_inverse_is_that_of_the_package() -> None:
@@ -171,7 +170,7 @@ def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not
 
 # ---- shapes ---------------------------------------------------------------------------------------------------------
 
-SHAPES = ("edits.js", "shapes.js")
+SHAPES = ("maths/points.js", "maths/shapes.js")
 
 
 def test_a_half_plane_is_turned_by_two_places_on_its_line() -> None:

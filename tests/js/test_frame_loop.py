@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from scripts import run_script
 
-FILES = ("frame_loop.js",)
+FILES = ("view/render_loop.js",)
 
 # A page with a clock of its own: timers, frames, and a card that takes its time. What is put together for the screen
 # waits for all that the card was given if a canvas has changed, as browsers do that draw without a card.
@@ -119,7 +119,7 @@ LINK = """(details) => {
 
 def test_the_end_of_a_movement_is_told_though_it_ends_where_it_began() -> None:
     """Else the view would wait for a hand that has long let go, and stay coarse."""
-    unseen = run_script(("field_link.js",), LINK, [["move", False], ["move", False], ["end", False]])
+    unseen = run_script(("view/follow_editor.js",), LINK, [["move", False], ["move", False], ["end", False]])
     assert unseen == [True, True, False]
-    drawn = run_script(("field_link.js",), LINK, [["move", True], ["end", True]])
+    drawn = run_script(("view/follow_editor.js",), LINK, [["move", True], ["end", True]])
     assert drawn == [True, True, False, False, False, False]

@@ -20,7 +20,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Raster
 
-FILES = ("rbf_solve.js", "rbf.js")
+FILES = ("maths/rbf.js",)
 # The promise is 1e-3 of a pixel; both sides solve the same system in float64, with condition numbers up to 1e6 (the
 # Gaussian), so a thousandth of a thousandth of that is what rounding may do.
 CLOSE = 1e-7

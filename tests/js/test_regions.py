@@ -21,7 +21,7 @@ from deformnb.rbf.regions import LARGEST_SHAPE, AbstractRegion, HalfSpace, Line,
 from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
 from deformnb.volume.plane import Raster
 
-FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js")
+FILES = ("maths/rbf.js", "maths/regions.js", "maths/rigid_stages.js", "maths/cuts.js")
 SQUARE = [(120, 90), (260, 80), (280, 230), (140, 240)]
 HOOK = [(60, 300), (60, 60), (400, 40), (420, 200), (300, 220), (310, 120), (140, 140), (150, 310)]
 BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]

@@ -19,9 +19,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.volume import Grid
-from deformnb.widgets.editor.editor import _FILES
 
-FILES = (*_FILES[: _FILES.index("maps.js") + 1], "net_places.js")
+FILES = ("maths/cuts.js", "maths/rigid_stages.js", "maths/warp_map.js")
 GRID = Grid((40, 8, 60))
 PLANE = Plane.along(GRID, "+y")
 CORNERS = [[0, 0], [59, 0], [0, 39], [59, 39]]

@@ -153,8 +153,8 @@ def test_the_picture_alone_needs_no_view() -> None:
     page = standalone_html(editor, about="no volume")
     data = data_of(page)
     assert (data["view"], data["chunks"], data["field"]) == (None, [], None)
-    assert "class RayCaster" not in page
-    assert "class RayCaster" in standalone_html(*pair())
+    assert "new RayCaster" not in page
+    assert "new RayCaster" in standalone_html(*pair())
     steps = from_json(json.dumps(data["document"])).steps
     assert steps == (editor.step(),)
 
@@ -293,7 +293,7 @@ def test_a_model_without_jupyter_tells_of_changes_and_saves_them_once() -> None:
         model.off("change:a", heard); model.update({ a: 7 });
         model.receive({ type: "done" }, [1]); model.send({ type: "edit" });
         return { told, saved, sent }; }"""
-    out = run_script(("plain_model.js",), main, None)
+    out = run_script(("sync/host_model.js",), main, None)
     assert out["told"] == [["a", 5], "any", ["a", 6], "any", "any", [{"type": "done"}, 1]]
     assert out["saved"] == [{"a": 5, "b": 2}]
     assert out["sent"] == [[{"type": "edit"}, 0]]
@@ -312,7 +312,7 @@ def test_a_model_without_jupyter_goes_before_the_other_side_until_it_is_answered
         hand([6]); model.set("a", [7]); model.answered({ a: [6] }); say("ahead"); model.save_changes();
         model.answered({ a: [7] }); model.update({ a: [8] });
         return told; }"""
-    assert run_script(("plain_model.js",), main, None) == [
+    assert run_script(("sync/host_model.js",), main, None) == [
         ["heard", [1], 0], ["heard", [2], 0], ["crossed", [2], 3], ["heard", [4], 3], ["answered the first", [4], 3],
         ["answered", [4], 3], ["heard", [5], 3], ["heard", [9], 3], ["heard", [5], 3], ["refused", [5], 3],
         ["heard", [6], 3], ["heard", [7], 3], ["ahead", [7], 3], ["heard", [8], 3]]

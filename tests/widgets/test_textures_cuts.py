@@ -226,9 +226,8 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
     assert not differ_only_in(0, cut, step(plane=Plane.along(GRID, "-y")).field(GRID))
 
 
-_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "volume_loader.js", "raycast_folds.js", "displacement_glsl.js", "raycast_glsl.js",
-          "cut_layers.js")
+_FILES = ("maths/cuts.js", "maths/regions.js", "maths/rigid_stages.js", "view/follow_editor.js",
+          "view/volume_loader.js", "webgl/displacement_shader.js")
 
 
 def test_the_page_builds_the_layers_that_python_sends() -> None:

@@ -29,7 +29,7 @@ from deformnb.rbf.stages import Fit, fit_points
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.points import PAGE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.protocol import (
     OVERLAYS,
@@ -125,12 +125,6 @@ def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cel
     return stream.getvalue()
 
 
-_FILES = ("rbf_solve.js", "rbf.js", "regions.js", "region_masks.js", "rigid_fits.js", "staged_fits.js", "cut_fits.js",
-          "link.js", "maps.js", "edits.js", "shapes.js", "sender.js", "elements.js", "paint.js", "paint_layers.js",
-          "fold_map.js", "net_places.js", "strain_crosses.js", "ghost.js", "overlay.js", "shape_handles.js",
-          "handles.js", "key_help.js", "toolbar.js", "pen.js", "turns.js", "mirror.js", "brushes.js", "brush_tool.js",
-          "hand_marks.js", "draw_rate.js", "editor_keys.js", "gestures.js", "net_nodes.js", "editor_drawing.js",
-          "editor_shapes.js", "editor_edits.js", "editor_hand.js", "editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -201,8 +195,8 @@ class Editor(EditedPoints):
     True
     """
 
-    _esm = joined(*_FILES)
-    _css = style("editor.css", "editor_hand.css", "thompson.css")
+    _esm = bundle("editor.js")
+    _css = bundle("editor.css")
 
     points = PointsTrait(2)
     cuts = ShapesTrait("cuts")

@@ -28,17 +28,13 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker, close_earlier_of_this_cell
-
-_FILES = ("elements.js", "camera.js", "link.js", "edits.js", "turns.js", "mirror.js", "sender.js", "handles.js",
-          "hand_marks.js", "key_help.js", "toolbar.js", "draw_rate.js", "editor_drawing.js", "space_edits.js",
-          "space_pane.js", "space_gestures.js", "space_editing.js", "space_hand.js", "space_editor.js")
 
 _LOG = logging.getLogger(__name__)
 
@@ -85,8 +81,8 @@ class SpaceEditor(EditedPoints):
     >>> editor.close()
     """
 
-    _esm = joined(*_FILES)
-    _css = style("editor.css", "editor_hand.css", "space_editor.css")
+    _esm = bundle("space_editor.js")
+    _css = bundle("space_editor.css")
 
     points = PointsTrait(3)
     page_traits = SPACE_TRAITS

@@ -24,9 +24,6 @@ from deformnb.widgets.view.base import ViewMeta
 
 _LOG = logging.getLogger(__name__)
 
-SCRIPTS = ("elements.js", "edit_link.js", "edited_page.js")
-"""Scripts in front of those of every such widget."""
-
 LONGEST_MESSAGE = 65536
 """Bytes of a message by the front end at most."""
 

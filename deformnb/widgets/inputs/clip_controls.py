@@ -7,13 +7,8 @@ from typing import Any
 import ipywidgets
 import traitlets
 
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.synced import SyncedWidget
-
-CLIP_FILES = ("clip_sliders.js",)
-"""Scripts of the sliders, behind elements.js, camera.js and clipping.js."""
-
-CLIP_STYLES = ("clip_sliders.css",)
 
 
 class ClipControls(SyncedWidget):
@@ -32,8 +27,8 @@ class ClipControls(SyncedWidget):
     True
     """
 
-    _esm = joined("elements.js", "camera.js", "clipping.js", *CLIP_FILES, "clip_controls.js")
-    _css = style(*CLIP_STYLES)
+    _esm = bundle("clip_controls.js")
+    _css = bundle("clip_controls.css")
 
     view = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
 

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import LONGEST, modulate
-from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, nodes_from_json
+from deformnb.widgets.bundle import bundle
+from deformnb.widgets.inputs.base import AbstractEdited, nodes_from_json
 
 Nodes: TypeAlias = tuple[tuple[float, float], ...]
 
@@ -179,8 +179,8 @@ class CurveEditor(AbstractEdited):
     (1.0, 1.0, 0.0)
     """
 
-    _esm = joined(*SCRIPTS, "curves.js", "curve_plot.js", "curve_editor.js")
-    _css = style("curve_editor.css")
+    _esm = bundle("curve_editor.js")
+    _css = bundle("curve_editor.css")
 
     curve = _CurveTrait("z")
     range = traitlets.Tuple(traitlets.Float(), traitlets.Float(), default_value=(-1.0, 1.5)).tag(sync=True)

@@ -15,8 +15,8 @@ import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import interpolate
-from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, is_whole
+from deformnb.widgets.bundle import bundle
+from deformnb.widgets.inputs.base import AbstractEdited, is_number, is_whole
 
 LEAST_APART = 0.01
 """The front end keeps keys this far apart; two at one depth would tear the volume."""
@@ -84,8 +84,8 @@ class DepthKeys(AbstractEdited):
     0
     """
 
-    _esm = joined(*SCRIPTS, "depth_keys.js")
-    _css = style("curve_editor.css")
+    _esm = bundle("depth_keys.js")
+    _css = bundle("depth_keys.css")
 
     knots = _KnotsTrait((0.0, 1.0))
     selected = traitlets.Int(0)

@@ -7,7 +7,7 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.synced import SyncedWidget
 
 LARGEST_DOWNLOAD = 128 * 2**20
@@ -29,8 +29,8 @@ class HandOver(SyncedWidget):
     deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a page takes at once; it is in the folder.
     """
 
-    _esm = joined("hand_over.js")
-    _css = style("hand_over.css")
+    _esm = bundle("file_transfer.js")
+    _css = bundle("file_transfer.css")
 
     said = traitlets.Unicode("").tag(sync=True)
 

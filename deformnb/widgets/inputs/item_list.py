@@ -13,7 +13,7 @@ from typing import Any
 
 import traitlets
 
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import is_whole
 from deformnb.widgets.synced import SyncedWidget
 
@@ -49,8 +49,8 @@ class ItemList(SyncedWidget):
     []
     """
 
-    _esm = joined("elements.js", "item_list.js")
-    _css = style("item_list.css")
+    _esm = bundle("item_list.js")
+    _css = bundle("item_list.css")
 
     rows = traitlets.List(traitlets.Dict()).tag(sync=True)
     chosen = traitlets.Int(-1).tag(sync=True)

@@ -21,7 +21,7 @@ from deformnb.document.animation import Animation, TimeMaps
 from deformnb.document.deformation import LOOPS
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.protocol import take_traits
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
@@ -68,8 +68,8 @@ class Player(SyncedWidget):
     2.0
     """
 
-    _esm = joined("elements.js", "edit_link.js", "edited_page.js", "link.js", "play_clock.js", "player.js")
-    _css = style("curve_editor.css", "player.css")
+    _esm = bundle("player.js")
+    _css = bundle("player.css")
 
     time = _Seconds(0.0).tag(sync=True)
     duration = _Seconds(1.0, min=0.0, max=LONGEST).tag(sync=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from deformnb.io.landmarks import LONGEST_TEXT
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import LONGEST_MESSAGE, is_whole
 from deformnb.widgets.synced import SyncedWidget
 
@@ -76,8 +76,8 @@ class PointsTable(SyncedWidget):
     (['tail', 'head'], 112)
     """
 
-    _esm = joined("link.js", "elements.js", "points_rows.js", "points_cells.js", "points_table.js")
-    _css = style("points_table.css")
+    _esm = bundle("points_table.js")
+    _css = bundle("points_table.css")
 
     ids = traitlets.List(traitlets.Int()).tag(sync=True)
     names = traitlets.List(traitlets.Unicode()).tag(sync=True)

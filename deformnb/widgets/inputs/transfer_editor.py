@@ -14,8 +14,8 @@ import traitlets
 from deformnb.errors import DeformError
 from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
 from deformnb.volume.volume import Volume
-from deformnb.widgets.bundle import joined, style
-from deformnb.widgets.inputs.base import SCRIPTS, AbstractEdited, is_number, nodes_from_json
+from deformnb.widgets.bundle import bundle
+from deformnb.widgets.inputs.base import AbstractEdited, is_number, nodes_from_json
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
 
 _BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
@@ -61,9 +61,8 @@ class TransferEditor(AbstractEdited):
     0.06
     """
 
-    _esm = joined(*SCRIPTS, "curves.js", "curve_plot.js", "value_axis.js", "color_stops.js",
-                  "window_bar.js", "transfer_editor.js")
-    _css = style("curve_editor.css", "transfer_editor.css")
+    _esm = bundle("transfer_editor.js")
+    _css = bundle("transfer_editor.css")
 
     transfer = _TransferTrait(TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 1))))
     height = traitlets.Int(150, min=80, max=1024).tag(sync=True)

@@ -1,9 +1,13 @@
 // A page without a kernel: says to the pages of an editor and a live view what Python would have said.
-// Joined behind plain_model.js; the modules of the widgets stand before it and have left what they export.
+// Joined behind sync/host_model.js; the modules of the widgets stand before it and have left what they export.
 // The data is what deformnb/widgets/standalone.py writes: traits, packed voxels, the message "field", the document.
 
+import { ClipSliders } from "./inputs/clip_sliders.js";
+import { clipOf, isClipped } from "./maths/clipping.js";
+import { PlainModel } from "./sync/host_model.js";
+
 const STRENGTHS = { min: -1, max: 3, step: 0.05 };
-const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
+export const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
 const CONTROLS = { "data-lm-suppress-shortcuts": "true" }; // should the page be shown in a notebook
 
 // Everything binary in the data as DataView, as Jupyter hands it over; the rest as it is.

@@ -26,7 +26,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.synced import SyncedWidget
 
@@ -56,8 +56,8 @@ class RestoreBar(SyncedWidget):
     >>> bar.close()
     """
 
-    _esm = joined("elements.js", "restore_bar.js")
-    _css = style("restore_bar.css")
+    _esm = bundle("restore_bar.js")
+    _css = bundle("restore_bar.css")
 
     offer = traitlets.Unicode("").tag(sync=True)
     written = traitlets.Unicode("").tag(sync=True)
@@ -156,8 +156,8 @@ class SaveButton(SyncedWidget):
     >>> button.close()
     """
 
-    _esm = joined("elements.js", "save_button.js")
-    _css = style("save_button.css")
+    _esm = bundle("save_button.js")
+    _css = bundle("save_button.css")
 
     unsaved = traitlets.Bool(False).tag(sync=True)
     tip = traitlets.Unicode("").tag(sync=True)

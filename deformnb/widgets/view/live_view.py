@@ -37,14 +37,14 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.packed_volume import Pieces, ShownVolume, fine_window, is_fine_enough, shown_volume, whole_window
 from deformnb.widgets.protocol import measured, picture, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.textures import CardMaps, card_frames, card_maps, count_maps, differ_only_in
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
-from deformnb.widgets.view.space_points import POINT_FILES, POINT_STYLES, QUICK_SIZE, ShowsPoints
+from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
 from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import close_earlier_of_this_cell
@@ -60,12 +60,6 @@ OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "wid
                      "settle_ms"})
 """Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
 
-_FILES = ("rbf_solve.js", "rbf.js", "region_masks.js", "regions.js", "rigid_fits.js", "staged_fits.js",
-          "cut_fits.js", "link.js", "elements.js", "volume_blocks.js", "raycast_folds.js",
-          "displacement_glsl.js", "raycast_glsl.js", "programs.js", "clipping.js", "raycast.js", "camera.js",
-          "frame_loop.js", "cut_layers.js", "field_link.js", "scale_bar.js", "live_parts.js", "orientation.js",
-          "volume_loader.js", "time_maps.js", *POINT_FILES, "hands.js", "pictures_page.js", "still_picture.js",
-          "live_page.js", "live_view.js")
 
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
 
@@ -112,8 +106,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     (48, 64, 3)
     """
 
-    _esm = joined(*_FILES)
-    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
+    _esm = bundle("live_view.js")
+    _css = bundle("live_view.css")
 
     volume_info = traitlets.Dict().tag(sync=True)
     table = traitlets.Bytes().tag(sync=True)

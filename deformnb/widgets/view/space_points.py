@@ -16,12 +16,6 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
 
-POINT_FILES = ("edits.js", "sender.js", "handles.js", "space_edits.js", "space_rays.js",
-               "space_points.js")
-"""Scripts that a view needs for it, behind elements.js, link.js and camera.js."""
-
-POINT_STYLES = ("editor.css", "space_points.css")
-
 # Samples along the longest side of a displacement while points move: 0.4 MB, which a front end gets 30 times a second.
 # What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32

@@ -30,13 +30,13 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
 from deformnb.widgets.packed_volume import ShownVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
-from deformnb.widgets.view.space_points import POINT_FILES, POINT_STYLES, ShowsPoints
+from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import METHODS, make_scene, with_png
 from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
@@ -119,8 +119,6 @@ def check_transport(name: str) -> None:
                           'transport="comm".')
 
 
-_FILES = ("elements.js", "link.js", "camera.js", "clipping.js", "scale_bar.js", "live_parts.js", "orientation.js",
-          *POINT_FILES, "hands.js", "pictures_page.js", "volume_view.js")
 
 _Result = TypeVar("_Result")
 
@@ -175,8 +173,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         view.call(lambda plotter: plotter.add_mesh(mesh, color="red", opacity=0.5))
     """
 
-    _esm = joined(*_FILES)
-    _css = style("live_view.css", "volume_view.css", *POINT_STYLES)
+    _esm = bundle("volume_view.js")
+    _css = bundle("volume_view.css")
     draws_by_vtk = True
 
     badge = ""

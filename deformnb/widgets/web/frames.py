@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 from deformnb.errors import DeformError
-from deformnb.widgets.bundle import style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.protocol import text, whole
 from deformnb.widgets.vtk.render_loop import Frame
@@ -175,7 +175,7 @@ class _ViewArea:
 
     def assets(self) -> dict[str, tuple[str, str]]:
         """Styles of the overlays on the picture."""
-        return {"/deformnb/widgets.css": (style("live_view.css", "volume_view.css"), "text/css")}
+        return {"/deformnb/widgets.css": (bundle("remote_view.css"), "text/css")}
 
     def file(self, key: str) -> None:
         """No file is offered."""

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 from aiohttp import web
 
 from deformnb.errors import DeformError
-from deformnb.widgets.bundle import joined, style
+from deformnb.widgets.bundle import bundle
 from deformnb.widgets.web.guard import (
     FAREWELL_SECONDS,
     LONGEST_MESSAGE,
@@ -34,9 +34,6 @@ from deformnb.widgets.web.remote_area import AREA
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
-
-_SCRIPTS = ("plain_model.js", "elements.js", "camera.js", "scale_bar.js", "live_parts.js", "orientation.js",
-            "app_remote.js", "app_files.js", "app_bridge.js")
 
 _LONG = frozenset({"deformnb.message", "deformnb.take"})  # edits with many points, saved sessions
 
@@ -287,9 +284,9 @@ def _assets() -> dict[str, tuple[str, str]]:
     index = own[:start] + own[end:]
     return {
         "/": (index, "text/html"), "/index.html": (index, "text/html"),
-        "/deformnb/door.js": (joined("app_door.js"), script),
-        "/deformnb/app.js": (f"(() => {{\n{joined(*_SCRIPTS)}\n}})();", script),  # its names are its own
-        "/deformnb/app.css": (style("app.css"), sheet),
+        "/deformnb/door.js": (bundle("door.js"), script),
+        "/deformnb/app.js": (bundle("app.js"), script),
+        "/deformnb/app.css": (bundle("app.css"), sheet),
     }
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from scripts import run_script
 
-FILES = ("plain_model.js", "edits.js", "sender.js")
+FILES = ("sync/host_model.js", "maths/points.js", "sync/edits.js")
 
 # Time that runs from event to event, a kernel that takes one message at a time, and windows with lanes of their own.
 # What one connection carries stays in order; trait updates and custom messages are two lanes, since a front end

@@ -29,7 +29,7 @@ from deformnb.widgets import SpaceEditor
 from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding, shapes_on
 from deformnb.widgets.protocol import points_to_json
 
-EDITS = ("elements.js", "camera.js", "edits.js", "handles.js", "space_edits.js")
+EDITS = ("ui/dom.js", "maths/camera.js", "maths/points.js", "editor/handles.js", "maths/space.js")
 SHAPE, SPACING, ORIGIN = (24, 30, 36), (1.0, 1.5, 2.0), (5.0, -8.0, 3.0)
 
 

@@ -296,7 +296,7 @@ def test_pages_that_are_long_closed_are_forgotten(sent: list[Any]) -> None:
 @pytest.mark.skipif(shutil.which("node") is None, reason="a browser for every example would take minutes")
 def test_the_page_draws_the_curve_that_python_computes(given_nodes: Nodes) -> None:
     main = "({ nodes, z }) => [false, true].map((s) => z.map(curveThrough(nodes, s)))"
-    straight, smooth = run_script(("curves.js",), main, {"nodes": given_nodes, "z": Z.tolist()})
+    straight, smooth = run_script(("maths/curves.js",), main, {"nodes": given_nodes, "z": Z.tolist()})
     oracle.assert_close(straight, values_of(given_nodes, Z), atol=1e-12)
     oracle.assert_close(smooth, values_of(given_nodes, Z, True), atol=1e-9)
 
@@ -311,7 +311,7 @@ def test_nodes_stay_between_their_neighbours_and_on_the_grid() -> None:
           addedNode([...nodes, [1, 1]], [0.7, 0.1], rules), removedNode(nodes, 1, rules), removedNode(nodes, 0, rules),
           removedNode(nodes, 0, { ...rules, isPinned: false })?.length];
         return [out, before === JSON.stringify(nodes)]; }"""
-    out, is_pure = run_script(("curves.js",), main, TENT)
+    out, is_pure = run_script(("maths/curves.js",), main, TENT)
     assert is_pure
     assert out == [[0.5, 1.5], [127 / 128, -1], [1 / 128, 0], [0, 0.7], [51 / 128, 0.7],
                    [[TENT[0], TENT[1], [90 / 128, 0.1], TENT[2]], 2], None, None, [TENT[0], TENT[2]], None, 2]
@@ -319,13 +319,13 @@ def test_nodes_stay_between_their_neighbours_and_on_the_grid() -> None:
 
 def test_a_step_in_the_opacities_is_drawn_as_one() -> None:
     main = "(nodes) => [4.9, 5, 5.1, -9, 99].map(curveThrough(nodes))"
-    assert run_script(("curves.js",), main, [[0, 0], [5, 0], [5, 1], [9, 1]]) == [0, 1, 1, 0, 1]
+    assert run_script(("maths/curves.js",), main, [[0, 0], [5, 0], [5, 1], [9, 1]]) == [0, 1, 1, 0, 1]
 
 
 def test_ticks_are_round_and_numbers_short() -> None:
     main = """() => [ticksOf(0, 1, 5), ticksOf(-1024, 3071, 5), ticksOf(0.2, 0.21, 3),
         [shownNumber(-0.5, 2), shownNumber(1234.567, 4000), shownNumber(0.12345, 1), shownNumber(5e7, 1e8)]]"""
-    assert run_script(("curves.js",), main, None) == [
+    assert run_script(("maths/curves.js",), main, None) == [
         pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1]), [-1000, 0, 1000, 2000, 3000], pytest.approx([0.2, 0.205, 0.21]),
         ["\u22120.5", "1235", "0.12", "5.00e+7"]]
 
@@ -340,7 +340,7 @@ def test_two_movements_are_in_flight_and_the_newest_is_kept() -> None:
         link.move("e"); link.move("f"); link.move("g"); now = 3000; link.move("h");
         const late = link.isBehind({}); now = 11000;
         return [early, sent, behind, late, link.isBehind({})]; }"""
-    early, sent, behind, late, last = run_script(("edit_link.js",), main, None)
+    early, sent, behind, late, last = run_script(("sync/edits.js",), main, None)
     assert early == 2
     assert [row[1:] for row in sent] == [["move", "a"], ["move", "b"], ["move", "d"], ["end", "z"], ["move", "e"],
                                          ["move", "f"], ["move", "h"]]

@@ -79,7 +79,7 @@ function main({ loop, duration, speed, ticks, start }) {
 
 def clock(**options: Any) -> Any:
     given = {"loop": "once", "duration": 1.0, "speed": 1.0, "start": 0.0, "ticks": [], **options}
-    return run_script(("play_clock.js",), CLOCK, given)
+    return run_script(("inputs/player.js",), CLOCK, given)
 
 
 def test_the_clock_plays_once_and_ends_exactly() -> None:

@@ -215,7 +215,7 @@ def test_a_node_for_a_step_may_share_its_value(volume: Volume, sent: list[Any]) 
 
 # ---- scripts ---------------------------------------------------------------------------------------------------------
 
-AXIS, STOPS = ("value_axis.js",), ("curves.js", "elements.js", "edited_page.js", "color_stops.js")
+AXIS, STOPS = ("inputs/transfer_editor.js",), ("inputs/transfer_editor.js",)
 
 
 def test_the_page_stretches_a_window_as_python_does() -> None:

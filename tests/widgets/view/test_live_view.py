@@ -684,7 +684,7 @@ def rough() -> np.ndarray:
 
 def test_gradients_are_central_differences_in_physical_units() -> None:
     values, spacing = rough()[:9, 15:24, :8], (1.0, 2.0, 0.5)
-    got = run_script(("volume_blocks.js",), """({ values, shape, spacing }) =>
+    got = run_script(("webgl/volume_blocks.js",), """({ values, shape, spacing }) =>
         Array.from(gradientSlab(Uint8Array.from(values), shape, 2, 7, spacing, 0))""",
         {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing})
     rgba = np.array(got).reshape(5, *values.shape[1:], 4)
@@ -701,13 +701,13 @@ def test_gradients_are_central_differences_in_physical_units() -> None:
     ([1, 0, 0], "L"), ([-1, 0, 0], "R"), ([0, 1, 0], "P"), ([0, -1, 0], "A"), ([0, 0, 1], "S"), ([0, 0, -1], "I"),
     ([0, 0.8, -0.6], "PI"), ([-0.6, 0, 0.8], "SR"), ([0.95, 0.3, 0], "L")])
 def test_the_side_of_the_patient_is_that_of_lps(vector: list[float], side: str) -> None:
-    assert run_script(("camera.js",), "(vector) => sideOf(vector)", vector) == side
+    assert run_script(("maths/camera.js",), "(vector) => sideOf(vector)", vector) == side
 
 
 def test_rings_of_blocks_are_empty_and_no_fewer() -> None:
     values = rough()
     alphas = np.where(np.arange(256) > 80, 0.5, 0.0)
-    got = run_script(("volume_blocks.js",), """({ values, shape, alphas }) => {
+    got = run_script(("webgl/volume_blocks.js",), """({ values, shape, alphas }) => {
         const found = blockExtremes(Uint8Array.from(values), shape);
         return { size: found.size, low: Array.from(found.low), high: Array.from(found.high),
           rings: Array.from(emptyRings(found, alphas)) }; }""",
@@ -733,12 +733,12 @@ def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
     values[..., 16:] = 13
     alphas = np.zeros(255 * each + 1)
     alphas[12 * each - each // 2] = 0.5  # at 12, or half-way between 11 and 12 where the table has an entry there
-    rings = run_script(("volume_blocks.js",), """({ values, shape, alphas }) =>
+    rings = run_script(("webgl/volume_blocks.js",), """({ values, shape, alphas }) =>
         Array.from(emptyRings(blockExtremes(Uint8Array.from(values), shape), alphas))""",
         {"values": values.ravel().tolist(), "shape": [24, 8, 8], "alphas": alphas.tolist()})
     assert rings[::2] == [1, 0, 0]
     rgba = np.repeat(alphas, 4).tolist()
-    byte = run_script(("volume_blocks.js",), "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
+    byte = run_script(("webgl/volume_blocks.js",), "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
                       {"rgba": rgba, "byte": 12})
     assert byte == alphas[12 * each]
 
@@ -751,7 +751,7 @@ def test_the_slope_of_a_field_bounds_every_difference() -> None:
     message = card_maps(field, shown, None, 128, 16)
     planar = message.content["planar"]
     maps, weights = (np.frombuffer(b, "<f4").tolist() for b in message.buffers)
-    got = run_script(("volume_blocks.js",), """({ maps, shape, spacing, weights, length }) => extrusionSlope(
+    got = run_script(("webgl/volume_blocks.js",), """({ maps, shape, spacing, weights, length }) => extrusionSlope(
         planarBounds(maps, shape, spacing), weights, shape[0], weights.length / shape[0], length)""",
         {"maps": maps, "shape": planar["shape"], "spacing": planar["spacing"], "weights": weights,
          "length": planar["depth"][1] - planar["depth"][0]})

@@ -25,7 +25,7 @@ from deformnb.widgets.protocol import points_to_json
 from deformnb.widgets.textures import card_maps
 from deformnb.widgets.view.space_points import QUICK_SIZE
 
-RAYS = ("elements.js", "volume_blocks.js", "camera.js", "edits.js", "handles.js", "space_edits.js", "space_rays.js")
+RAYS = ("webgl/volume_blocks.js", "maths/camera.js", "maths/space.js", "view/space_points.js")
 TURNED = ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
 GRID = Grid((30, 34, 38), (1.0, 1.25, 1.5), (4.0, -7.0, 11.0), TURNED)
 

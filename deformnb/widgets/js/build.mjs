@@ -1,0 +1,58 @@
+// Bundles the widgets: one module and one style sheet for each, written to deformnb/widgets/static.
+//
+//   node deformnb/widgets/js/build.mjs            as it is shipped
+//   node deformnb/widgets/js/build.mjs --debug    with white space and source maps inside, for a browser's debugger
+
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { build } from "esbuild";
+
+const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
+const isDebug = process.argv.includes("--debug");
+
+// Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
+const WIDGETS = {
+  editor: ["editor/editor.js", "editor/editor.css", "editor/hand.css", "editor/grid_nodes.css"],
+  space_editor: ["space_editor/editor.js", "editor/editor.css", "editor/hand.css", "space_editor/editor.css"],
+  live_view: ["view/live_view.js", "view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"],
+  volume_view: ["view/volume_view.js", "view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"],
+  curve_editor: ["inputs/curve_editor.js", "inputs/curve_editor.css"],
+  transfer_editor: ["inputs/transfer_editor.js", "inputs/curve_editor.css", "inputs/transfer_editor.css"],
+  depth_keys: ["inputs/depth_keys.js", "inputs/curve_editor.css"],
+  player: ["inputs/player.js", "inputs/curve_editor.css", "inputs/player.css"],
+  points_table: ["inputs/points_table.js", "inputs/points_table.css"],
+  item_list: ["inputs/item_list.js", "inputs/item_list.css"],
+  clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],
+  file_transfer: ["inputs/file_transfer.js", "inputs/file_transfer.css"],
+  restore_bar: ["inputs/restore_bar.js", "inputs/restore_bar.css"],
+  save_button: ["inputs/save_button.js", "inputs/save_button.css"],
+};
+
+// Scripts of pages without Jupyter, which nothing imports.
+const PAGES = {
+  app: ["app/app.js", "app/app.css"],
+  door: ["app/door.js"],
+  remote_view: ["view/live_view.css", "view/volume_view.css"],
+  standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
+};
+
+const options = {
+  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", logLevel: "warning", legalComments: "none",
+  ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
+};
+
+/** Bundles the files of one name; of a module nothing but the default export is left. */
+async function bundled(name, paths, format) {
+  for (const loader of ["js", "css"]) {
+    const own = paths.filter((path) => path.endsWith(`.${loader}`)), [first] = own;
+    if (!first) continue;
+    const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
+      : format === "esm" ? `export { default } from "./${first}";` : `import "./${first}";`;
+    await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin: { contents, resolveDir: here, loader } });
+  }
+}
+
+await Promise.all([
+  ...Object.entries(WIDGETS).map(([name, paths]) => bundled(name, paths, "esm")),
+  ...Object.entries(PAGES).map(([name, paths]) => bundled(name, paths, "iife")),
+]);

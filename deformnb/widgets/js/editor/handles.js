@@ -1,0 +1,297 @@
+// The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
+// Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
+
+import { shownLength } from "../maths/numbers.js";
+import { middleOf } from "../maths/points.js";
+import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { REGION_FORMS } from "./shape_handles.js";
+
+const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown where the mouse is, as numbers are
+export const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
+const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
+
+// A press of the right button. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click, a key.
+export function isRightClick(event) { return event.button === 2 && !event.ctrlKey && event.pointerType !== "touch"; }
+
+// A finger on what can be dragged must not scroll the page; touch-action of a part of an SVG does not keep it from that.
+export function keepFromScrolling(event) {
+  if (event.cancelable && event.target.closest("[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip")) event.preventDefault();
+}
+
+// What a screen reader says of a point.
+export function pointLabel(p) {
+  const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1], moves = [];
+  if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
+  if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
+  const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
+  const name = p.name ? ` ${p.name}` : "";
+  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
+}
+
+// What is shown where the mouse rests on a point.
+function pointTip(p, reach) {
+  const place = (at) => at.map(shownLength).join(", "), by = p.target.map((value, k) => value - p.source[k]);
+  const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
+  return `${p.name || `point ${p.id}`}: ${drag}${p.active ? reach ? `; reaches ${shownLength(reach)}` : "" : "; switched off"}`;
+}
+
+export class Handles {
+  // words: what is said of a point, to a screen reader and where the mouse rests.
+  constructor(svg, words = { label: pointLabel, tip: pointTip }) {
+    this.svg = svg;
+    this.words = words;
+    this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
+    this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
+    this.points = svgElement("g", { class: "dnb-ed-points", role: "group", "aria-label": "Points" }, svg);
+    this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
+    this.byId = new Map();
+    this.suspects = new Set(); // ids of points that get a dashed ring
+    this.stop = null; // the one point that Tab leads to: that in focus, or the last that was
+    // Not on the SVG: Chromium takes a part of an SVG that listens to the focus for one that can have it.
+    svg.parentElement?.addEventListener("focusin", ({ target }) => {
+      const point = this.points.contains(target) ? target.closest("[data-id]") : null;
+      if (point) this.#stopAt(Number(point.dataset.id));
+    });
+  }
+
+  // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
+  // told in the tips. True if the focus was on a point that is gone: the browser would give it to the body.
+  // `markOf(point)` numbers the region that a point belongs to, or is null (editor/shape_handles.js).
+  update(points, selected, view, radius, reach, markOf = () => null) {
+    const seen = new Set(points.map((p) => p.id)), focused = this.svg.getRootNode().activeElement;
+    let isFocusLost = false;
+    for (const [id, parts] of this.byId) {
+      if (seen.has(id)) continue;
+      isFocusLost ||= parts.target === focused;
+      for (const part of [parts.arrow, parts.source, parts.target, parts.radius]) part.remove();
+      this.byId.delete(id);
+      if (id === this.stop) this.stop = null;
+    }
+    points.forEach((p, k) => {
+      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
+      this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
+        ? p.radius ?? radius : 0);
+      this.#mark(parts, markOf(p));
+      const isSuspect = this.suspects.has(p.id);
+      parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
+      setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
+    });
+    if (this.stop === null && points.length) {
+      const chosen = points.filter((p) => selected.has(p.id)), ids = (chosen.length ? chosen : points).map((p) => p.id);
+      this.#stopAt(ids.reduce((least, id) => Math.min(least, id)));
+    }
+    return isFocusLost;
+  }
+
+  // With two hundred points nobody wants to press Tab two hundred times.
+  #stopAt(id) {
+    if (id === this.stop) return;
+    this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
+    this.byId.get(id)?.target.setAttribute("tabindex", "0");
+    this.stop = id;
+  }
+
+  // The focus to the next point of a list of ids or, by -1, to the one before; from none of them to where Tab leads.
+  focusNext(ids, by, from = null) {
+    const at = ids.indexOf(from);
+    return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
+  }
+
+  #make(id) {
+    const arrow = svgElement("g", {}, this.arrows);
+    svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
+    svgElement("path", { class: "dnb-ed-arrow" }, arrow);
+    svgElement("path", { class: "dnb-ed-arrow-head" }, arrow);
+    const source = svgElement("g", { class: "dnb-ed-source", "data-source": id }, this.points);
+    svgElement("circle", { r: 9, class: "dnb-ed-hit" }, source);
+    svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
+    svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
+    const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "-1", role: "button",
+      "aria-roledescription": "control point", ...OWN_KEYS }, this.points);
+    const tip = svgElement("title", {}, target);
+    svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
+    svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
+    for (const name of ["dnb-ed-doubt-case", "dnb-ed-doubt"]) svgElement("circle", { r: 15, class: name }, target);
+    svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
+    const form = svgElement("path", { class: "dnb-ed-form" }, target);
+    svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
+    svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, target);
+    svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
+    svgElement("text", { class: "dnb-ed-name" }, target);
+    const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
+    const parts = { arrow, source, target, radius, tip, form, mark: null };
+    this.byId.set(id, parts);
+    return parts;
+  }
+
+  #mark(parts, mark) {
+    if (mark === parts.mark) return;
+    parts.mark = mark;
+    for (const part of [parts.target, parts.source]) {
+      if (mark === null) part.removeAttribute("data-region");
+      else part.setAttribute("data-region", mark);
+    }
+    parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]);
+    parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
+  }
+
+  // Shows that these points cannot go on; no others are.
+  lock(ids) {
+    for (const [id, { target }] of this.byId) target.classList.toggle("dnb-ed-locked", ids.includes(id));
+  }
+
+  // Tab follows the order of the list, so the elements must.
+  #order(points) {
+    for (const p of points) {
+      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      if (this.points.lastChild === parts.target) continue;
+      const focused = parts.target === this.svg.getRootNode().activeElement;
+      this.points.append(parts.source, parts.target);
+      if (focused) parts.target.focus();
+    }
+  }
+
+  #place(parts, p, isSelected, { k, x, y, width, height }, radius) {
+    const at = [k * p.target[0] + x, k * p.target[1] + y], from = [k * p.source[0] + x, k * p.source[1] + y];
+    const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
+    const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
+    const shown = isOutside ? inside : at, { target, source, arrow } = parts;
+    target.setAttribute("transform", `translate(${shown[0].toFixed(2)} ${shown[1].toFixed(2)})`);
+    source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
+    target.classList.toggle("dnb-ed-selected", isSelected);
+    for (const part of [target, source, arrow]) part.classList.toggle("dnb-ed-off", !p.active);
+    for (const part of [target, source]) part.classList.toggle("dnb-ed-kept", p.locked === true);
+    target.classList.toggle("dnb-ed-quiet", QUIET_NAME.test(p.name) && !isSelected);
+    target.classList.toggle("dnb-ed-outside", isOutside);
+    target.setAttribute("aria-pressed", String(isSelected));
+    if (isOutside) {
+      const angle = Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180 / Math.PI;
+      target.querySelector(".dnb-ed-beyond").setAttribute("transform", `rotate(${angle.toFixed(1)})`);
+    }
+    this.#label(parts, p, shown, width);
+    this.#arrow(arrow, from, at);
+    const length = Math.hypot(at[0] - from[0], at[1] - from[1]);
+    source.setAttribute("visibility", length < 3 ? "hidden" : "visible");
+    parts.radius.setAttribute("visibility", radius > 0 ? "visible" : "hidden");
+    if (radius > 0) for (const [name, value] of [["cx", at[0]], ["cy", at[1]], ["r", radius * k]]) {
+      parts.radius.setAttribute(name, value.toFixed(1));
+    }
+  }
+
+  #label(parts, p, [left], width) {
+    const label = this.words.label(p), text = parts.target.lastChild;
+    if (parts.label !== label) parts.target.setAttribute("aria-label", parts.label = label);
+    const isLeft = left > width - 90;
+    text.setAttribute("x", isLeft ? -12 : 12);
+    text.setAttribute("y", -8);
+    text.setAttribute("text-anchor", isLeft ? "end" : "start");
+    const shown = p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id);
+    if (text.textContent !== shown) text.textContent = shown;
+    text.classList.toggle("dnb-ed-number", !p.name || QUIET_NAME.test(p.name));
+  }
+
+  #arrow(arrow, from, at) {
+    const dx = at[0] - from[0], dy = at[1] - from[1], length = Math.hypot(dx, dy);
+    const hasRoom = length > 20;
+    arrow.setAttribute("visibility", length < 12 ? "hidden" : "visible");
+    if (length < 12) return;
+    const u = dx / length, v = dy / length, end = length - (hasRoom ? 15 : 8);
+    const place = (along, across) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
+      `${(from[1] + v * along + u * across).toFixed(2)}`;
+    const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
+    arrow.children[0].setAttribute("d", line);
+    arrow.children[1].setAttribute("d", line);
+    arrow.children[2].setAttribute("d", hasRoom
+      ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "");
+  }
+
+  showBand(box) {
+    this.band.setAttribute("visibility", box ? "visible" : "hidden");
+    if (!box) return;
+    for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
+  }
+
+  // Whether there is such a point.
+  focus(id) {
+    this.byId.get(id)?.target.focus({ preventScroll: true });
+    return this.byId.has(id);
+  }
+
+  blink(ids) {
+    for (const id of ids) {
+      const target = this.byId.get(id)?.target;
+      if (!target) continue;
+      target.classList.add("dnb-ed-blink");
+      target.addEventListener("animationend", () => target.classList.remove("dnb-ed-blink"), { once: true });
+    }
+  }
+}
+
+// What a hand can take hold of besides points and shapes: the handle that turns what is selected, and the axis of a
+// mirror. And the circle of the brush, which shows where it works.
+
+const TURN_AWAY = 38; // CSS pixels from the middle of the selection, or from its upper edge, to the handle
+const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
+
+export class HandMarks {
+  constructor(svg, points) {
+    this.root = svgElement("g", { class: "dnb-ed-marks" });
+    svg.insertBefore(this.root, points); // under the points, which come first under a hand
+    this.axis = svgElement("g", { class: "dnb-ed-axis", visibility: "hidden" }, this.root);
+    this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-axis-${name}` }, this.axis));
+    this.grip = svgElement("g", { "data-mark": "axis", class: "dnb-ed-axis-grip", tabindex: "-1", role: "slider",
+      "aria-label": "axis of the mirror", ...OWN_KEYS }, this.axis);
+    svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.grip);
+    svgElement("rect", { x: -9, y: -9, width: 18, height: 18, rx: 4 }, this.grip);
+    this.gripIcon = svgElement("path", { d: "M0-6.5V6.5M-3-3.5L-6.5 0-3 3.5M3-3.5L6.5 0 3 3.5" }, this.grip);
+    svgElement("title", {}, this.grip).textContent = "Drag the axis of the mirror";
+    this.turn = svgElement("g", { "data-mark": "turn", class: "dnb-ed-turn", visibility: "hidden" }, this.root);
+    this.stalk = svgElement("path", { class: "dnb-ed-turn-stalk" }, this.turn);
+    this.knob = svgElement("g", {}, this.turn);
+    svgElement("circle", { r: 14, class: "dnb-ed-hit" }, this.knob);
+    svgElement("circle", { r: 8, class: "dnb-ed-turn-disc" }, this.knob);
+    svgElement("path", { d: "M4.2-1.6A4.5 4.5 0 1 0 4 2.2M4.6-4.6V-1.4H1.4", class: "dnb-ed-turn-arrow" }, this.knob);
+    svgElement("title", {}, this.turn).textContent = "Turn what is selected; Alt scales it, Shift goes in steps";
+    this.brush = svgElement("g", { class: "dnb-ed-circle", visibility: "hidden", "aria-hidden": "true" }, svg);
+    this.circles = ["case", "line"].map((name) => svgElement("circle", { class: `dnb-ed-circle-${name}` }, this.brush));
+  }
+
+  update(page) {
+    this.#axis(page);
+    this.#turn(page);
+    const { brush, view } = page, isShown = brush.isOn && brush.at !== null && !page.isLocked;
+    this.brush.setAttribute("visibility", isShown ? "visible" : "hidden");
+    if (!isShown) return;
+    for (const circle of this.circles) {
+      setAttributes(circle, { cx: brush.at[0].toFixed(1), cy: brush.at[1].toFixed(1), r: (brush.radius * view.k).toFixed(1) });
+    }
+  }
+
+  #axis({ mirror, view, isLocked, gripAway = GRIP_AWAY }) {
+    const isShown = mirror.on && !isLocked;
+    this.axis.setAttribute("visibility", isShown ? "visible" : "hidden");
+    this.grip.setAttribute("tabindex", isShown ? "0" : "-1");
+    if (!isShown) return;
+    const isUpright = mirror.axis === "a", at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
+    const line = isUpright ? `M ${at.toFixed(1)} 0 V ${view.height}` : `M 0 ${at.toFixed(1)} H ${view.width}`;
+    for (const path of this.lines) path.setAttribute("d", line);
+    const place = isUpright ? [at, gripAway] : [gripAway, at];
+    this.grip.setAttribute("transform", `translate(${place.map((v) => v.toFixed(1)).join(" ")})${isUpright ? "" : " rotate(90)"}`);
+    setAttributes(this.grip, { "aria-valuenow": shownLength(mirror.at),
+      "aria-orientation": isUpright ? "horizontal" : "vertical" });
+  }
+
+  // Above what is selected: the middle of it is the middle of the turn.
+  #turn(page) {
+    const { view, selected, points } = page, chosen = points.filter((p) => selected.has(p.id) && !p.locked);
+    const isShown = chosen.length > 0 && !page.isLocked && !page.isHolding && !page.brush.isOn && !page.pen.isOn && !page.isAdding;
+    this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
+    if (!isShown) return;
+    const [x, y] = page.onView(middleOf(chosen)), ys = chosen.map((p) => page.onView(p.target)[1]);
+    const up = Math.min(...ys) - TURN_AWAY, down = Math.max(...ys) + TURN_AWAY;
+    const end = up > 12 ? up : Math.min(view.height - 12, down);
+    this.stalk.setAttribute("d", `M ${x.toFixed(1)} ${y.toFixed(1)} V ${end.toFixed(1)}`);
+    this.knob.setAttribute("transform", `translate(${x.toFixed(1)} ${end.toFixed(1)})`);
+  }
+}

@@ -1,0 +1,480 @@
+// Paints a warped picture and its net on a 2D canvas. The view says which part of the picture plane is seen:
+// {k, x, y}: a place (a, b) lies at (k a + x, k b + y) CSS pixels; {width, height} of the canvas; ratio of its pixels.
+
+import { chosenPlace, coverage, marginOf } from "../maths/cuts.js";
+import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
+
+const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
+const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the hand has come to rest
+const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
+const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, net, handles and the browser
+
+class PictureSource {
+  // pixels: Uint8 (height * width * channels), channels 1 (grey) or 4 (RGBA); raster {shape, spacing, origin}
+  constructor(pixels, channels, raster) {
+    const [height, width] = raster.shape;
+    this.raster = raster;
+    this.channels = channels;
+    this.levels = [{ pixels, width, height }];
+    // Beyond the picture lies its smallest value, as for a volume.
+    this.fill = channels === 1 ? pixels.reduce((least, value) => Math.min(least, value), 255) : 0;
+  }
+
+  get box() {
+    const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
+    return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
+  }
+
+  // The picture averaged to half its size, `level` times: a picture seen from far must not shimmer.
+  level(level) {
+    while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1], this.channels));
+    return this.levels[level];
+  }
+}
+
+// The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+export async function decodePicture(bytes, raster) {
+  const view = new Uint8Array(bytes.buffer ?? bytes, bytes.byteOffset ?? 0, bytes.byteLength);
+  const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
+    { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const [height, width] = raster.shape;
+  if (bitmap.width !== width || bitmap.height !== height) throw new Error("its size is not that of its raster");
+  const canvas = Object.assign(document.createElement("canvas"), { width, height });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const rgba = context.getImageData(0, 0, width, height).data;
+  if (raster.channels !== 1) return new PictureSource(rgba, 4, raster);
+  return new PictureSource(Uint8Array.from({ length: width * height }, (_, k) => rgba[4 * k]), 1, raster);
+}
+
+export function halved({ pixels, width, height }, channels) {
+  const w = Math.max(1, width >> 1), h = Math.max(1, height >> 1), out = new Uint8Array(w * h * channels);
+  for (let y = 0; y < h; y++) {
+    const up = Math.min(2 * y, height - 1) * width, down = Math.min(2 * y + 1, height - 1) * width;
+    for (let x = 0; x < w; x++) {
+      const left = Math.min(2 * x, width - 1), right = Math.min(2 * x + 1, width - 1);
+      for (let c = 0; c < channels; c++) {
+        const at = (row, column) => pixels[(row + column) * channels + c];
+        out[(y * w + x) * channels + c] = (at(up, left) + at(up, right) + at(down, left) + at(down, right) + 2) >> 2;
+      }
+    }
+  }
+  return { pixels: out, width: w, height: h };
+}
+
+export class Painter {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.scratch = document.createElement("canvas");
+    this.scratchContext = this.scratch.getContext("2d", { alpha: false });
+    this.source = null;
+    this.image = null;
+    this.cost = 15e-6; // milliseconds per pixel, measured from then on
+  }
+
+  resize(width, height, ratio) {
+    const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
+    if (this.canvas.width !== w || this.canvas.height !== h) {
+      this.canvas.width = w;
+      this.canvas.height = h;
+    }
+  }
+
+  // A layered fit (maths/cuts.js), or null for the picture as it is, drawn as far as `sheet` reaches. Returns what it took: {ms, step, lattice}.
+  paint(view, fit, { isMoving, paper, sheet }) {
+    const start = performance.now(), { context: c, canvas, source } = this;
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    c.fillStyle = paper;
+    c.fillRect(0, 0, canvas.width, canvas.height);
+    this.paper = [1, 3, 5].map((k) => parseInt(String(c.fillStyle).slice(k, k + 2), 16) || 0); // #rrggbb, whatever was set
+    if (!source) return { ms: performance.now() - start, step: 0, lattice: 0 };
+    const part = this.visible(view, sheet);
+    if (part.width <= 0 || part.height <= 0) return { ms: 0, step: 0, lattice: 0 };
+    const pixels = part.width * part.height;
+    const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
+    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+    const lattice = this.latticeStep(fit, w, h, isMoving);
+    this.warp(view, fit, part, step, w, h, lattice, isMoving);
+    if (step === 1) c.putImageData(this.image, part.x, part.y);
+    else {
+      if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
+      this.scratchContext.putImageData(this.image, 0, 0);
+      c.imageSmoothingEnabled = true;
+      c.save();
+      c.beginPath();
+      c.rect(part.x, part.y, part.width, part.height);
+      c.clip();
+      c.drawImage(this.scratch, part.x, part.y, w * step, h * step);
+      c.restore();
+    }
+    const ms = performance.now() - start;
+    if (isMoving) this.cost += 0.2 * (ms / (w * h) - this.cost);
+    return { ms, step, lattice };
+  }
+
+  // The part of the canvas, in its own pixels, that a box on the picture's plane covers.
+  visible({ k, x, y, ratio }, [a0, a1, b0, b1] = this.source.box) {
+    const { width, height } = this.canvas;
+    const clamp = (value, most) => Math.max(0, Math.min(most, Math.round(value * ratio)));
+    const left = clamp(k * a0 + x, width), right = clamp(k * a1 + x, width);
+    const top = clamp(k * b0 + y, height), bottom = clamp(k * b1 + y, height);
+    return { x: left, y: top, width: right - left, height: bottom - top };
+  }
+
+  latticeStep(fit, w, h, isMoving) {
+    if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
+    if (isMoving) return LATTICE_PIXELS * Math.max(1, Math.ceil(Math.sqrt(w * h / 64 * fit.count / 4e5)));
+    return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
+  }
+
+  // Looks every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
+  warp({ k, x, y, ratio }, fit, part, step, w, h, lattice, isMoving) {
+    if (!this.image || this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
+    const { raster } = this.source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
+    const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
+    const columns = Math.ceil((w - 1) / lattice) + 1 + (w === 1 ? 1 : 0);
+    const rows = Math.ceil((h - 1) / lattice) + 1 + (h === 1 ? 1 : 0);
+    const nodes = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
+    const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
+    const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
+    const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
+    const isLayered = Boolean(fit) && fit.regions.length > 0, count = isLayered ? fit.fits.length + 1 : 1;
+    this.maps ??= [];
+    for (let m = 0; m < count; m++) {
+      if (!this.maps[m] || this.maps[m].length < rows * columns * 2) this.maps[m] = new Float32Array(rows * columns * 2);
+      const map = this.maps[m], one = fit?.fits[m]?.fit;
+      if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
+      else map.fill(0, 0, rows * columns * 2);
+      // From displacements to places in the pixels of that level: ((a + D - origin) / spacing + 1/2) / 2^level - 1/2.
+      for (let i = 0, n = 0; i < rows; i++) {
+        const b = b0 + i * lattice * size - raster.origin[1];
+        for (let j = 0; j < columns; j++, n += 2) {
+          map[n] = (a0 + j * lattice * size - raster.origin[0] + map[n]) * scale[0] + shift;
+          map[n + 1] = (b + map[n + 1]) * scale[1] + shift;
+        }
+      }
+    }
+    const pixels = this.source.level(level), { channels, fill } = this.source, rim = 0.5 / part2;
+    const out = new Uint32Array(this.image.data.buffer);
+    const layers = isLayered ? new LayerPlan(fit, this.maps, { rows, columns, a0, b0, step: lattice * size },
+      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2), isMoving) : null;
+    const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
+    lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
+    if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
+  }
+
+  // The edge of what is drawn, where its own edge is as dark as what is around.
+  drawFrame({ k, x, y, ratio }, [a0, a1, b0, b1]) {
+    const { context: c } = this;
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.strokeStyle = "rgba(255, 255, 255, 0.28)";
+    c.lineWidth = 1;
+    c.strokeRect(k * a0 + x, k * b0 + y, k * (a1 - a0), k * (b1 - b0));
+    c.setTransform(1, 0, 0, 1, 0, 0);
+  }
+
+  // Polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour.
+  drawNet(view, net, colour) {
+    const { context: c } = this, { k, x, y, ratio } = view;
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.lineJoin = "round";
+    for (const [style, wider] of [["rgba(0, 0, 0, 0.45)", 1.4], [colour, 0]]) {
+      c.strokeStyle = style;
+      for (const isEdge of [false, true]) {
+        c.lineWidth = (isEdge ? 1.6 : 0.9) + wider;
+        c.beginPath();
+        for (const line of net) {
+          if (line.isEdge !== isEdge) continue;
+          for (const run of line.runs) {
+            c.moveTo(k * run[0] + x, k * run[1] + y);
+            for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x, k * run[j + 1] + y);
+          }
+        }
+        c.stroke();
+      }
+    }
+    c.setTransform(1, 0, 0, 1, 0, 0);
+  }
+}
+
+const OPAQUE = 0xff000000;
+
+// Both loops walk the cells of the lattice row by row; places run linearly inside a cell's row. `rim` is half a pixel
+// of the full picture: so far beyond the outermost centres a place still takes the edge pixel, beyond it the fill.
+// `plan` says which of the maps each cell shows, and leaves out those below 0 (editor/painter.js); null shows the first.
+function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
+  const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
+  for (let y = 0; y < h; y++) {
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
+    const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
+    for (let j = 0, x = 0; x < w; j++) {
+      const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice), full = lattice;
+      const layer = plan ? plan[i * columns + j] : 0;
+      if (layer < 0) { x = last; continue; }
+      const map = maps[layer];
+      let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
+      const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / full;
+      const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / full;
+      for (; x < last; x++, u += du, v += dv) {
+        let p = u, q = v;
+        if (!(p >= 0 && q >= 0 && p < right && q < bottom)) {
+          if (!(p >= -rim && q >= -rim && p < right + rim && q < bottom + rim)) { out[line + x] = empty; continue; }
+          p = p < 0 ? 0 : p > right ? right : p;
+          q = q < 0 ? 0 : q > bottom ? bottom : q;
+        }
+        const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi, at = qi * width + pi;
+        const east = pi < right ? 1 : 0, south = qi < bottom ? width : 0;
+        const top = pixels[at] + s * (pixels[at + east] - pixels[at]), low = at + south;
+        const g = (top + t * (pixels[low] + s * (pixels[low + east] - pixels[low]) - top) + 0.5) | 0;
+        out[line + x] = OPAQUE | (g << 16) | (g << 8) | g;
+      }
+    }
+  }
+}
+
+function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
+  const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
+  for (let y = 0; y < h; y++) {
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
+    const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
+    for (let j = 0, x = 0; x < w; j++) {
+      const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice);
+      const layer = plan ? plan[i * columns + j] : 0;
+      if (layer < 0) { x = last; continue; }
+      const map = maps[layer];
+      let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
+      const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / lattice;
+      const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;
+      for (; x < last; x++, u += du, v += dv) {
+        if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) { out[line + x] = empty; continue; }
+        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v;
+        const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi;
+        const at = 4 * (qi * width + pi), east = pi < right ? 4 : 0, low = at + (qi < bottom ? 4 * width : 0);
+        let colour = OPAQUE;
+        for (let c = 0; c < 3; c++) {
+          const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);
+          const bed = pixels[low + c] + s * (pixels[low + east + c] - pixels[low + c]);
+          colour |= ((top + t * (bed - top) + 0.5) | 0) << (8 * c);
+        }
+        out[line + x] = colour;
+      }
+    }
+  }
+}
+
+// Which of several smooth maps is seen in every pixel of a picture with cuts. Needs maths/cuts.js. No DOM.
+//
+// The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, and are
+// told from their corners: a distance changes by no more than the way that is walked. Only where a cut runs through a
+// cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
+
+const LAYER_EMPTY = -1, LAYER_MIXED = -2;
+const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for those that are near
+
+// maps: one for each fit, and the identity if regions without points stay; places of the nodes in pixels of a level,
+// p = (a - origin) * scale + shift. nodes: {a0, b0, step} in the picture, {rows, columns} of the lattice.
+class LayerPlan {
+  constructor(layered, maps, nodes, { origin, scale, shift }, softness, isMoving) {
+    Object.assign(this, { layered, maps, nodes, origin, scale, shift, softness, isMoving, near: new Map() });
+    this.still = layered.fits.length; // the number of the identity among the maps
+    this.plan = new Int8Array(nodes.rows * nodes.columns);
+    this.fitOf = Int8Array.from({ length: 1 << layered.regions.length }, (_, key) => layered.byKey.get(key) ?? -1);
+    this.#measure();
+    for (let i = 0; i < nodes.rows; i++) {
+      for (let j = 0; j < nodes.columns; j++) this.plan[i * nodes.columns + j] = this.#cell(i, j);
+    }
+  }
+
+  // Distances of every node to the cuts, and the depth of its images within their regions. Far from all cuts a bound
+  // will do: a distance changes by no more than the way from the node before.
+  #measure() {
+    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this, n = rows * columns;
+    const enough = 6 * step + this.softness;
+    this.here = regions.map(() => new Float32Array(n));
+    this.depths = fits.map(() => new Float32Array(n));
+    const fill = (values, exact, way) => {
+      for (let i = 0, at = 0; i < rows; i++) {
+        for (let j = 0; j < columns; j++, at++) {
+          const before = j ? values[at - 1] : i ? values[at - columns] : 0, from = j ? at - 1 : at - columns;
+          const left = Math.abs(before) - (at ? way(from, at) : 0);
+          values[at] = left > enough ? (before < 0 ? -left : left) : exact(at, i, j);
+        }
+      }
+    };
+    regions.forEach(({ distance }, k) => fill(this.here[k], (at, i, j) => distance(a0 + j * step, b0 + i * step), () => step));
+    fits.forEach(({ key }, k) => {
+      const map = maps[k], exact = (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1]));
+      fill(this.depths[k], exact, (m, at) => wayBetween(map, m, at, scale));
+    });
+  }
+
+  #a(p) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
+
+  #b(q) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
+
+  // What all of a cell shows: the number of a map, nothing, or not the same everywhere.
+  #cell(i, j) {
+    const { columns, rows, step } = this.nodes, { layered, here, still } = this, half = this.softness / 2;
+    const up = i * columns, down = Math.min(i + 1, rows - 1) * columns, right = Math.min(j + 1, columns - 1);
+    const p = up + j, q = up + right, r = down + j, s = down + right, reach = 0.7072 * step + half;
+    let key = 0, isOne = true;
+    for (let k = 0; k < here.length && isOne; k++) {
+      const d = here[k], least = Math.min(d[p], d[q], d[r], d[s]);
+      if (least < -reach && Math.max(d[p], d[q], d[r], d[s]) < -reach) key |= 1 << k;
+      else isOne = least > reach;
+    }
+    const own = isOne ? (this.fitOf[key] < 0 ? still : this.fitOf[key]) : LAYER_MIXED;
+    if (layered.rule === "paper") {
+      if (own === still || own === LAYER_MIXED) return own;
+      const cover = this.#coverage(own, p, q, r, s, half);
+      return cover > 0 ? own : cover < 0 ? LAYER_EMPTY : LAYER_MIXED;
+    }
+    if (own !== LAYER_MIXED && own !== still) {
+      const cover = this.#coverage(own, p, q, r, s, half);
+      if (cover > 0) return own;
+      if (cover === 0) return LAYER_MIXED;
+    } else if (own === LAYER_MIXED && layered.hasRest) return LAYER_MIXED;
+    let found = LAYER_EMPTY;
+    for (let k = 0; k < this.depths.length; k++) {
+      const cover = this.#coverage(k, p, q, r, s, half);
+      if (cover === 0 || (cover > 0 && (found >= 0 || own === still))) return LAYER_MIXED;
+      if (cover > 0) found = k;
+    }
+    return own === still ? still : found;
+  }
+
+  // 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0.
+  #coverage(k, p, q, r, s, half) {
+    const map = this.maps[k], d = this.depths[k], { scale } = this;
+    const least = Math.min(d[p], d[q], d[r], d[s]), most = Math.max(d[p], d[q], d[r], d[s]);
+    if (least < half && most > -half) return 0;
+    const reach = half + 0.5 * (Math.max(wayBetween(map, p, q, scale), wayBetween(map, r, s, scale)) +
+      Math.max(wayBetween(map, p, r, scale), wayBetween(map, q, s, scale)));
+    return least > reach ? 1 : most < -reach ? -1 : 0;
+  }
+
+  // The cuts as one cell sees them: of long outlines only what is near.
+  #regionsAt(cell) {
+    const { layered: { regions }, maps, nodes: { columns, rows, step, a0, b0 } } = this;
+    this.isShort ??= regions.reduce((sum, { edges }) => sum + (edges ?? 0), 0) <= FEW_EDGES;
+    if (this.isShort) return regions;
+    let made = this.near.get(cell);
+    if (made) return made;
+    const j = cell % columns, i = (cell - j) / columns, a = a0 + (j + 0.5) * step, b = b0 + (i + 0.5) * step;
+    let radius = 0.7072 * step;
+    const right = Math.min(j + 1, columns - 1);
+    const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
+    for (const map of maps.slice(0, this.layered.fits.length)) {
+      for (const c of corners) radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+    }
+    this.near.set(cell, made = regions.map((region) => ({ distance: region.near(a, b, radius) })));
+    return made;
+  }
+
+  // What one pixel shows: writes [p, q, opacity] in pixels of the level. The pixel lies at shares (s, t) of a cell.
+  look(cell, s, t, out) {
+    // Between several cuts, what stays is not told from one distance.
+    if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
+    else this.#lookExactly(cell, s, t, out);
+  }
+
+  // Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact.
+  #lookQuickly(cell, s, t, out) {
+    const { layered, depths, here, softness, work } = this, { columns, rows } = this.nodes, { covers } = work;
+    const e = cell % columns < columns - 1 ? 1 : 0, d = cell < (rows - 1) * columns ? columns : 0;
+    let key = 0, inside = Infinity, still = 1, sum = 0, best = 0;
+    for (let k = 0; k < here.length; k++) {
+      const value = between(here[k], cell, e, d, s, t);
+      if (value < 0) key |= 1 << k;
+      inside = Math.min(inside, Math.abs(value));
+    }
+    const own = this.fitOf[key];
+    for (let k = 0; k < depths.length; k++) sum += covers[k] = coverage(between(depths[k], cell, e, d, s, t), softness);
+    let k = own;
+    if (layered.rule === "paper") {
+      out[2] = own < 0 ? 1 : Math.min(1, covers[own] / coverage(inside, softness));
+    } else {
+      if (layered.hasRest) still = own < 0 ? coverage(inside, softness) : 1 - coverage(inside, softness);
+      else still = 0;
+      best = own < 0 ? still : covers[own];
+      if (best < 0.5) {
+        for (let n = 0; n < covers.length && n < depths.length; n++) if (covers[n] > best) { best = covers[n]; k = n; }
+        if (still > best) k = -1;
+      }
+      out[2] = Math.min(1, sum + still);
+    }
+    const map = this.maps[k < 0 ? this.still : k];
+    out[0] = between(map, 2 * cell, 2 * e, 2 * d, s, t);
+    out[1] = between(map, 2 * cell + 1, 2 * e, 2 * d, s, t);
+  }
+
+  #lookExactly(cell, s, t, out) {
+    const { columns } = this.nodes, { layered, maps, work } = this, j = cell % columns, i = (cell - j) / columns;
+    const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
+    const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
+    for (let k = 0; k < layered.fits.length; k++) {
+      for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
+      work.moves[k] ??= [0, 0];
+      work.moves[k][0] = this.#a(work.pixels[2 * k]) - a;
+      work.moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
+    }
+    const [,, opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
+    out[2] = opacity;
+    if (k < 0) {
+      out[0] = (a - this.origin[0]) * this.scale[0] + this.shift;
+      out[1] = (b - this.origin[1]) * this.scale[1] + this.shift;
+    } else {
+      out[0] = work.pixels[2 * k];
+      out[1] = work.pixels[2 * k + 1];
+    }
+  }
+
+  work = { pixels: new Float64Array(512), covers: new Float64Array(256), moves: [], out: [0, 0, 1, 0] };
+
+  move = (k) => this.work.moves[k];
+}
+
+// Bilinear between four nodes.
+export function between(values, at, east, south, s, t) {
+  const p = values[at], r = values[at + south], top = p + s * (values[at + east] - p);
+  return top + t * (r + s * (values[at + south + east] - r) - top);
+}
+
+// How far two nodes' images lie apart in the picture.
+function wayBetween(map, m, n, scale) {
+  const a = (map[2 * m] - map[2 * n]) / scale[0], b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
+  return Math.sqrt(a * a + b * b);
+}
+
+// The pixels of all cells that show more than one map, or nothing: `paper` is [r, g, b].
+function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, channels, fill, rim, paper) {
+  const { plan, nodes: { columns } } = layers, seen = [0, 0, 1], right = width - 1, bottom = height - 1;
+  const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
+  for (let y = 0; y < h; y++) {
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), t = y / lattice - i;
+    for (let j = 0, x = 0; x < w; j++) {
+      const last = Math.min(w, x + lattice), cell = i * columns + j, first = x;
+      if (plan[cell] >= 0) { x = last; continue; }
+      if (plan[cell] === LAYER_EMPTY) { out.fill(empty, y * w + x, y * w + last); x = last; continue; }
+      for (; x < last; x++) {
+        layers.look(cell, (x - first) / lattice, t, seen);
+        const [u, v, opacity] = seen;
+        if (opacity === 0) { out[y * w + x] = empty; continue; }
+        const isIn = u >= -rim && v >= -rim && u < right + rim && v < bottom + rim;
+        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v, pi = p | 0, qi = q | 0;
+        const s = p - pi, f = q - qi, at = channels * (qi * width + pi), east = pi < right ? channels : 0;
+        const low = at + (qi < bottom ? channels * width : 0);
+        let colour = OPAQUE;
+        for (let c = 0; c < 3; c++) {
+          const e = channels === 1 ? 0 : c, top = pixels[at + e] + s * (pixels[at + east + e] - pixels[at + e]);
+          const bed = pixels[low + e] + s * (pixels[low + east + e] - pixels[low + e]);
+          const value = isIn ? top + f * (bed - top) : fill;
+          colour |= ((paper[c] + opacity * (value - paper[c]) + 0.5) | 0) << (8 * c);
+        }
+        out[y * w + x] = colour;
+      }
+    }
+  }
+}

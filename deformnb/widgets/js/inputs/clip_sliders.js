@@ -1,0 +1,104 @@
+// Three sliders with two ends each, which cut away what lies outside of a part of a view's box. Behind ui/dom.js,
+// maths/camera.js and maths/clipping.js. They write the view's trait `clip` on the page, so a live view follows without the kernel.
+
+import { dot, scaled, sideOf } from "../maths/camera.js";
+import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.js";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+
+const CLIP_STEP = 0.01;
+const THINNEST = 0.02; // of the box: a part can always be taken hold of again
+const SIDE_WORDS = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
+
+const axisOf = ({ axes }, i) => axes.map((row) => row[i]);
+const sideWords = (letters) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
+
+/** The clip that takes away the half of what is seen that lies towards a viewer. */
+function openedTowards(direction, info) {
+  const along = [0, 1, 2].map((i) => dot(direction, axisOf(info, i)));
+  const axis = along.reduce((best, x, i) => (Math.abs(x) > Math.abs(along[best]) ? i : best), 0);
+  return UNCLIPPED.map((pair, i) => (i !== axis ? pair : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
+}
+
+export class ClipSliders {
+  /** parent: the element around them; model: of the view. */
+  constructor(parent, model) {
+    this.model = model;
+    this.root = pageElement("div", "dnb-clip", parent, { role: "group", "aria-label": "Part of the volume that is seen" });
+    this.rows = [0, 1, 2].map((axis) => this.#row(axis));
+    const buttons = pageElement("div", "dnb-clip-buttons", this.root);
+    this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
+      this.put(openedTowards(this.model.get("camera").direction, this.info));
+    });
+    this.whole = this.#button(buttons, "Show all", "Nothing is taken away", () => this.put(UNCLIPPED));
+    this.shown = () => this.show();
+    for (const name of ["clip", "volume_info"]) model.on(`change:${name}`, this.shown);
+    this.show();
+  }
+
+  get info() { return this.model.get("volume_info") ?? {}; }
+
+  get clip() { return clipOf(this.model).map((pair) => [...pair]); }
+
+  #row(axis) {
+    const row = pageElement("div", "dnb-clip-row", this.root);
+    const from = pageElement("span", "dnb-clip-side", row), track = pageElement("div", "dnb-clip-track", row);
+    pageElement("div", "dnb-clip-rail", track);
+    const ends = [0, 1].map((end) => {
+      const input = pageElement("input", "dnb-clip-end", track, { type: "range", min: 0, max: 1, step: CLIP_STEP, ...OWN_KEYS });
+      input.addEventListener("input", () => this.#moved(axis, end, Number(input.value)));
+      return input;
+    });
+    return { row, from, track, ends, to: pageElement("span", "dnb-clip-side", row),
+      value: pageElement("output", "dnb-clip-value", row) };
+  }
+
+  #button(parent, text, title, action) {
+    const button = pageElement("button", "dnb-clip-button", parent, { type: "button", title, ...OWN_KEYS });
+    button.textContent = text;
+    button.addEventListener("click", action);
+    return button;
+  }
+
+  #moved(axis, end, value) {
+    const { clip } = this, [low, high] = clip[axis];
+    clip[axis][end] = end ? Math.max(value, Math.min(1, low + THINNEST)) : Math.min(value, Math.max(0, high - THINNEST));
+    this.put(clip);
+  }
+
+  put(clip) {
+    const rounded = clip.map((pair) => pair.map((share) => Number(share.toFixed(4))));
+    if (JSON.stringify(rounded) !== JSON.stringify(this.clip)) {
+      this.model.set("clip", rounded);
+      this.model.save_changes();
+    }
+    this.show();
+  }
+
+  show() {
+    const { clip, info } = this;
+    this.root.classList.toggle("dnb-clip-idle", !info.axes);
+    this.whole.disabled = !isClipped(clip);
+    if (!info.axes) return;
+    this.rows.forEach(({ from, to, track, ends, value }, axis) => {
+      const along = axisOf(info, axis), sides = [sideOf(scaled(along, -1)), sideOf(along)], [low, high] = clip[axis];
+      setText(from, sides[0]);
+      setText(to, sides[1]);
+      track.style.setProperty("--low", low);
+      track.style.setProperty("--high", high);
+      const words = low > 0 || high < 1 ? `${Math.round(100 * low)}\u2013${Math.round(100 * high)} %` : "all";
+      setText(value, words);
+      ends.forEach((input, end) => {
+        if (Number(input.value) !== clip[axis][end]) input.value = clip[axis][end];
+        setAttributes(input, { "aria-label": `cut away from the ${sideWords(sides[end])}`,
+          "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent` });
+      });
+      // Where both ends lie together at the far side, only the lower one can be moved: it must lie above.
+      track.classList.toggle("dnb-clip-far", low > 0.5);
+    });
+  }
+
+  close() {
+    for (const name of ["clip", "volume_info"]) this.model.off(`change:${name}`, this.shown);
+    this.root.remove();
+  }
+}

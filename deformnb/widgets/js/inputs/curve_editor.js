@@ -1,0 +1,122 @@
+// The curve editor: f(z) over the depth, by hand or by formula. Joined behind the files that widgets/inputs/curve_editor.py names.
+
+import { shownNumber } from "../maths/curves.js";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+import { CurvePlot } from "./curve_plot.js";
+
+class CurveEditorPage extends CurvePlot {
+  constructor(model, el) {
+    super(model, el, "dnb-curve-editor");
+    this.snaps = [0, 1];
+    this.#build();
+    for (const name of ["range", "height"]) this.on(`change:${name}`, () => this.invalidate());
+    this.start();
+  }
+
+  #build() {
+    this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Ready-made curves", ...OWN_KEYS });
+    pageElement("option", "", this.chooser, { value: "" }).textContent = "Own curve";
+    for (const [name, formula] of Object.entries(this.model.get("presets") ?? {})) {
+      pageElement("option", "", this.chooser, { value: formula }).textContent = name.replace("-", "\u2212");
+    }
+    const label = pageElement("label", "dnb-cv-formula", this.bar);
+    pageElement("span", "", label).textContent = "f(z) =";
+    this.input = pageElement("input", "dnb-cv-input", label, { type: "text", maxlength: "200", spellcheck: "false",
+      autocomplete: "off", autocapitalize: "off", "aria-label": "formula of the curve", ...OWN_KEYS });
+    this.smoother = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button",
+      title: "Round the lines between nodes", ...OWN_KEYS });
+    this.smoother.textContent = "Smooth";
+    this.addButtons();
+    this.listen(this.chooser, "change", () => { if (this.chooser.value) this.take(this.chooser.value); else this.invalidate(); });
+    this.listen(this.input, "change", () => this.take(this.input.value));
+    this.listen(this.input, "input", () => { this.isTyping = true; });
+    this.listen(this.input, "blur", () => { if (this.asked === undefined) this.isTyping = false; this.invalidate(); });
+    this.listen(this.input, "keydown", (event) => {
+      event.stopPropagation();
+      if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
+      if (event.key === "Escape") this.forget();
+    });
+    this.listen(this.smoother, "click", () => {
+      if (this.isReadOnly || this.samples) return;
+      this.isSmooth = !this.isSmooth;
+      this.commit();
+    });
+  }
+
+  adopt(shown) {
+    const { nodes, samples, smooth, formula } = shown;
+    Object.assign(this, { nodes, samples: samples.length ? samples : null, isSmooth: smooth, named: formula });
+    this.view = this.axes();
+  }
+
+  // Python knows what a formula means: until it has answered, the old curve stays.
+  take(formula) {
+    if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
+    // Enter is heard as a key and as a change.
+    if ((!this.isTyping && formula === this.named) || formula === this.asked) return;
+    this.settle();
+    this.asked = formula;
+    this.input.value = formula;
+    this.isTyping = false;
+    this.end({ formula });
+  }
+
+  message(message) {
+    super.message(message);
+    const isOurs = !message?.view || message.view === this.link.id;
+    if (message?.type === "error" && isOurs && this.asked !== undefined) this.isTyping = true; // stays for correction
+    if (message?.type === "done" && isOurs && message.seq === this.link.last && this.alert.hidden) this.asked = undefined;
+    this.invalidate();
+  }
+
+  forget() {
+    this.isTyping = false;
+    this.asked = undefined;
+    this.say("");
+    this.invalidate();
+  }
+
+  show(nodes, chosen) {
+    super.show(nodes, chosen);
+    this.forget();
+  }
+
+  value() { return { nodes: this.nodes, smooth: this.isSmooth }; }
+
+  // ---- what is on the plot ------------------------------------------------------------------------------------------
+
+  rules() { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
+
+  axes() {
+    const [low, high] = this.model.get("range"), seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
+    return [[0, 1], [Math.min(low, ...seen), Math.max(high, ...seen)]];
+  }
+
+  placeTicks(low, high) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
+
+  endWords() { return ["0 front", "back 1"]; }
+
+  words(k) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
+
+  describe() {
+    super.describe();
+    const { input, isReadOnly } = this;
+    if (!this.isTyping && this.asked === undefined) {
+      if (input.value !== this.named) input.value = this.named ?? "";
+      this.chooser.value = this.named ?? "";
+      if (this.chooser.selectedIndex < 0) this.chooser.value = "";
+    }
+    setAttributes(input, { placeholder: this.samples ? "values" : `${this.nodes.length} nodes`, "aria-invalid": !this.alert.hidden });
+    input.readOnly = this.chooser.disabled = isReadOnly;
+    setAttributes(this.smoother, { "aria-pressed": this.isSmooth && !this.samples, "aria-disabled": isReadOnly || this.samples !== null });
+    if (this.samples) setText(this.facts, this.named ? "A formula" : "Values");
+    setText(this.note, isReadOnly ? "shown only" : this.samples ? "drag a node to change it by hand" : "double click adds a node");
+  }
+}
+
+function render({ model, el }) {
+  const page = new CurveEditorPage(model, el);
+  return () => page.close();
+}
+
+export default { render };

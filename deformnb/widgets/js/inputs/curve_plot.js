@@ -1,0 +1,326 @@
+// A plot with a curve through nodes that are dragged, added and removed. A widget's page extends it and says what is on
+// its axes: rules() as in maths/curves.js, axes() with the ends of both, power of the vertical axis, and words.
+
+import {
+  addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf,
+} from "../maths/curves.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { EditedPage, KEYS_REST, listenToDrags } from "./base.js";
+
+export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
+const TOUCH_RADIUS = 13;
+const SNAP = 5; // CSS pixels
+export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+export class CurvePlot extends EditedPage {
+  constructor(model, el, name) {
+    super(model, el, name);
+    Object.assign(this, { nodes: [], samples: null, isSmooth: false, chosen: 0, power: 1, snaps: [], dots: [], nudged: null,
+      margins: PLOT });
+    this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
+    this.stage = pageElement("div", "dnb-cv-stage", this.root);
+    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group" }, this.stage);
+    this.status = pageElement("div", "dnb-cv-status", this.root);
+    this.facts = pageElement("span", "dnb-cv-facts", this.status);
+    this.note = pageElement("span", "dnb-cv-note", this.status);
+    this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
+    for (const layer of ["back", "axes", "curve", "front"]) {
+      this[`${layer}Layer`] = svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
+    }
+    for (const layer of [this.backLayer, this.axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
+    this.line = svgElement("path", { class: "dnb-cv-line" }, this.curveLayer);
+    this.cancelDrag = listenToDrags(this, this.svg, this);
+    this.listen(this.svg, "dblclick", (event) => this.doubleClick(event));
+    this.listen(this.svg, "contextmenu", (event) => this.contextMenu(event));
+    this.listen(this.root, "keydown", (event) => this.key(event));
+    this.listen(this.root, "keyup", (event) => { if (ARROWS[event.key]) this.settle(); });
+    this.listen(this.svg, "focusout", () => this.settle());
+  }
+
+  close() {
+    clearTimeout(this.keyTimer);
+    super.close();
+  }
+
+  addButtons() {
+    const pair = pageElement("span", "dnb-cv-pair", this.bar);
+    const make = (text, tip, action) => {
+      const button = pageElement("button", "dnb-cv-button", pair, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+      button.textContent = text;
+      this.listen(button, "click", action);
+      return button;
+    };
+    this.adder = make("+", "Add a node after the chosen one (A, or double click)", () => this.addChosen());
+    this.remover = make("\u2212", "Remove the chosen node (Del, or right click)", () => this.removeChosen());
+  }
+
+  addChosen() { this.addAfter(this.chosen); }
+
+  removeChosen() { this.remove(this.chosen); }
+
+  // ---- places -------------------------------------------------------------------------------------------------------
+
+  toPixel([x, y]) {
+    const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
+    return [b.left + (x - x0) / (x1 - x0) * b.width, b.top + (1 - height ** this.power) * b.height];
+  }
+
+  toPlace([px, py]) {
+    const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
+    return [x0 + (px - b.left) / b.width * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
+  }
+
+  tidy([x, y], isFree = false) {
+    const [, py] = this.toPixel([x, y]);
+    const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
+    const [[x0, x1], [y0, y1]] = this.view, digits = (range) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
+    const rounded = this.power === 1 ? y.toFixed(digits(y1 - y0)) : y < 5e-6 ? 0 : y.toPrecision(3);
+    return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
+  }
+
+  pointOf(event) {
+    const box = this.svg.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  // The node under a pointer; while one is captured its clicks say nothing of what lies under them.
+  nodeAt(event) {
+    const hit = this.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-node]");
+    return hit && this.svg.contains(hit) ? Number(hit.dataset.node) : null;
+  }
+
+  curve() { return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth); }
+
+  // ---- edits --------------------------------------------------------------------------------------------------------
+
+  // A changed list of nodes is no formula any more.
+  show(nodes, chosen) {
+    Object.assign(this, { nodes, chosen, samples: null });
+    this.named = "";
+    this.invalidate();
+  }
+
+  commit() {
+    this.isHeld = false;
+    this.nudged = null;
+    this.view = this.axes();
+    this.end(this.value());
+    this.invalidate();
+  }
+
+  press(event) {
+    const k = this.isReadOnly ? null : this.nodeAt(event);
+    if (k === null) return null;
+    this.settle();
+    this.chosen = k;
+    this.dots[k].focus({ preventScroll: true });
+    this.isHeld = true;
+    this.invalidate();
+    const { nodes, samples, named } = this;
+    return { k, from: this.toPixel(nodes[k]), before: { nodes, samples, named }, isFree: event.altKey };
+  }
+
+  drag({ k, from, before, isFree }, [dx, dy]) {
+    const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
+    this.show(movedNode(before.nodes, k, place, this.rules()), k);
+    this.move(this.value());
+  }
+
+  drop({ before }, isCancelled, isClick) {
+    this.isHeld = false;
+    if (isClick) { this.receive(); return; }
+    if (!isCancelled) { this.commit(); return; }
+    Object.assign(this, before);
+    // Whoever followed the movements hears where it ended; Python's value has not changed.
+    if (this.model.get("live")) this.commit();
+    else this.receive();
+    this.invalidate();
+  }
+
+  nudge(k, [dx, dy], isFar) {
+    const { step } = this.rules(), times = isFar ? 10 : 1, [[x0, x1]] = this.view, [px, py] = this.toPixel(this.nodes[k]);
+    const moved = this.toPlace([px, py - dy * times * this.box.height / 100]);
+    const place = dy ? this.tidy([this.nodes[k][0], moved[1]], true)
+      : [this.nodes[k][0] + dx * times * (step || (x1 - x0) / 200), this.nodes[k][1]];
+    this.nudged ??= k;
+    this.isHeld = true;
+    this.show(movedNode(this.nodes, k, place, this.rules()), k);
+    this.move(this.value());
+    clearTimeout(this.keyTimer);
+    this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
+  }
+
+  // Arrow keys held down are one edit.
+  settle() {
+    clearTimeout(this.keyTimer);
+    if (this.nudged !== null) this.commit();
+  }
+
+  add(place) {
+    if (this.isReadOnly) return;
+    this.settle();
+    const added = addedNode(this.nodes, place, this.rules());
+    if (!added) { this.say("There is no room for another node here."); return; }
+    this.show(...added);
+    this.commit();
+    this.draw();
+    this.dots[this.chosen].focus({ preventScroll: true });
+    this.speak(`added ${this.words(this.chosen)}`);
+  }
+
+  addAfter(k) {
+    const from = Math.max(0, Math.min(this.nodes.length - 2, k)), [[x0], [x1]] = [this.nodes[from], this.nodes[from + 1]];
+    const x = (x0 + x1) / 2;
+    this.add([x, this.tidy([x, this.curve()(x)], true)[1]]);
+  }
+
+  remove(k) {
+    if (this.isReadOnly) return;
+    this.settle();
+    const nodes = removedNode(this.nodes, k, this.rules());
+    if (!nodes) {
+      this.say(this.nodes.length <= 2 ? "A curve needs two nodes." : "The outer nodes stay: the curve runs from end to end.");
+      return;
+    }
+    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
+    this.show(nodes, Math.min(k, nodes.length - 1));
+    this.commit();
+    this.draw();
+    if (hadFocus) this.dots[this.chosen].focus({ preventScroll: true });
+    this.speak(`removed; ${nodes.length} nodes are left`);
+  }
+
+  doubleClick(event) {
+    if (this.nodeAt(event) !== null) return;
+    event.preventDefault();
+    this.add(this.tidy(this.toPlace(this.pointOf(event)), event.altKey));
+  }
+
+  contextMenu(event) {
+    const k = this.nodeAt(event);
+    if (k === null || this.isReadOnly) return;
+    event.preventDefault();
+    if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey) return;
+    if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
+    const k = this.dots.indexOf(event.target);
+    if (k < 0 || this.isReadOnly) return;
+    if (ARROWS[event.key]) this.nudge(k, ARROWS[event.key], event.shiftKey);
+    else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
+    else if (event.key.toLowerCase() === "a") this.addAfter(k);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  draw() {
+    if (!this.nodes.length) return;
+    if (!this.isHeld) this.view = this.axes();
+    const least = this.model.get("height") || 150, width = Math.max(160, this.stage.clientWidth || 360);
+    const { left, right, top, bottom } = this.margins, label = this.model.get("label") || "Curve";
+    const high = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width))), height = high + bottom - PLOT.bottom;
+    this.box = { left, top, width: width - left - right, height: height - top - bottom };
+    setAttributes(this.svg, { viewBox: `0 0 ${width} ${height}`, height, "aria-label": `${label}. ${this.help()}` });
+    this.bar.setAttribute("aria-label", label);
+    this.root.classList.toggle("dnb-cv-read-only", this.isReadOnly);
+    this.root.classList.toggle("dnb-cv-sampled", this.samples !== null);
+    this.drawAxes();
+    this.drawBack();
+    this.line.setAttribute("d", pathOf(this.outline()));
+    this.drawNodes();
+    this.describe();
+  }
+
+  help() { return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one."; }
+
+  drawBack() {}
+
+  // The curve in pixels, from edge to edge.
+  outline() {
+    const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this, at = (x) => this.toPixel([x, curve(x)]);
+    const between = (from, to) => { // what is seen of it
+      const a = Math.max(from, x0), b = Math.min(to, x1);
+      if (!(b > a)) return [];
+      const parts = Math.max(1, Math.ceil((b - a) / (x1 - x0) * this.box.width / 2));
+      const inner = Array.from({ length: parts - 1 }, (_, k) => at(a + (b - a) * (k + 1) / parts));
+      return [...(a > from ? [at(a)] : []), ...inner, ...(b < to ? [at(b)] : [])];
+    };
+    if (this.samples) return [at(x0), ...between(x0, x1), at(x1)];
+    const found = [this.toPixel([x0, nodes[0][1]])];
+    nodes.forEach((node, k) => {
+      found.push(this.toPixel(node));
+      if (k + 1 < nodes.length) found.push(...between(node[0], nodes[k + 1][0]));
+    });
+    found.push(this.toPixel([x1, nodes[nodes.length - 1][1]]));
+    return found;
+  }
+
+  drawAxes() {
+    const { left, top, width, height } = this.box, [[x0, x1], [y0, y1]] = this.view, layer = this.axesLayer;
+    layer.replaceChildren();
+    svgElement("rect", { class: "dnb-cv-frame", x: left, y: top, width, height }, layer);
+    for (const y of this.ticks(y0, y1)) {
+      const py = this.toPixel([x0, y])[1];
+      svgElement("path", { class: this.snaps.includes(y) ? "dnb-cv-strong" : "dnb-cv-grid", d: `M${left} ${py}h${width}` }, layer);
+      this.write(left - 11, py + 4, this.tickText(y), "end");
+    }
+    const [first, last] = this.endWords();
+    this.write(left, top + height + 16, first, "start");
+    this.write(left + width, top + height + 16, last, "end");
+    const taken = 6.5 * Math.max(first.length, last.length) + 22;
+    for (const x of this.placeTicks(x0, x1)) {
+      const px = this.toPixel([x, y0])[0];
+      svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
+      if (px > left + taken && px < left + width - taken) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
+    }
+  }
+
+  tickText(y) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
+
+  placeTicks(low, high) { return ticksOf(low, high, this.box.width / 70); }
+
+  ticks(low, high) { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
+
+  write(x, y, text, anchor) {
+    const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
+    node.textContent = text;
+  }
+
+  drawNodes() {
+    while (this.dots.length > this.nodes.length) this.dots.pop().remove();
+    while (this.dots.length < this.nodes.length) {
+      const dot = svgElement("g", { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS }, this.frontLayer);
+      svgElement("circle", { r: TOUCH_RADIUS, class: "dnb-cv-hit" }, dot);
+      svgElement("circle", { r: 8.5, class: "dnb-cv-halo" }, dot);
+      svgElement("circle", { r: 5, class: "dnb-cv-dot" }, dot);
+      this.listen(dot, "focus", () => { this.chosen = this.dots.indexOf(dot); this.invalidate(); });
+      this.dots.push(dot);
+    }
+    const [, [y0, y1]] = this.view;
+    this.chosen = Math.min(this.chosen, this.nodes.length - 1);
+    this.nodes.forEach((node, k) => {
+      const [x, y] = this.toPixel(node);
+      setAttributes(this.dots[k], { transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`, tabindex: 0,
+        "aria-label": `node ${k + 1} of ${this.nodes.length}`, "aria-valuetext": this.words(k), "aria-valuenow": node[1],
+        "aria-valuemin": y0, "aria-valuemax": y1, "aria-readonly": this.isReadOnly });
+      this.dots[k].classList.toggle("dnb-cv-chosen", k === this.chosen);
+    });
+  }
+
+  describe() {
+    setText(this.facts, `Node ${this.chosen + 1} of ${this.nodes.length}: ${this.words(this.chosen)}`);
+    if (!this.adder) return;
+    const { isReadOnly } = this;
+    setAttributes(this.adder, { "aria-disabled": isReadOnly || this.nodes.length >= this.rules().most });
+    setAttributes(this.remover, { "aria-disabled": isReadOnly || !removedNode(this.nodes, this.chosen, this.rules()) });
+  }
+}
+
+export function pathOf(points) {
+  return points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
+}

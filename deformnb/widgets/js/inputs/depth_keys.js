@@ -1,0 +1,248 @@
+// Depths of the key pictures as marks on a bar, of which one is selected. Joined behind the files that widgets/inputs/depth_keys.py
+// names.
+
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { EditedPage, KEYS_REST, listenToDrags } from "./base.js";
+
+const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
+const MOST_KEYS = 64;
+const STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
+
+class DepthKeysPage extends EditedPage {
+  constructor(model, el) {
+    super(model, el, "dnb-depth-keys");
+    Object.assign(this, { knots: [], selected: 0, marks: [], nudged: null });
+    const top = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
+    this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", top);
+    const make = (text, tip, action) => {
+      const button = pageElement("button", "dnb-cv-button", top, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+      button.textContent = text;
+      this.listen(button, "click", action);
+      return button;
+    };
+    this.adder = make("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
+    this.remover = make("\u2212", "Remove the selected key (Del, or right click)", () => this.remove(this.selected));
+    this.stage = pageElement("div", "dnb-cv-stage", this.root);
+    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.stage);
+    this.back = svgElement("g", { "aria-hidden": "true" }, this.svg);
+    this.front = svgElement("g", {}, this.svg);
+    this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
+    this.cancelDrag = listenToDrags(this, this.svg, this);
+    this.listen(this.svg, "dblclick", (event) => { if (this.keyAt(event) === null) this.add(this.depthOf(event)); });
+    this.listen(this.svg, "contextmenu", (event) => {
+      const k = this.keyAt(event);
+      if (k === null || this.isReadOnly) return;
+      event.preventDefault();
+      if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
+    });
+    this.listen(this.root, "keydown", (event) => this.key(event));
+    this.listen(this.root, "keyup", (event) => { if (STEPS[event.key]) this.settle(); });
+    this.listen(this.svg, "focusout", () => this.settle());
+    this.start();
+  }
+
+  close() {
+    clearTimeout(this.keyTimer);
+    super.close();
+  }
+
+  adopt({ knots, selected }) { Object.assign(this, { knots, selected: Math.min(selected, knots.length - 1) }); }
+
+  // ---- places -------------------------------------------------------------------------------------------------------
+
+  toPixel(depth) { return BAR.left + depth * this.span; }
+
+  depthOf(event) { return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span; }
+
+  keyAt(event) {
+    const hit = this.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-key]");
+    return hit && this.svg.contains(hit) ? Number(hit.dataset.key) : null;
+  }
+
+  get apart() { return this.model.get("least_apart"); }
+
+  // The k-th of these keys at another depth, as far as its neighbours let it.
+  moved(knots, k, depth) {
+    const low = k > 0 ? knots[k - 1] + this.apart : 0, high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
+    if (low > high) return knots;
+    const rounded = Math.round(depth * 200) / 200;
+    return knots.map((knot, j) => (j === k ? Number(Math.max(low, Math.min(high, rounded)).toFixed(6)) : knot));
+  }
+
+  // ---- edits --------------------------------------------------------------------------------------------------------
+
+  value(kind, index) { return { kind, index, knots: this.knots, selected: this.selected }; }
+
+  commit(kind, index) {
+    this.isHeld = false;
+    this.nudged = null;
+    this.end(this.value(kind, index));
+    this.invalidate();
+  }
+
+  press(event) {
+    const k = this.isReadOnly ? null : this.keyAt(event);
+    if (k === null) return null;
+    this.settle();
+    this.marks[k].focus({ preventScroll: true });
+    this.isHeld = true;
+    const { knots, selected } = this;
+    this.selected = k;
+    this.invalidate();
+    return { k, before: { knots, selected } };
+  }
+
+  drag({ k, before }, [dx]) {
+    this.knots = this.moved(before.knots, k, before.knots[k] + dx / this.span);
+    this.move(this.value("move", k));
+    this.invalidate();
+  }
+
+  drop({ k, before }, isCancelled, isClick) {
+    if (isCancelled) Object.assign(this, before);
+    if (!isClick && (!isCancelled || this.model.get("live"))) { this.commit("move", k); return; }
+    if (!isCancelled && k !== before.selected) { this.commit("select", k); return; }
+    this.isHeld = false;
+    this.receive();
+    this.invalidate();
+  }
+
+  nudge(k, by) {
+    this.isHeld = true;
+    this.nudged = k;
+    this.knots = this.moved(this.knots, k, this.knots[k] + by);
+    this.move(this.value("move", k));
+    this.invalidate();
+    clearTimeout(this.keyTimer);
+    this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
+  }
+
+  // Arrow keys held down are one edit.
+  settle() {
+    clearTimeout(this.keyTimer);
+    if (this.nudged !== null) this.commit("move", this.nudged);
+  }
+
+  select(k) {
+    if (this.isReadOnly || k === this.selected) return;
+    this.selected = k;
+    this.commit("select", k);
+  }
+
+  add(depth) {
+    if (this.isReadOnly) return;
+    this.settle();
+    const at = Math.round(Math.max(0, Math.min(1, depth)) * 200) / 200;
+    if (this.knots.length >= MOST_KEYS || this.knots.some((knot) => Math.abs(knot - at) < this.apart)) {
+      this.say("There is no room for another key here.");
+      return;
+    }
+    this.knots = [...this.knots, at].sort((a, b) => a - b);
+    this.selected = this.knots.indexOf(at);
+    this.commit("add", this.selected);
+    this.#focus();
+    this.speak(`added ${this.words(this.selected)}`);
+  }
+
+  // In the middle of the wider gap beside the selected key; the ends of the bar count as gaps too.
+  addBeside() {
+    const { knots, selected: k } = this, at = knots[k], before = k > 0 ? knots[k - 1] : null, after = knots[k + 1] ?? null;
+    const left = before === null ? [0, at] : [(before + at) / 2, (at - before) / 2];
+    const right = after === null ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
+    this.add(right[1] >= left[1] ? right[0] : left[0]);
+  }
+
+  remove(k) {
+    if (this.isReadOnly) return;
+    this.settle();
+    if (this.knots.length === 1) { this.say("One key stays: the picture that is edited."); return; }
+    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
+    this.knots = this.knots.filter((_, j) => j !== k);
+    this.selected = Math.min(this.selected > k ? this.selected - 1 : this.selected, this.knots.length - 1);
+    this.commit("remove", k);
+    if (hadFocus) this.#focus();
+    this.speak(`removed; ${this.knots.length} left`);
+  }
+
+  #focus() {
+    this.draw();
+    this.marks[this.selected].focus({ preventScroll: true });
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey) return;
+    if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
+    const k = this.marks.indexOf(event.target);
+    if (k < 0 || this.isReadOnly) return;
+    if (STEPS[event.key]) this.nudge(k, STEPS[event.key] * (event.shiftKey ? 0.1 : 0.01));
+    else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
+    else if (event.key.toLowerCase() === "a") this.addBeside();
+    else if (event.key === "Enter" || event.key === " ") { this.settle(); this.select(k); }
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  words(k) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
+
+  draw() {
+    const width = Math.max(160, this.stage.clientWidth || 360), label = this.model.get("label") || "Keys";
+    this.span = width - BAR.left - BAR.right;
+    setAttributes(this.svg, { viewBox: `0 0 ${width} ${BAR.height}`, "aria-label":
+      `${label}. Tab goes through the keys, Enter selects, arrows move, A adds, Delete removes.` });
+    this.root.classList.toggle("dnb-cv-read-only", this.isReadOnly);
+    this.#drawBack();
+    this.#drawMarks();
+    const words = this.words(this.selected);
+    setText(this.facts, words[0].toUpperCase() + words.slice(1));
+    const isFull = this.knots.length >= MOST_KEYS;
+    setAttributes(this.adder, { "aria-disabled": this.isReadOnly || isFull });
+    setAttributes(this.remover, { "aria-disabled": this.isReadOnly || this.knots.length === 1 });
+  }
+
+  // The bar, and over it how much of each key there is at every depth.
+  #drawBack() {
+    this.back.replaceChildren();
+    const { knots } = this, low = BAR.line - 14, top = low - BAR.hat;
+    knots.forEach((knot, k) => {
+      const x = this.toPixel(knot), left = k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}` : `M${this.toPixel(0)} ${low}V${top}H${x}`;
+      const right = k < knots.length - 1 ? `L${this.toPixel(knots[k + 1])} ${low}Z` : `H${this.toPixel(1)}V${low}Z`;
+      svgElement("path", { class: `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`, d: left + right }, this.back);
+    });
+    svgElement("path", { class: "dnb-cv-rail", d: `M${this.toPixel(0)} ${BAR.line}H${this.toPixel(1)}` }, this.back);
+    for (const [depth, text, anchor, dx] of [[0, "0 front", "start", -8], [0.5, "0.5", "middle", 0], [1, "back 1", "end", 8]]) {
+      svgElement("path", { class: "dnb-cv-tick", d: `M${this.toPixel(depth)} ${BAR.line + 13}v3` }, this.back);
+      svgElement("text", { class: "dnb-cv-text", x: this.toPixel(depth) + dx, y: BAR.height - 3, "text-anchor": anchor },
+        this.back).textContent = text;
+    }
+  }
+
+  #drawMarks() {
+    while (this.marks.length > this.knots.length) this.marks.pop().remove();
+    while (this.marks.length < this.knots.length) {
+      const mark = svgElement("g", { class: "dnb-cv-node", "data-key": this.marks.length, role: "slider", tabindex: 0,
+        "aria-valuemin": 0, "aria-valuemax": 1, ...OWN_KEYS }, this.front);
+      svgElement("circle", { r: 13, class: "dnb-cv-hit" }, mark);
+      svgElement("circle", { r: 12, class: "dnb-cv-halo" }, mark);
+      svgElement("circle", { r: 8.5, class: "dnb-cv-dot" }, mark);
+      svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark).textContent = this.marks.length + 1;
+      this.marks.push(mark);
+    }
+    this.knots.forEach((knot, k) => {
+      const isSelected = k === this.selected;
+      setAttributes(this.marks[k], { transform: `translate(${this.toPixel(knot).toFixed(2)} ${BAR.line})`,
+        "aria-label": `key ${k + 1} of ${this.knots.length}${isSelected ? ", selected" : ""}`, "aria-valuenow": knot,
+        "aria-valuetext": `depth ${Number(knot.toFixed(3))}`, "aria-readonly": this.isReadOnly });
+      this.marks[k].classList.toggle("dnb-cv-chosen", isSelected);
+    });
+  }
+}
+
+function render({ model, el }) {
+  const page = new DepthKeysPage(model, el);
+  return () => page.close();
+}
+
+export default { render };

@@ -1,0 +1,230 @@
+// A list of things with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
+//
+// Python owns the list. The page tells what its user wants done to which row, of which state of the list ("version"),
+// and waits for the answer: a second click must not meet rows that have moved meanwhile.
+
+import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+
+// command: tip, icon of 16 x 16
+const ROW_BUTTONS = {
+  rename: ["Rename (F2)", "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2"],
+  up: ["Earlier (Alt+Up)", "M8 13V3M4 7l4-4 4 4"],
+  down: ["Later (Alt+Down)", "M8 3v10M4 9l4 4 4-4"],
+  double: ["Duplicate", "M5.5 5.5h8v8h-8zM10.5 5.5v-3h-8v8h3"],
+  remove: ["Delete (Del)", "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4"],
+};
+const LONGEST_NAME = 100;
+const DARK_BELOW = 110; // brightness of the page's paper
+
+// Where the page is, which may be another zone than Python's.
+function timeOfDay(seconds) {
+  return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+}
+
+class ItemListPage {
+  constructor(model, el) {
+    this.model = model;
+    this.chosen = -1; // the row that was in sight last
+    this.current = 0; // the row that Tab reaches
+    this.isWaiting = false;
+    this.isNaming = this.isChoosing = false;
+    this.root = pageElement("div", "dnb-item-list", el);
+    this.table = pageElement("table", "dnb-il-table", this.root);
+    this.head = pageElement("thead", "", this.table);
+    this.body = pageElement("tbody", "", this.table);
+    this.empty = pageElement("div", "dnb-il-empty", this.root);
+    this.draw = () => this.#draw();
+    this.answered = (content) => { if (content.type === "done") { this.isChoosing = false; this.#wait(false); } };
+    for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
+    model.on("msg:custom", this.answered);
+    this.root.addEventListener("keydown", (event) => this.#key(event));
+    this.preference = window.matchMedia("(prefers-color-scheme: dark)");
+    this.repaint = () => this.#paper();
+    this.preference.addEventListener("change", this.repaint);
+    this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change the body
+    this.themes.observe(document.body, { attributes: true });
+    this.sized = new ResizeObserver(() => this.#show()); // a tab that was hidden had nothing to scroll
+    this.sized.observe(this.root);
+    this.#draw();
+  }
+
+  close() {
+    this.sized.disconnect();
+    for (const name of ["rows", "chosen", "columns"]) this.model.off(`change:${name}`, this.draw);
+    this.model.off("msg:custom", this.answered);
+    this.preference.removeEventListener("change", this.repaint);
+    this.themes.disconnect();
+    this.root.remove();
+  }
+
+  get rows() { return this.model.get("rows") || []; }
+  get hasSwitches() { return this.model.get("switches") !== false; }
+  get can() { return this.model.get("commands") || []; }
+
+  act(what, index, value = null) {
+    if ((this.isWaiting && what !== "rename") || !this.rows[index] || (what !== "choose" && what !== "switch" && !this.can.includes(what))) return;
+    if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
+    this.current = index + (what === "down" || what === "double") - (what === "up");
+    this.isChoosing = what === "choose"; // wherever its row will be then
+    this.#wait(true);
+    this.model.send({ type: "act", what, index, value, version: this.model.get("version") });
+  }
+
+  #wait(isWaiting) {
+    this.isWaiting = isWaiting;
+    this.table.setAttribute("aria-busy", String(isWaiting));
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  #draw() {
+    if (this.isNaming) return; // what is being written shall not go; drawn when it is done
+    const held = this.#focused(), { rows } = this, chosen = this.model.get("chosen");
+    this.current = Math.max(0, Math.min(this.current, rows.length - 1));
+    this.table.setAttribute("aria-label", this.model.get("label") || "List");
+    setText(this.empty, rows.length ? "" : this.model.get("empty") || "");
+    this.empty.hidden = rows.length > 0;
+    this.#drawHead(rows.length > 0);
+    this.body.replaceChildren(...rows.map((row, k) => this.#row(row, k, k === chosen)));
+    this.#paper();
+    if (this.isChoosing || (chosen !== this.chosen && !held)) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
+    this.#reach();
+    if (held) this.#focus(this.current, held);
+    const isOther = chosen !== this.chosen;
+    this.chosen = chosen;
+    if (isOther) this.#show();
+  }
+
+  // By its own scroll bar: scrollIntoView would move the whole page.
+  #show() {
+    const line = this.body.children[this.chosen];
+    if (!line) return;
+    const head = this.head.offsetHeight, top = line.offsetTop - head, end = line.offsetTop + line.offsetHeight;
+    if (top < this.root.scrollTop) this.root.scrollTop = top;
+    else if (end > this.root.scrollTop + this.root.clientHeight) this.root.scrollTop = end - this.root.clientHeight;
+  }
+
+  #drawHead(isShown) {
+    const columns = this.model.get("columns") || [];
+    this.head.replaceChildren();
+    if (!columns.length || !isShown) return;
+    const line = pageElement("tr", "", this.head);
+    for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) pageElement("th", "", line, { scope: "col" }).textContent = text;
+  }
+
+  #row(row, k, isChosen) {
+    const line = document.createElement("tr"), name = row.name || row.title || "";
+    line.className = `dnb-il-row${isChosen ? " dnb-il-chosen" : ""}${row.on ? "" : " dnb-il-off"}`;
+    line.addEventListener("click", (event) => { if (!event.target.closest("button, input")) this.act("choose", k); });
+    const mark = pageElement("td", "dnb-il-mark", line);
+    const disc = pageElement("span", row.swatch ? "dnb-il-swatch" : "dnb-il-number", mark, { "aria-hidden": "true" });
+    if (row.swatch) disc.style.background = row.swatch;
+    else disc.textContent = row.mark ?? k + 1;
+    const cell = pageElement("td", "dnb-il-name", line), facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
+    for (let depth = 0; depth < (row.indent || 0); depth += 1) pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
+    const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
+      title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
+      ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
+    choose.textContent = name;
+    choose.addEventListener("click", () => this.act("choose", k));
+    choose.addEventListener("dblclick", () => this.#rename(k));
+    for (const fact of facts) {
+      const shown = pageElement("td", "dnb-il-fact", line);
+      shown.textContent = fact;
+      shown.title = fact;
+    }
+    if (this.hasSwitches) this.#switch(line, row, k, name);
+    this.#buttons(pageElement("td", "dnb-il-buttons", line), k, name);
+    return line;
+  }
+
+  #switch(line, row, k, name) {
+    const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), { type: "checkbox",
+      "data-part": "switch", title: "Switch on or off", "aria-label": `${name} is on`, ...OWN_KEYS });
+    on.checked = row.on;
+    on.addEventListener("change", () => { this.act("switch", k, on.checked); on.checked = row.on; });
+  }
+
+  #buttons(cell, k, name) {
+    const last = this.rows.length - 1;
+    for (const command of this.can) {
+      const [tip, path] = ROW_BUTTONS[command];
+      const isOff = (command === "up" && k === 0) || (command === "down" && k === last);
+      const button = pageElement("button", "dnb-il-button", cell, { type: "button", title: tip, "data-part": command,
+        "aria-label": `${tip.split(" (")[0]} ${name}`, "aria-disabled": isOff, ...OWN_KEYS });
+      svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
+      button.addEventListener("click", () => (command === "rename" ? this.#rename(k) : this.act(command, k)));
+    }
+  }
+
+  #paper() {
+    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) || []).map(Number);
+    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : this.preference.matches;
+    this.root.classList.toggle("dnb-il-dark", isDark);
+  }
+
+  // ---- keys and names -----------------------------------------------------------------------------------------------
+
+  #key(event) {
+    const line = event.target.closest(".dnb-il-row");
+    if (!line || this.isNaming) return;
+    const k = [...this.body.children].indexOf(line), step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    if (step && event.altKey) this.act(step < 0 ? "up" : "down", k);
+    else if (step) this.#focus(Math.max(0, Math.min(k + step, this.rows.length - 1)), event.target.dataset.part);
+    else if (event.key === "F2") this.#rename(k);
+    else if (event.key === "Delete") this.act("remove", k);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  #rename(k) {
+    if (!this.can.includes("rename") || this.isNaming || !this.rows[k]) return;
+    const cell = this.body.children[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
+    const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME, spellcheck: "false",
+      "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
+    input.value = before;
+    this.isNaming = true;
+    const end = (isTaken) => {
+      if (!this.isNaming) return;
+      this.isNaming = false;
+      const name = input.value.trim();
+      this.current = k;
+      this.#draw();
+      if (isTaken && name !== before) this.act("rename", k, name);
+      this.#focus(k, "choose");
+    };
+    input.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" || event.key === "Escape") { end(event.key === "Enter"); event.preventDefault(); }
+      event.stopPropagation();
+    });
+    input.addEventListener("blur", () => end(true));
+    cell.replaceChildren(input);
+    input.select();
+    input.focus();
+  }
+
+  #focused() { return this.body.contains(document.activeElement) ? document.activeElement.dataset.part : null; }
+
+  #focus(k, part) {
+    const line = this.body.children[k];
+    if (!line) return;
+    this.current = k;
+    this.#reach();
+    (line.querySelector(`[data-part="${part}"]`) || line.querySelector("button")).focus({ preventScroll: false });
+  }
+
+  // Tab reaches one row only, and all of it; arrows go to the others.
+  #reach() {
+    [...this.body.children].forEach((line, k) => {
+      for (const part of line.querySelectorAll("[data-part]")) part.tabIndex = k === this.current ? 0 : -1;
+    });
+  }
+}
+
+function render({ model, el }) {
+  const page = new ItemListPage(model, el);
+  return () => page.close();
+}
+
+export default { render };

@@ -1,0 +1,94 @@
+// What was lost when a kernel died, with a way to have it back; and a word when this page's own kernel has gone.
+//
+// Python owns the offer. What a page can know of its kernel: the notebook's manager of widgets tells each model that
+// its comm is dead when the kernel is restarted by its user, and the kernel itself tells when it died and was started
+// again. Other hosts tell nothing.
+
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+
+const RESTORE_BUTTONS = [
+  ["restore", "Restore", "Go on with it; can be undone"],
+  ["skip", "Skip", "Offer it no more; it stays under History"],
+  ["delete", "Delete", "Remove its file"],
+];
+const SURE = "Delete for good?";
+const SURE_FOR = 5000; // ms in which a second click deletes
+const GONE = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died", terminating: "was stopped" };
+
+class RestoreBarPage {
+  constructor(model, el) {
+    this.model = model;
+    this.host = el;
+    this.fate = ""; // of the kernel
+    this.root = pageElement("div", "dnb-restore", el, { role: "status" });
+    this.text = pageElement("span", "dnb-restore-text", this.root);
+    this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {
+      const button = pageElement("button", `dnb-restore-button dnb-restore-${what}`, this.root,
+        { type: "button", title: tip, ...OWN_KEYS });
+      button.textContent = text;
+      button.addEventListener("click", () => this.#act(what, button));
+      return button;
+    });
+    this.draw = () => this.#draw();
+    this.answered = (content) => { if (content.type === "done") this.#wait(false); };
+    this.died = () => this.#gone("restarting");
+    this.changed = (_kernel, status) => { if (GONE[status]) this.#gone(status); };
+    for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
+    model.on("msg:custom", this.answered);
+    model.on("comm_live_update", this.died);
+    this.kernel = model.widget_manager?.kernel?.statusChanged;
+    this.kernel?.connect?.(this.changed);
+    this.#draw();
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    for (const name of ["offer", "version"]) this.model.off(`change:${name}`, this.draw);
+    this.model.off("msg:custom", this.answered);
+    this.model.off("comm_live_update", this.died);
+    this.kernel?.disconnect?.(this.changed);
+    this.root.remove();
+  }
+
+  #act(what, button) {
+    if (this.isWaiting) return;
+    if (what === "delete" && button.textContent !== SURE) {
+      button.textContent = SURE;
+      this.timer = setTimeout(() => this.#draw(), SURE_FOR);
+      return;
+    }
+    this.#wait(true);
+    this.model.send({ type: "act", what, version: this.model.get("version") });
+  }
+
+  #wait(isWaiting) {
+    this.isWaiting = isWaiting;
+    for (const button of this.buttons) button.disabled = isWaiting;
+  }
+
+  #gone(status) {
+    this.fate = GONE[status];
+    this.#draw();
+  }
+
+  #draw() {
+    clearTimeout(this.timer);
+    const offer = this.model.get("offer") || "", written = this.model.get("written");
+    const found = written ? ` What was written by itself at ${written} is offered then, or stands under History.` : "";
+    setText(this.text, this.fate ? `The kernel ${this.fate}: run the cell again.${found}` : offer);
+    this.buttons.forEach((button, k) => {
+      button.hidden = Boolean(this.fate);
+      setText(button, RESTORE_BUTTONS[k][1]);
+    });
+    this.root.classList.toggle("dnb-restore-gone", Boolean(this.fate));
+    this.root.hidden = !this.fate && !offer;
+    this.#wait(false);
+  }
+}
+
+export default {
+  render({ model, el }) {
+    const page = new RestoreBarPage(model, el);
+    return () => page.close();
+  },
+};

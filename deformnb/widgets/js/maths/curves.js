@@ -1,0 +1,103 @@
+// Curves through nodes [x, y], x not falling: their values and edits. Pure functions; no DOM.
+
+export function lineAt(nodes, x) {
+  const last = nodes.length - 1;
+  if (x < nodes[0][0]) return nodes[0][1];
+  if (x >= nodes[last][0]) return nodes[last][1];
+  let k = last;
+  while (nodes[k][0] > x) k -= 1;
+  const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]];
+  return y0 + (y1 - y0) * (x - x0) / (x1 - x0);
+}
+
+// Slopes of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5 (1984) 300-304): the cubics never leave the nodes' range.
+function slopesOf(nodes) {
+  const n = nodes.length, step = [], rise = [];
+  for (let k = 0; k + 1 < n; k++) {
+    step.push(nodes[k + 1][0] - nodes[k][0]);
+    rise.push((nodes[k + 1][1] - nodes[k][1]) / step[k]);
+  }
+  const inner = (k) => {
+    if (rise[k - 1] * rise[k] <= 0) return 0;
+    const w1 = 2 * step[k] + step[k - 1], w2 = step[k] + 2 * step[k - 1];
+    return (w1 + w2) / (w1 / rise[k - 1] + w2 / rise[k]);
+  };
+  const outer = (h0, h1, d0, d1) => {
+    const d = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
+    if (Math.sign(d) !== Math.sign(d0)) return 0;
+    return Math.sign(d0) !== Math.sign(d1) && Math.abs(d) > 3 * Math.abs(d0) ? 3 * d0 : d;
+  };
+  return nodes.map((_, k) => {
+    if (k === 0) return outer(step[0], step[1], rise[0], rise[1]);
+    if (k === n - 1) return outer(step[n - 2], step[n - 3], rise[n - 2], rise[n - 3]);
+    return inner(k);
+  });
+}
+
+// A function of x.
+export function curveThrough(nodes, isSmooth = false) {
+  if (!isSmooth || nodes.length < 3) return (x) => lineAt(nodes, x);
+  const slopes = slopesOf(nodes), last = nodes.length - 1;
+  return (x) => {
+    if (x <= nodes[0][0]) return nodes[0][1];
+    if (x >= nodes[last][0]) return nodes[last][1];
+    let k = last;
+    while (nodes[k][0] > x) k -= 1;
+    const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]], h = x1 - x0, t = (x - x0) / h, s = 1 - t;
+    return s * s * (1 + 2 * t) * y0 + t * t * (1 + 2 * s) * y1 + h * t * s * (s * slopes[k] - t * slopes[k + 1]);
+  };
+}
+
+// A function of x in [0, 1] through values at equal steps.
+export function curveOfSamples(samples) {
+  const last = samples.length - 1;
+  return (x) => {
+    const at = Math.max(0, Math.min(1, x)) * last, k = Math.min(last - 1, Math.floor(at));
+    return samples[k] + (samples[k + 1] - samples[k]) * (at - k);
+  };
+}
+
+// rules: x and y [least, most], step (0 for none) to which x is rounded, isPinned (the outer nodes keep their x),
+// gap (least distance of two nodes in x), most (nodes). No edit changes the list it is given.
+
+export function movedNode(nodes, k, [x, y], rules) {
+  const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
+  const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
+  const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
+  const isOuter = k === 0 || k === nodes.length - 1, stays = (rules.isPinned && isOuter) || before > after;
+  const to = [stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)), Math.max(rules.y[0], Math.min(rules.y[1], y))];
+  return nodes.map((node, j) => (j === k ? to : node));
+}
+
+// [nodes, index of the new one], or null where there is no room.
+export function addedNode(nodes, [x, y], rules) {
+  if (nodes.length >= rules.most) return null;
+  const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
+  const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
+  const index = nodes.findIndex((node) => node[0] > at), k = index < 0 ? nodes.length : index;
+  const isTight = (node) => node && Math.abs(node[0] - at) < Math.max(rules.gap, 1e-12 * (rules.x[1] - rules.x[0]));
+  if (isTight(nodes[k - 1]) || isTight(nodes[k])) return null;
+  const node = [at, Math.max(rules.y[0], Math.min(rules.y[1], y))];
+  return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
+}
+
+// Null where the node must stay.
+export function removedNode(nodes, k, rules) {
+  if (nodes.length <= 2 || (rules.isPinned && (k === 0 || k === nodes.length - 1))) return null;
+  return nodes.filter((_, j) => j !== k);
+}
+
+// Round numbers in [low, high], about `count` of them.
+export function ticksOf(low, high, count) {
+  const rough = (high - low) / Math.max(1, count), power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough * 0.999), found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step || 0);
+  return found;
+}
+
+// A number with as many digits as tell values of this range apart.
+export function shownNumber(value, range) {
+  const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(range || 1))));
+  const text = Math.abs(value) >= 1e6 ? value.toExponential(2) : String(Number(value.toFixed(digits)));
+  return text.replace("-", "\u2212");
+}

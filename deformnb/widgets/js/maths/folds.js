@@ -1,0 +1,232 @@
+// Where a map folds, and how it changes areas, on lattices over the picture. Needs maths/warp_map.js. No DOM.
+//
+//   detsOnRaster(layered, raster, out)   -> det J of what is seen at the pixels of {shape, spacing, origin}; 1 where
+//                                           nothing moves, NaN in a gap
+//   foldsOf(layered, box, nodes)         -> {least, place, share}: the smallest det J and where it is, the share that folds
+//   foldPieces(layered, raster, dets, probes, most) -> {fill, edge}: what folds as polygons, its outline as segments
+//   contourOf(values, [rows, columns], level)       -> segments [x, y, x', y'] in columns and rows
+//
+// det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is matter twice as large, and at 0 the map folds.
+
+import { placeOf } from "./cuts.js";
+import { RBF_KERNELS } from "./rbf.js";
+import { fieldWithSlope } from "./warp_map.js";
+
+const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a fold beside a point may hide
+const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
+
+// det J of a fit at a place.
+function detOf(fit, a, b, work) {
+  fieldWithSlope(fit, a, b, work);
+  return work[2] * work[5] - work[3] * work[4];
+}
+
+const DET_WORK = new Float64Array(6), DET_SEEN = [0, 0, 1, 0];
+
+// The same of what is seen there.
+function detAt(layered, a, b) {
+  if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0].fit, a, b, DET_WORK) : 1;
+  const [,, opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
+  return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k].fit, a, b, DET_WORK) : NaN;
+}
+
+export function detsOnRaster(layered, raster, out = null) {
+  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
+  const one = layered.regions.length ? null : layered.fits[0]?.fit;
+  if (one && !one.rigid && !one.stages) return rbfDetsOnRaster(one, raster, dets);
+  for (let i = 0, n = 0; i < nv; i++) for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  return dets;
+}
+
+// One centre after the other, and for compact kernels only the columns that it reaches, as rbfOnRaster.
+function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, dets) {
+  const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count } = fit;
+  const { slope, compact } = RBF_KERNELS[fit.kernel], step = du / r, p0 = (origin[0] - fit.origin[0]) / r;
+  const row = new Float64Array(4 * nu);
+  for (let i = 0; i < nv; i++) {
+    const q = (origin[1] + i * dv - fit.origin[1]) / r;
+    for (let k = 0; k < 4 * nu; k += 4) { row[k] = m00; row[k + 1] = m01; row[k + 2] = m10; row[k + 3] = m11; }
+    for (let c = 0, j = 0; c < count; c++, j += 2) {
+      const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq = q - x[j + 1], dq2 = dq * dq;
+      if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
+      const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
+      const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
+      const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
+      for (let k = first; k <= last; k++) {
+        const dp = p0 + k * step - x[j], g = 2 * w * slope((dp * dp + dq2) * w), gu = au * g, gv = av * g, at = 4 * k;
+        row[at] += gu * dp;
+        row[at + 1] += gu * dq;
+        row[at + 2] += gv * dp;
+        row[at + 3] += gv * dq;
+      }
+    }
+    for (let k = 0, n = nu * i; k < 4 * nu; k += 4, n++) {
+      dets[n] = (1 + row[k] / r) * (1 + row[k + 3] / r) - row[k + 1] * row[k + 2] / (r * r);
+    }
+  }
+  return dets;
+}
+
+// Places at and around the points of every fit, where a lattice might miss a small fold: [a, b, det J], of `most`
+// evaluations of a kernel.
+export function probesOf(layered, most = 2e5) {
+  const found = [];
+  for (const { fit } of layered.fits) {
+    const plain = fit.stages ? fit.stages[fit.stages.length - 1] : fit, { count: n, centers: x, support: r, origin } = plain;
+    const look = (p, q) => { const a = origin[0] + p * r, b = origin[1] + q * r; found.push([a, b, detOf(fit, a, b, DET_WORK)]); };
+    for (let k = 0; k < n; k++) look(x[2 * k], x[2 * k + 1]);
+    const directions = Math.min(8, Math.floor(most / (n * fit.count * FOLD_RINGS.length + 1)));
+    if (n < 2 || directions < 3) continue;
+    for (let k = 0; k < n; k++) {
+      let near = Infinity;
+      for (let j = 0; j < n; j++) if (j !== k) near = Math.min(near, (x[2 * k] - x[2 * j]) ** 2 + (x[2 * k + 1] - x[2 * j + 1]) ** 2);
+      FOLD_RINGS.forEach((share, ring) => {
+        for (let d = 0; d < directions; d++) {
+          const angle = 2 * Math.PI * (d + ring / 3) / directions, way = share * Math.sqrt(near);
+          look(x[2 * k] + way * Math.cos(angle), x[2 * k + 1] + way * Math.sin(angle));
+        }
+      });
+    }
+  }
+  return found;
+}
+
+// The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, and the share of
+// the lattice that folds (<= 0). With cuts, only what is seen counts, and points. What lies outside is nobody's picture.
+export function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
+  const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
+  const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
+  let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0;
+  for (let n = 0; n < dets.length; n++) {
+    if (dets[n] <= 0) folded += 1;
+    if (dets[n] < least) { least = dets[n]; place = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db]; }
+  }
+  for (const [a, b, det] of probes) {
+    if (det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1) { least = det; place = [a, b]; }
+  }
+  if (least !== 1 && Number.isFinite(least)) [least, place] = downhill(layered, box, least, place, Math.max(da, db) / 2);
+  return { least: Number.isFinite(least) ? least : 1, place, share: folded / (nodes * nodes) };
+}
+
+// From a place in a box to where det J is least nearby, never out of the box.
+function downhill(layered, [a0, a1, b0, b1], least, place, step) {
+  const low = [a0, b0], high = [a1, b1];
+  for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
+    let better = null;
+    for (const [u, v] of [[h, 0], [-h, 0], [0, h], [0, -h]]) {
+      const at = [place[0] + u, place[1] + v];
+      if (at.some((value, k) => value < low[k] || value > high[k])) continue;
+      const det = detAt(layered, ...at);
+      if (det < least) { least = det; better = at; }
+    }
+    if (better) place = better;
+    else h /= 2;
+  }
+  return [least, place];
+}
+
+// ---- outlines -------------------------------------------------------------------------------------------------------
+
+// The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides, are
+// below a level: a polygon, and the piece of the level's line in it.
+function clippedCell(x, y, s, t, nw, ne, se, sw, level, fill, edge) {
+  const corners = [[x, y, nw], [x + s, y, ne], [x + s, y + t, se], [x, y + t, sw]], polygon = [], ends = [];
+  for (let k = 0; k < 4; k++) {
+    const [px, py, p] = corners[k], [qx, qy, q] = corners[(k + 1) % 4], isIn = p <= level;
+    if (isIn) polygon.push(px, py);
+    if (isIn === (q <= level)) continue;
+    const f = (level - p) / (q - p), cx = px + f * (qx - px), cy = py + f * (qy - py);
+    polygon.push(cx, cy);
+    ends.push(cx, cy);
+  }
+  if (polygon.length >= 6) fill?.push(polygon);
+  for (let k = 0; k + 3 < ends.length; k += 4) edge.push(ends.slice(k, k + 4));
+}
+
+// A gap neither folds nor bounds a fold.
+const notFolded = (det) => (Number.isNaN(det) ? 1 : det);
+
+// What folds on a lattice of det J. Cells in which it may begin or end are looked at more closely, as far as `most`
+// evaluations of a kernel allow; so are those with a probe that folds.
+export function foldPieces(layered, raster, dets, probes, most) {
+  const { shape: [rows, columns], spacing: [da, db], origin: [a0, b0] } = raster, fill = [], edge = [], near = [];
+  const hit = new Set();
+  for (const [a, b, det] of probes) {
+    const j = Math.floor((a - a0) / da), i = Math.floor((b - b0) / db);
+    if (det <= 0 && i >= 0 && j >= 0 && i < rows - 1 && j < columns - 1) hit.add(i * columns + j);
+  }
+  for (let i = 0; i + 1 < rows; i++) {
+    let run = -1;
+    for (let j = 0; j < columns; j++) {
+      const n = i * columns + j, isCell = j + 1 < columns;
+      const corners = isCell ? [dets[n], dets[n + 1], dets[n + columns + 1], dets[n + columns]].map(notFolded) : [1];
+      const low = Math.min(...corners), high = Math.max(...corners), air = 0.5 * (high - low);
+      const isWhole = isCell && high + air < 0 && !hit.has(n);
+      if (isWhole && run < 0) run = j;
+      if (!isWhole && run >= 0) {
+        const [left, right, top, bottom] = [a0 + run * da, a0 + j * da, b0 + i * db, b0 + (i + 1) * db];
+        fill.push([left, top, right, top, right, bottom, left, bottom]);
+        run = -1;
+      }
+      if (isCell && !isWhole && (low - air <= 0 || hit.has(n))) near.push([i, j]);
+    }
+  }
+  let parts = FOLD_FINE;
+  while (parts > 1 && near.length * (parts + 1) ** 2 * Math.max(1, layered.count) > most) parts -= 1;
+  const runs = new Runs(fill, [a0, b0], [da / parts, db / parts]);
+  for (const [i, j] of near) finePieces(layered, raster, i, j, parts, { fill, edge, runs });
+  runs.end();
+  return { fill, edge };
+}
+
+// Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones.
+export class Runs {
+  constructor(fill, origin, spacing) { Object.assign(this, { fill, origin, spacing, open: new Map() }); }
+
+  add(row, column) {
+    const run = this.open.get(row);
+    if (run && run[1] === column) { run[1] += 1; return; }
+    if (run) this.#close(row, run);
+    this.open.set(row, [column, column + 1]);
+  }
+
+  end() { for (const [row, run] of this.open) this.#close(row, run); }
+
+  #close(row, [first, last]) {
+    const [a0, b0] = this.origin, [da, db] = this.spacing, top = b0 + row * db, bottom = b0 + (row + 1) * db;
+    const left = a0 + first * da, right = a0 + last * da;
+    this.fill.push([left, top, right, top, right, bottom, left, bottom]);
+  }
+}
+
+function finePieces(layered, { spacing: [da, db], origin: [a0, b0] }, i, j, parts, { fill, edge, runs }) {
+  const side = parts + 1, values = new Float64Array(side * side), s = da / parts, t = db / parts;
+  let least = Infinity;
+  for (let v = 0; v < side; v++) {
+    for (let u = 0; u < side; u++) {
+      const det = notFolded(detAt(layered, a0 + (j + u / parts) * da, b0 + (i + v / parts) * db));
+      values[v * side + u] = det;
+      least = Math.min(least, det);
+    }
+  }
+  if (least > 0) return;
+  for (let v = 0; v < parts; v++) {
+    for (let u = 0; u < parts; u++) {
+      const n = v * side + u;
+      if (Math.max(values[n], values[n + 1], values[n + side], values[n + side + 1]) <= 0) { runs.add(i * parts + v, j * parts + u); continue; }
+      const x = a0 + (j + u / parts) * da, y = b0 + (i + v / parts) * db;
+      clippedCell(x, y, s, t, values[n], values[n + 1], values[n + side + 1], values[n + side], 0, fill, edge);
+    }
+  }
+}
+
+export function contourOf(values, [rows, columns], level) {
+  const edge = [];
+  for (let i = 0; i + 1 < rows; i++) {
+    for (let j = 0; j + 1 < columns; j++) {
+      const n = i * columns + j;
+      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null, edge);
+    }
+  }
+  return edge;
+}

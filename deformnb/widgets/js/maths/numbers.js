@@ -1,0 +1,6 @@
+// Numbers as they are shown.
+
+/** A length with one digit behind the point, from 100 on with none. */
+export function shownLength(value) {
+  return String(Number(value.toFixed(Math.abs(value) >= 100 ? 0 : 1)));
+}

@@ -1,0 +1,829 @@
+// The linear algebra behind maths/rbf.js: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, for dimension 2, dense, in float64.
+// Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
+
+// alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
+// scales: null, or support / R_j of points with support radii R_j of their own.
+// span: {basis, ridge}, what the points determine of a linear map, as in deformnb.rbf.trends.Span.
+function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
+  const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j <= i; j++) {
+      const dp = x[2 * i] - x[2 * j], dq = x[2 * i + 1] - x[2 * j + 1], s = dp * dp + dq * dq;
+      phi[i * n + j] = profile(scales ? s * scales[j] * scales[j] : s);
+      phi[j * n + i] = scales ? profile(s * scales[i] * scales[i]) : phi[i * n + j];
+    }
+    phi[i * n + i] += nugget[i];
+  }
+  let solved;
+  if (scales) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
+  else if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, span.basis);
+  else if (trend === "none") {
+    solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
+  } else solved = rbfLeastEnergy(phi, x, d, span, turn, kernel, trend);
+  const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      let sum = x[2 * i] * linear[k][0] + x[2 * i + 1] * linear[k][1] + constant[k] - d[2 * i + k];
+      for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[2 * j + k];
+      miss[2 * i + k] = sum;
+    }
+  }
+  return { ...solved, miss };
+}
+
+// Solution of a symmetric positive definite system with m right-hand sides; NaN where it is not definite.
+function rbfCholeskySolve(matrix, rhs, n, m) {
+  const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
+  for (let j = 0; j < n; j++) {
+    for (let i = j; i < n; i++) {
+      let sum = l[i * n + j];
+      for (let k = 0; k < j; k++) sum -= l[i * n + k] * l[j * n + k];
+      l[i * n + j] = i === j ? Math.sqrt(sum) : sum / l[j * n + j];
+    }
+  }
+  for (let c = 0; c < m; c++) {
+    for (let i = 0; i < n; i++) {
+      let sum = out[i * m + c];
+      for (let k = 0; k < i; k++) sum -= l[i * n + k] * out[k * m + c];
+      out[i * m + c] = sum / l[i * n + i];
+    }
+    for (let i = n - 1; i >= 0; i--) {
+      let sum = out[i * m + c];
+      for (let k = i + 1; k < n; k++) sum -= l[k * n + i] * out[k * m + c];
+      out[i * m + c] = sum / l[i * n + i];
+    }
+  }
+  return out;
+}
+
+// Solver of a general square system, factored once with partial pivoting.
+function rbfFactored(matrix, n) {
+  const a = Float64Array.from(matrix), order = Array.from({ length: n }, (_, k) => k);
+  for (let c = 0; c < n; c++) {
+    let pivot = c;
+    for (let i = c + 1; i < n; i++) if (Math.abs(a[i * n + c]) > Math.abs(a[pivot * n + c])) pivot = i;
+    if (pivot !== c) {
+      for (let k = 0; k < n; k++) [a[c * n + k], a[pivot * n + k]] = [a[pivot * n + k], a[c * n + k]];
+      [order[c], order[pivot]] = [order[pivot], order[c]];
+    }
+    for (let i = c + 1; i < n; i++) {
+      const f = (a[i * n + c] /= a[c * n + c]);
+      if (f !== 0) for (let k = c + 1; k < n; k++) a[i * n + k] -= f * a[c * n + k];
+    }
+  }
+  return (rhs, m) => {
+    const out = new Float64Array(n * m);
+    for (let c = 0; c < m; c++) {
+      for (let i = 0; i < n; i++) {
+        let sum = rhs[order[i] * m + c];
+        for (let k = 0; k < i; k++) sum -= a[i * n + k] * out[k * m + c];
+        out[i * m + c] = sum;
+      }
+      for (let i = n - 1; i >= 0; i--) {
+        let sum = out[i * m + c];
+        for (let k = i + 1; k < n; k++) sum -= a[i * n + k] * out[k * m + c];
+        out[i * m + c] = sum / a[i * n + i];
+      }
+    }
+    return out;
+  };
+}
+
+// [Phi P; P^T 0] with the n x r matrix P.
+function rbfBordered(phi, p, n, r) {
+  const size = n + r, out = new Float64Array(size * size);
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j < n; j++) out[i * size + j] = phi[i * n + j];
+    for (let k = 0; k < r; k++) out[i * size + n + k] = out[(n + k) * size + i] = p[i * r + k];
+  }
+  return out;
+}
+
+function rbfLeastEnergy(phi, x, d, span, turn, kernel, trend) {
+  const n = x.length / 2, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
+  if (RBF_KERNELS[kernel].order === 0) {
+    const rhs = new Float64Array(n * 5);
+    for (let i = 0; i < n; i++) rhs.set([1, x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 5 * i);
+    const v = rbfCholeskySolve(phi, rhs, n, 5);
+    const sums = [0, 1, 2, 3, 4].map((k) => { let sum = 0; for (let i = 0; i < n; i++) sum += v[5 * i + k]; return sum; });
+    for (let k = 0; k < 4; k++) {
+      mean[k] = sums[k + 1] / sums[0];
+      for (let i = 0; i < n; i++) w[4 * i + k] = v[5 * i + k + 1] - v[5 * i] * mean[k];
+    }
+  } else { // Phi is not definite: only the bordered system is well posed
+    const rhs = new Float64Array((n + 1) * 4);
+    for (let i = 0; i < n; i++) rhs.set([x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 4 * i);
+    const v = rbfFactored(rbfBordered(phi, new Float64Array(n).fill(1), n, 1), n + 1)(rhs, 4);
+    w.set(v.subarray(0, 4 * n));
+    for (let k = 0; k < 4; k++) mean[k] = v[4 * n + k];
+  }
+  const s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      for (let j = 0; j < 2; j++) {
+        s[k][j] += x[2 * i + k] * w[4 * i + j];
+        h[k][j] += (x[2 * i + k] + d[2 * i + k]) * w[4 * i + j];
+      }
+    }
+  }
+  if (trend === "affine" && span.ridge) rbfSteady(s, h, rbfPlainMoments(x, d), span.ridge);
+  const m = rbfTrendMap(s, h, span, turn, trend), linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  const alpha = new Float64Array(2 * n);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      alpha[2 * i + k] = w[4 * i + 2 + k] - linear[k][0] * w[4 * i] - linear[k][1] * w[4 * i + 1];
+    }
+  }
+  return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
+}
+
+// Means and second moments in which all points count alike.
+function rbfPlainMoments(x, d) {
+  const n = x.length / 2, mean = [0, 0, 0, 0], s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+  for (let i = 0; i < n; i++) for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) {
+      for (let j = 0; j < 2; j++) {
+        const c = x[2 * i + j] - mean[j], p = x[2 * i + k] - mean[k];
+        s[k][j] += p * c;
+        h[k][j] += (p + d[2 * i + k] - mean[2 + k]) * c;
+      }
+    }
+  }
+  return { mean, s, h };
+}
+
+// Adds the plain moments as much as the points are thin: the energy of a row is that of its small wiggles.
+function rbfSteady(s, h, plain, ridge) {
+  const share = Math.max(...ridge.flat().map(Math.abs));
+  const weight = 1 / (s[0][0] + s[1][1]), other = share / (plain.s[0][0] + plain.s[1][1]);
+  for (let i = 0; i < 2; i++) {
+    for (let j = 0; j < 2; j++) {
+      s[i][j] = weight * s[i][j] + other * plain.s[i][j];
+      h[i][j] = weight * h[i][j] + other * plain.h[i][j];
+    }
+  }
+}
+
+// For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves.
+function rbfLeastSquares(phi, x, d, span, turn, trend) {
+  let linear = [[0, 0], [0, 0]], constant = [0, 0];
+  if (trend !== "none") {
+    const { mean, s, h } = rbfPlainMoments(x, d), m = rbfTrendMap(s, h, span, turn, trend);
+    linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+    constant = [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]);
+  }
+  const left = Float64Array.from(d, (value, i) => value - constant[i % 2] - linear[i % 2][0] * x[i - (i % 2)] -
+    linear[i % 2][1] * x[i - (i % 2) + 1]);
+  return { alpha: rbfFactored(phi, x.length / 2)(left, 2), linear, constant };
+}
+
+function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
+  if (trend === "translation") return [[1, 0], [0, 1]];
+  const size = s[0][0] + s[1][1];
+  if (trend === "affine_exact" || (trend === "affine" && !ridge)) return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  const rotation = rbfNearestRotation(h, size, turn);
+  if (trend === "rigid") return rotation;
+  let scale = 0;
+  for (let i = 0; i < 2; i++) for (let j = 0; j < 2; j++) scale += rotation[i][j] * h[i][j];
+  scale = Math.max(scale / size, 0);
+  const similar = rotation.map((row) => row.map((value) => scale * value));
+  if (trend === "similarity") return similar;
+  // G + (H - G S) (S + tr(S) ridge)^-1: the similarity, corrected where the points determine more
+  const rest = h.map((row, i) => row.map((value, j) => value - similar[i][0] * s[0][j] - similar[i][1] * s[1][j]));
+  const held = s.map((row, i) => row.map((value, j) => value + size * ridge[i][j]));
+  const images = rbfAffineImages(held, rest, [[1, 0], [0, 1]]);
+  return similar.map((row, i) => row.map((value, j) => value + images[j][i]));
+}
+
+// Where the affine trend of least energy takes the directions of the basis; as a list of vectors.
+function rbfAffineImages(s, h, basis) {
+  const quadratic = (m, p, q) => p[0] * (m[0][0] * q[0] + m[0][1] * q[1]) + p[1] * (m[1][0] * q[0] + m[1][1] * q[1]);
+  const rank = basis.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * 2);
+  for (let i = 0; i < rank; i++) {
+    for (let j = 0; j < rank; j++) small[i * rank + j] = quadratic(s, basis[i], basis[j]);
+    for (let k = 0; k < 2; k++) rhs[2 * i + k] = basis[i][0] * h[k][0] + basis[i][1] * h[k][1];
+  }
+  const images = rbfFactored(small, rank)(rhs, 2);
+  return basis.map((_, i) => [images[2 * i], images[2 * i + 1]]);
+}
+
+// The linear map that sends the directions of the basis to the images and turns and scales what lies across with them.
+function rbfComplete(images, basis) {
+  if (basis.length === 0) return [[1, 0], [0, 1]];
+  const outer = (p, q) => [[p[0] * q[0], p[0] * q[1]], [p[1] * q[0], p[1] * q[1]]];
+  const quarter = (p) => [-p[1], p[0]];
+  const first = outer(images[0], basis[0]);
+  const other = basis.length === 2 ? outer(images[1], basis[1]) : outer(quarter(images[0]), quarter(basis[0]));
+  return first.map((row, i) => row.map((value, j) => value + other[i][j]));
+}
+
+function rbfNearestRotation(h, size, previous) {
+  const least = RBF_NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
+  const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], length = Math.hypot(c, s);
+  return length > least ? [[c / length, -s / length], [s / length, c / length]] : previous;
+}
+
+function rbfBorderedAffine(phi, x, d, basis) {
+  const n = x.length / 2, rank = basis.length, width = rank + 1, p = new Float64Array(n * width);
+  for (let i = 0; i < n; i++) {
+    p[i * width] = 1;
+    basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
+  }
+  const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
+  const solve = (b) => {
+    const rhs = new Float64Array(2 * (n + width));
+    rhs.set(b);
+    const v = factored(rhs, 2);
+    return { alpha: v.slice(0, 2 * n), constant: [v[2 * n], v[2 * n + 1]],
+      images: basis.map((_, k) => [v[2 * (n + 1 + k)], v[2 * (n + 1 + k) + 1]]) };
+  };
+  // D on the span of the points: sum of image (outer) direction
+  const spanned = (images) => [0, 1].map((i) => [0, 1].map(
+    (j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0)));
+  const whole = solve(d);
+  if (rank === 2) return { alpha: whole.alpha, linear: spanned(whole.images), constant: whole.constant };
+  const m = rbfComplete(whole.images.map((image, k) => [basis[k][0] + image[0], basis[k][1] + image[1]]), basis);
+  const linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  // Points that are flat only to rounding lie a little off their span, where the completed map displaces them too.
+  const left = Float64Array.from(d, (value, i) => {
+    const q = i - (i % 2);
+    return value - linear[i % 2][0] * x[q] - linear[i % 2][1] * x[q + 1];
+  });
+  const rest = solve(left), more = spanned(rest.images);
+  return { alpha: rest.alpha, constant: rest.constant,
+    linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
+}
+
+// Orthonormal directions that span centred points.
+function rbfSpan(rows) {
+  if (rows.length < 2) return [];
+  const { sigma, along } = rbfPrincipal(rows);
+  if (sigma[0] === 0) return [];
+  return sigma[1] > RBF_FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
+}
+
+// Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to rounding.
+function rbfPrincipal(rows) {
+  let v = [[1, 0], [0, 1]];
+  let columns = [rows.map((r) => r[0]), rows.map((r) => r[1])];
+  const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
+  for (let sweep = 0; sweep < 8; sweep++) {
+    const gamma = dot(columns[0], columns[1]);
+    if (gamma === 0) break;
+    const zeta = (dot(columns[1], columns[1]) - dot(columns[0], columns[0])) / (2 * gamma);
+    const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
+    const c = 1 / Math.hypot(1, t), s = c * t;
+    const turn = ([p, q]) => [p.map((value, k) => c * value - s * q[k]), p.map((value, k) => s * value + c * q[k])];
+    columns = turn(columns);
+    v = turn(v);
+  }
+  const sigma = columns.map((p) => Math.hypot(...p)), first = sigma[0] >= sigma[1] ? 0 : 1;
+  return { sigma: [sigma[first], sigma[1 - first]], along: v[first] };
+}
+
+const RBF_THIN = 0.25, RBF_SOFTNESS = 0.5, RBF_LEAST_SPREAD = 1e-4;
+
+// How far places spread across their longest direction, relative to it, in the thinner of two sets: deformnb.rbf.trends.
+// thin_directions in the plane. A symmetric matrix is [xx, xy, yy].
+function rbfSpreads(targets, sources) {
+  const [x, y] = [targets, sources].map(rbfScaled);
+  const moments = (p, q) => [0, 1].map((i) => [0, 1].map((j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0)));
+  const xx = moments(x, x), yy = moments(y, y), yx = moments(y, x);
+  const least = 2e-9 * Math.sqrt((xx[0][0] + xx[1][1]) * (yy[0][0] + yy[1][1]));
+  const c = yx[0][0] + yx[1][1] + least, s = yx[1][0] - yx[0][1], length = Math.hypot(c, s) || 1;
+  const back = y.map(([p, q]) => [(c * p + s * q) / length, (c * q - s * p) / length]);
+  const a = rbfRelative(moments(x, x));
+  const b = yy[0][0] + yy[1][1] > 0 ? rbfRelative(moments(back, back)) : a, tiny = 1e-12;
+  // 2 A (A + B)^-1 B
+  const [p, q, r] = [a[0][0] + b[0][0] + 2 * tiny, a[0][1] + b[0][1], a[1][1] + b[1][1] + 2 * tiny], det = p * r - q * q;
+  const inverse = [[r / det, -q / det], [-q / det, p / det]];
+  const times = (m, k) => [0, 1].map((i) => [0, 1].map((j) => m[i][0] * k[0][j] + m[i][1] * k[1][j]));
+  const more = (m) => [[m[0][0] + tiny, m[0][1]], [m[1][0], m[1][1] + tiny]];
+  const both = times(times(more(a), inverse), more(b)), off = both[0][1] + both[1][0];
+  const mean = both[0][0] + both[1][1], half = Math.hypot(both[0][0] - both[1][1], off);
+  const angle = Math.atan2(off, both[0][0] - both[1][1]) / 2;
+  return { spread: Math.sqrt(Math.max(2 * (mean - half), 0) / (2 * (mean + half))), along: [Math.cos(angle), Math.sin(angle)] };
+}
+
+// Centred, and at most 1 in size: squares of tiny lengths would be zero.
+function rbfScaled(places) {
+  const mean = [0, 1].map((k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
+  const centred = places.map((p) => [p[0] - mean[0], p[1] - mean[1]]);
+  const size = centred.reduce((m, p) => Math.max(m, Math.abs(p[0]), Math.abs(p[1])), 0) || 1;
+  return centred.map((p) => [p[0] / size, p[1] / size]);
+}
+
+// Second moments relative to their largest eigenvalue.
+function rbfRelative(m) {
+  const largest = (m[0][0] + m[1][1] + Math.hypot(m[0][0] - m[1][1], 2 * m[0][1])) / 2 || 1;
+  return m.map((row) => row.map((value) => value / largest));
+}
+
+function rbfSpectralNorm(m) {
+  const e = (m[0][0] + m[1][1]) / 2, f = (m[0][0] - m[1][1]) / 2;
+  const g = (m[1][0] + m[0][1]) / 2, h = (m[1][0] - m[0][1]) / 2;
+  return Math.hypot(e, h) + Math.hypot(f, g);
+}
+
+function rbfRotationOf(fit) {
+  const m = [[1 + fit.linear[0][0] / fit.support, fit.linear[0][1] / fit.support],
+    [fit.linear[1][0] / fit.support, 1 + fit.linear[1][1] / fit.support]];
+  const c = m[0][0] + m[1][1], s = m[1][0] - m[0][1], length = Math.hypot(c, s);
+  if (!(m[0][0] * m[1][1] - m[0][1] * m[1][0] > 0) || length === 0) return [[1, 0], [0, 1]];
+  return [[c / length, -s / length], [s / length, c / length]];
+}
+
+// ---- remarks on a fit, as deformnb.rbf.conditioning makes them ------------------------------------------------------------
+
+// Positions of the neighbours of a point, nearest first, itself left out.
+function rbfNeighbours(merged, k, count) {
+  const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
+  const best = [];
+  merged.forEach((q, j) => {
+    if (j === k) return;
+    const gap = distance(q);
+    if (best.length === count && gap >= best[count - 1][0]) return;
+    let at = best.length;
+    while (at > 0 && best[at - 1][0] > gap) at--;
+    best.splice(at, 0, [gap, j]);
+    if (best.length > count) best.pop();
+  });
+  return best;
+}
+
+function rbfClosest(ready) {
+  if (ready.n < 2) return "a single point";
+  let found = [Infinity, 0, 0];
+  for (let k = 0; k < ready.n; k++) {
+    const [[gap, j]] = rbfNeighbours(ready.merged, k, 1);
+    if (gap < found[0]) found = [gap, k, j];
+  }
+  return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
+}
+
+function rbfWarnings(ready, kernel, map) {
+  const notes = [];
+  const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
+  if (isPlain && rbfSpectralNorm(map) > RBF_STEEP) {
+    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
+      "in one plane; the trend similarity would not");
+  }
+  const spread = (place) => Math.max(...[0, 1].map((k) => {
+    const all = ready.merged.map((q) => place(q)[k]);
+    return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
+  }));
+  const collapses = { affine: "the trend collapses everything to one place",
+    affine_exact: "the trend collapses everything to one place",
+    similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
+  const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
+  if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
+    notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
+  } else if (isPlain) {
+    const largest = rbfSpectralNorm(map), det = map[0][0] * map[1][1] - map[0][1] * map[1][0];
+    if (!(Math.abs(det) >= RBF_NO_ANGLE * largest * largest)) {
+      notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
+        "everything flat");
+    }
+  }
+  return notes;
+}
+
+// Ids of points that share a source and have different targets.
+function rbfTornPairs({ merged, n, ids }, most = 3) {
+  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0]))));
+  const found = [];
+  for (let i = 0; i < n && size > 0 && found.length < most; i++) {
+    for (let j = i + 1; j < n && found.length < most; j++) {
+      const gap = [0, 1].map((k) => merged[i].x[k] + merged[i].d[k] - merged[j].x[k] - merged[j].d[k]);
+      if (Math.hypot(...gap) <= RBF_SAME_PLACE * size) found.push([ids[i], ids[j]]);
+    }
+  }
+  return found;
+}
+
+function rbfCrossingPairs(ready, map, most = 3) {
+  const { merged, n } = ready;
+  if (n < 2) return [];
+  const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
+  const pairs = new Map();
+  for (let i = 0; i < n; i++) {
+    for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
+      const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
+      const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
+        Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
+      const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
+      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes who is named.
+      const degree = Math.round(4 * Math.log2(beside / along));
+      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
+    }
+  }
+  const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
+  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - RBF_FAR_BEHIND).sort(([p], [q]) => p - q)
+    .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
+}
+
+// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. Needs maths/rbf.js. No DOM.
+//
+//   rbfFit(points, settings)    -> fit; throws RbfError with a message for people
+//   rbfAt(fit, a, b)            -> [da, db], the backward displacement at a place of the picture
+//   rbfJacobianAt(fit, a, b)    -> [[dDa/da, dDa/db], [dDb/da, dDb/db]]
+//   rbfOnRaster(fit, raster)    -> Float32Array (nv * nu * 2) of displacements at the pixels of {shape, spacing, origin}
+//   RBF_KERNELS, RBF_TRENDS     the same names, in the same order, as KERNELS and TRENDS of the package
+//
+// points: [{id, name, source: [a, b], target: [a, b], active, weight, radius}]; radius: null, or a support radius of the
+//   point's own
+// settings: {kernel, support, chosen_support, trend, smoothing, strength, lone_support, previous}; all may be left out.
+//   support: a radius, null or "box_diagonal"; chosen_support: what Python chose while it is null
+// fit.notes are for people; those of them in fit.doubts say that the map may fold, which is not measured here.
+// All arithmetic is in float64, as in the package; a test compares the two for every kernel and trend.
+
+export class RbfError extends Error {}
+
+const RBF_TINY = 1e-30;
+const RBF_SAME_PLACE = 1e-6;
+const RBF_SAME_DISPLACEMENT = 1e-9;
+const RBF_FLAT = 1e-7;
+const RBF_LARGEST_SET = 2000;
+const RBF_LARGEST_COORDINATE = 1e15;
+const RBF_RESIDUAL = 1e-7;
+const RBF_ROUNDING = 1e-10;
+const RBF_MOST_GAIN = 1e5;
+const RBF_STEEP = 10;
+const RBF_LONGEST_SHARE = 100;
+const RBF_NO_ANGLE = 1e-6;
+const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
+
+// share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps.
+// profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
+export const RBF_KERNELS = {
+  wendland_c2: {
+    title: "Wendland C2", order: 0, compact: true, share: 1, gaps: 16,
+    profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s), q = t * t; return q * q * (5 - 4 * t); },
+    slope: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s); return -10 * t * t * t; },
+  },
+  wendland_c0: {
+    title: "Wendland C0", order: 0, compact: true, share: 1, gaps: Infinity,
+    profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s); return t * t; },
+    slope: (s) => { const r = Math.sqrt(Math.max(s, RBF_TINY)); return r >= 1 ? 0 : -(1 - r) / r; },
+  },
+  wendland_c4: {
+    title: "Wendland C4", order: 0, compact: true, share: 1, gaps: 8,
+    profile: (s) => {
+      if (s >= 1) return 0;
+      const r = Math.sqrt(s), t = 1 - r, q = t * t;
+      return q * q * q * (35 * s + 18 * r + 3) / 3;
+    },
+    slope: (s) => { if (s >= 1) return 0; const r = Math.sqrt(s); return (-28 / 3) * (1 + 5 * r) * (1 - r) ** 5; },
+  },
+  thin_plate: {
+    title: "Thin-plate spline", order: 2, compact: false, share: 1, gaps: Infinity,
+    profile: (s) => 0.5 * s * Math.log(Math.max(s, RBF_TINY)),
+    slope: (s) => 0.5 * (Math.log(Math.max(s, RBF_TINY)) + 1),
+  },
+  gaussian: {
+    title: "Gaussian", order: 0, compact: false, share: 1 / 4, gaps: 2,
+    profile: (s) => Math.exp(-4.5 * s),
+    slope: (s) => -4.5 * Math.exp(-4.5 * s),
+  },
+  multiquadric: {
+    title: "Multiquadric", order: 1, compact: false, share: 1 / 4, gaps: 1,
+    profile: (s) => -Math.sqrt(1 + 16 * s),
+    slope: (s) => -8 / Math.sqrt(1 + 16 * s),
+  },
+  cubic: {
+    title: "Cubic", order: 2, compact: false, share: 1, gaps: Infinity,
+    profile: (s) => s * Math.sqrt(s),
+    slope: (s) => 1.5 * Math.sqrt(s),
+  },
+  linear: {
+    title: "Linear", order: 1, compact: false, share: 1, gaps: Infinity,
+    profile: (s) => -Math.sqrt(s),
+    slope: (s) => -0.5 / Math.sqrt(Math.max(s, RBF_TINY)),
+  },
+};
+
+// order: the largest order of a kernel that the trend can be paired with.
+export const RBF_TRENDS = {
+  affine: { title: "Affine", order: 2 },
+  similarity: { title: "Similarity (turn, scale, shift)", order: 1 },
+  rigid: { title: "Rigid (turn, shift)", order: 1 },
+  translation: { title: "Translation", order: 1 },
+  none: { title: "None", order: 0 },
+  affine_exact: { title: "Affine, exact across a row of points too", order: 2 },
+};
+
+// ---- the fit --------------------------------------------------------------------------------------------------------
+
+export function rbfFit(points, settings = {}) {
+  const kernel = settings.kernel ?? "wendland_c2", trend = settings.trend ?? "affine";
+  const smoothing = settings.smoothing ?? 0, strength = settings.strength ?? 1;
+  rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
+  rbfCheckPoints(points);
+  const active = points.filter((p) => p.active !== false);
+  if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
+    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, knows ` +
+      "none; choose a Wendland kernel or the Gaussian, or clear their radii.");
+  }
+  if (active.length > RBF_LARGEST_SET) {
+    throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
+      "for; switch some off or thin them out.");
+  }
+  // The radius is that of the points as dragged, at full strength, as in deformnb.document.deformation.Step.
+  const radius = rbfRadius(active, rbfSupport(points, settings), trend);
+  const ready = rbfPrepare(active, kernel, radius, trend, smoothing, strength);
+  if (ready.n === 0) return rbfIdentity(ready, kernel, "none", 1);
+  return rbfSolvePrepared(ready, kernel, smoothing, settings.previous ?? null);
+}
+
+export function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
+  if (!Object.hasOwn(RBF_KERNELS, kernel)) {
+    throw new RbfError(`unknown kernel '${kernel}'; choose one of ${Object.keys(RBF_KERNELS).join(", ")}.`);
+  }
+  if (!Object.hasOwn(RBF_TRENDS, trend)) {
+    throw new RbfError(`unknown trend '${trend}'; choose one of ${Object.keys(RBF_TRENDS).join(", ")}.`);
+  }
+  if (support !== null && support !== "box_diagonal" && !(Number.isFinite(support) && support > 0)) {
+    throw new RbfError(`the support radius must be a positive length, got ${support}.`);
+  }
+  if (!(Number.isFinite(smoothing) && smoothing >= 0)) {
+    throw new RbfError(`smoothing must be 0 or a positive number, got ${smoothing}.`);
+  }
+  if (!Number.isFinite(strength)) throw new RbfError(`strength must be a finite number, got ${strength}.`);
+  if (RBF_TRENDS[trend].order < RBF_KERNELS[kernel].order) {
+    const able = Object.keys(RBF_TRENDS).filter((t) => RBF_TRENDS[t].order >= RBF_KERNELS[kernel].order).join(", ");
+    throw new RbfError(`the ${kernel} kernel is not positive definite on its own and needs a trend of ${able}; ` +
+      `choose that, or a Wendland kernel for the trend '${trend}'.`);
+  }
+}
+
+export function rbfLabel(point) {
+  return `control point ${point.id}${point.name ? ` ("${point.name}")` : ""}`;
+}
+
+export function rbfCheckPoints(points) {
+  for (const p of points) {
+    for (const what of ["source", "target"]) {
+      const place = p[what];
+      const good = Array.isArray(place) && place.length === 2 &&
+        place.every((v) => Number.isFinite(v) && Math.abs(v) <= RBF_LARGEST_COORDINATE);
+      if (!good) {
+        throw new RbfError(`the ${what} of ${rbfLabel(p)} is [${place}]; coordinates must be finite and below 1e15. ` +
+          "Correct or remove that point.");
+      }
+    }
+    const weight = p.weight ?? 1;
+    if (!(Number.isFinite(weight) && weight > 0)) {
+      throw new RbfError(`the weight of ${rbfLabel(p)} is ${weight}; weights must be positive numbers.`);
+    }
+    const radius = p.radius ?? 1;
+    if (!(radius > 0 && radius <= RBF_LARGEST_COORDINATE)) {
+      throw new RbfError(`the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that of all.`);
+    }
+  }
+}
+
+// The places that do not move during a drag: the active sources, or the targets if the sources coincide.
+function rbfAtRest(points) {
+  const active = points.filter((p) => p.active !== false);
+  const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
+  return rbfExtent(sources) > RBF_SAME_PLACE * rbfExtent(targets) ? sources : targets;
+}
+
+// The diagonal of the box of places; 0 for none.
+function rbfExtent(places) {
+  const size = [0, 1].map((k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
+    places.reduce((m, p) => Math.min(m, p[k]), Infinity));
+  return places.length ? Math.hypot(size[0], size[1]) : 0;
+}
+
+export function rbfBoxDiagonal(points) {
+  return rbfExtent(rbfAtRest(points)) || null;
+}
+
+// The support of points that say nothing of it themselves: a share of their box, less for points in a row.
+function rbfUsualSupport(points, kernel) {
+  const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
+  if (size === 0) return null;
+  const isThin = rbfSpreads(places, places).spread < RBF_THIN;
+  return size * (isThin ? Math.min(share, 0.5, gaps / Math.max(1, places.length - 1)) : share);
+}
+
+// The support radius of a set of points: as given, by a rule, as it was chosen, the usual one, or that of a lone point.
+export function rbfSupport(points, settings) {
+  const { support, chosen_support: chosen, lone_support: lone, kernel = "wendland_c2" } = settings;
+  const own = support === "box_diagonal" ? rbfBoxDiagonal(points)
+    : support ?? chosen ?? rbfUsualSupport(points, kernel);
+  return own ?? lone ?? null;
+}
+
+function rbfRadius(active, radius, trend) {
+  if (radius !== null) return radius;
+  if (active.length && trend === "none") {
+    throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing tells how far it reaches; ` +
+      "give a support radius.");
+  }
+  return 1; // a translation does not depend on it
+}
+
+function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
+  const places = active.map((p) => ({
+    point: p, w: p.weight ?? 1,
+    x: [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k])),
+  }));
+  if (strength === 1) for (const q of places) q.x = [...q.point.target];
+  for (const q of places) q.d = [q.point.source[0] - q.x[0], q.point.source[1] - q.x[1]];
+  const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
+  let radius = given;
+  if (RBF_KERNELS[kernel].compact && given > RBF_LONGEST_SHARE * box) {
+    radius = RBF_LONGEST_SHARE * box;
+    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond that ` +
+      "the map hardly changes");
+  }
+  const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
+  const n = merged.length;
+  const origin = n ? [0, 1].map((k) => merged.reduce((sum, q) => sum + q.x[k], 0) / n) : [0, 0];
+  const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
+  const { ridge, where } = rbfThinness(merged, basis);
+  const [name, remark] = rbfBearable(trend, kernel, n, basis.length, where);
+  return { n, merged, origin, radius, basis, ridge, trend: name, notes: [...limited, ...notes, ...remark],
+    ids: merged.map((q) => q.point.id) };
+}
+
+// The penalty of the trend "affine" across a row of points, and where the row lies, in words; nothing for wide sets.
+function rbfThinness(merged, basis) {
+  if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
+  const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
+  if (spread >= RBF_THIN) return { ridge: null, where: "" };
+  const s = Math.max(spread, RBF_LEAST_SPREAD), weight = ((RBF_THIN - s) / s) ** 2 / RBF_SOFTNESS;
+  const across = [-along[1], along[0]], quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
+  const degrees = ((quarters * 15) % 180 + 180) % 180;
+  return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
+}
+
+function rbfRound(value) { // halves go to the even number, as in Python
+  const low = Math.floor(value), rest = value - low;
+  return rest < 0.5 || (rest === 0.5 && low % 2 === 0) ? low : low + 1;
+}
+
+// Points at one place become one, found through a sort along a so that 2000 points take no longer than a few.
+function rbfMerge(places, radius, reach, smoothing) {
+  const near = RBF_SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
+  const parent = places.map((_, k) => k);
+  const root = (k) => { while (parent[k] !== k) k = parent[k] = parent[parent[k]]; return k; };
+  const pairs = [];
+  order.forEach((i, at) => {
+    for (let next = at + 1; next < order.length; next++) {
+      const j = order[next], p = places[i].x, q = places[j].x;
+      if (q[0] - p[0] > near) break;
+      if (Math.hypot(q[0] - p[0], q[1] - p[1]) <= near) pairs.push([Math.min(i, j), Math.max(i, j)]);
+    }
+  });
+  if (pairs.length === 0) return { merged: places, notes: [] };
+  if (smoothing === 0) rbfRefuseConflicts(places, pairs, radius);
+  for (const [i, j] of pairs) parent[root(i)] = root(j);
+  const groups = new Map();
+  places.forEach((q, k) => { const r = root(k); if (groups.has(r)) groups.get(r).push(q); else groups.set(r, [q]); });
+  const merged = [], notes = [];
+  for (const members of groups.values()) { // in the order of their first members
+    const w = members.reduce((sum, q) => sum + q.w, 0);
+    const mean = (key) => [0, 1].map((k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
+    merged.push({ point: members[0].point, w, x: mean("x"), d: mean("d") });
+    if (members.length > 1) {
+      notes.push(`${members.map((q) => rbfLabel(q.point)).join(", ")} are at one place and count as one`);
+    }
+  }
+  return { merged, notes };
+}
+
+function rbfRefuseConflicts(places, pairs, radius) {
+  for (const [i, j] of pairs) {
+    const p = places[i], q = places[j];
+    if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= RBF_SAME_DISPLACEMENT * radius) continue;
+    const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
+    throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but ask for ` +
+      `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
+  }
+}
+
+function rbfShown(value) {
+  return String(Number(value.toPrecision(6)));
+}
+
+function rbfBearable(trend, kernel, n, rank, where) {
+  if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
+  const { order } = RBF_KERNELS[kernel];
+  if (rank === 0) return [order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];
+  if (!where || !trend.startsWith("affine")) return [trend, []];
+  const lie = `the control points lie nearly ${where}: across it`;
+  if (trend === "affine" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
+  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel ` +
+    "with the trend affine stays calm"]];
+}
+
+function rbfIdentity(ready, kernel, trend, support) {
+  const centers = new Float64Array(2 * ready.n);
+  ready.merged.forEach((q, k) => {
+    centers[2 * k] = (q.x[0] - ready.origin[0]) / support;
+    centers[2 * k + 1] = (q.x[1] - ready.origin[1]) / support;
+  });
+  const radii = ready.merged.map((q) => q.point.radius ?? ready.radius), isOwn = radii.some((r) => r !== ready.radius);
+  const scales = isOwn ? Float64Array.from(radii, (r) => ready.radius / r) : null;
+  return { count: ready.n, scales, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
+    constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
+}
+
+function rbfSolvePrepared(ready, kernel, smoothing, previous) {
+  const { n, radius: r } = ready;
+  const fit = rbfIdentity(ready, kernel, ready.trend, r);
+  const d = new Float64Array(2 * n);
+  ready.merged.forEach((q, k) => { d[2 * k] = q.d[0] / r; d[2 * k + 1] = q.d[1] / r; });
+  if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
+  const nugget = ready.merged.map((q) => smoothing / q.w);
+  const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
+  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
+    fit.scales);
+  const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
+    : Math.abs(value)), 0);
+  if (fit.scales && !(largest(alpha) <= RBF_MOST_GAIN * largest(d))) {
+    throw new RbfError("the support radii that these control points have of their own do not go together: the system is " +
+      `nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
+  }
+  if (!(largest(miss) <= RBF_RESIDUAL * largest(d) + RBF_ROUNDING * largest(fit.centers))) {
+    throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
+      `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
+      "Wendland kernel, or a little smoothing.");
+  }
+  const map = [[1 + linear[0][0], linear[0][1]], [linear[1][0], 1 + linear[1][1]]];
+  const torn = rbfTornPairs(ready), isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const crossed = torn.map(
+    ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`);
+  crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair)).map(
+    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
+  return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
+    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)],
+    doubts: crossed };
+}
+
+// ---- evaluation -----------------------------------------------------------------------------------------------------
+
+export function rbfAt(fit, a, b) {
+  const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
+  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
+  const profile = RBF_KERNELS[fit.kernel].profile;
+  let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
+  for (let k = 0, j = 0; k < count; k++, j += 2) {
+    const dp = p - x[j], dq = q - x[j + 1], s = dp * dp + dq * dq;
+    const phi = profile(scales ? s * scales[k] * scales[k] : s);
+    u += alpha[j] * phi;
+    v += alpha[j + 1] * phi;
+  }
+  return [u, v];
+}
+
+export function rbfJacobianAt(fit, a, b) {
+  const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
+  const { centers: x, coefficients: alpha, linear, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
+  let [[m00, m01], [m10, m11]] = linear;
+  for (let k = 0, j = 0; k < count; k++, j += 2) {
+    const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
+    const g = 2 * w * slope((dp * dp + dq * dq) * w);
+    m00 += alpha[j] * g * dp;
+    m01 += alpha[j] * g * dq;
+    m10 += alpha[j + 1] * g * dp;
+    m11 += alpha[j + 1] * g * dq;
+  }
+  return [[m00 / r, m01 / r], [m10 / r, m11 / r]];
+}
+
+// Displacements at the pixels of a raster {shape: [nv, nu], spacing: [du, dv], origin: [a, b]}, component last.
+// One centre after the other, and for compact kernels only the columns that it reaches: the row's distance is constant.
+export function rbfOnRaster(fit, raster, out = null) {
+  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, r = fit.support;
+  const map = out ?? new Float32Array(nv * nu * 2);
+  const step = du / r, p0 = (raster.origin[0] - fit.origin[0]) / r;
+  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
+  const { profile, compact } = RBF_KERNELS[fit.kernel], row = new Float64Array(2 * nu);
+  for (let i = 0; i < nv; i++) {
+    const q = (raster.origin[1] + i * dv - fit.origin[1]) / r;
+    for (let k = 0; k < nu; k++) {
+      const p = p0 + k * step;
+      row[2 * k] = linear[0][0] * p + linear[0][1] * q + constant[0];
+      row[2 * k + 1] = linear[1][0] * p + linear[1][1] * q + constant[1];
+    }
+    for (let c = 0, j = 0; c < count; c++, j += 2) {
+      const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq2 = (q - x[j + 1]) ** 2;
+      if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
+      const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
+      const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
+      const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
+      for (let k = first; k <= last; k++) {
+        const dp = p0 + k * step - x[j], phi = profile((dp * dp + dq2) * w);
+        row[2 * k] += au * phi;
+        row[2 * k + 1] += av * phi;
+      }
+    }
+    map.set(row, 2 * nu * i);
+  }
+  return map;
+}

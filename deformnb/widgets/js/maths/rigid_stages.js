@@ -1,0 +1,258 @@
+// Fits beside rigid parts, equal to deformnb.rbf.rigid in the plane (Eq. 6). Needs maths/rbf.js and maths/regions.js. No DOM.
+//
+//   rigidFit(points, parts, settings) -> as rbfFit; with parts switched on also {base, rigid}
+//   fieldAt(fit, a, b), fieldOnRaster(fit, raster, out), isStill(fit)    as rbfAt and rbfOnRaster, of any fit, in stages
+//                                                                        (maths/rigid_stages.js) as well
+//   heldPoints(points, parts, strength) -> [{point, part}], points in a part that ask for something else than it does
+//
+// parts: [{region, motion: {matrix: [[..], [..]], shift: [..]} | null, weight: "saturated" | "distance", reach, name,
+// enabled}]; a motion is forward, of the matter.
+
+import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
+import { regionDistance } from "./regions.js";
+
+const RIGID_SAME_MOTION = 1e-6; // of the box of all points
+
+const RIGID_WEIGHTS = {
+  saturated: (value) => { const t = value < 0 ? 0 : value > 1 ? 1 : value; return t * t * t * (t * (6 * t - 15) + 10); },
+  distance: (value) => Math.max(0, value),
+};
+
+export function partLabel(part) { return part.name ? `the rigid part "${part.name}"` : "a rigid part"; }
+
+// The motion done t times along one screw, backward: from where matter is to where it was.
+function backwardMotion(motion, t) {
+  if (!motion) return { m: [1, 0, 0, 1], s: [0, 0], isStill: true };
+  const [[c, minus], [s]] = motion.matrix, turn = Math.atan2((s - minus) / 2, c), path = (angle) => (Math.abs(angle) < 1e-4
+    ? [1 - angle * angle / 6, angle / 2] : [Math.sin(angle) / angle, (1 - Math.cos(angle)) / angle]);
+  let shift = motion.shift, angle = turn;
+  if (t !== 1) {
+    const [p, q] = path(turn), size = p * p + q * q, [x, y] = shift;
+    const rate = [t * (p * x + q * y) / size, t * (p * y - q * x) / size], [u, v] = path(t * turn);
+    angle = t * turn;
+    shift = [u * rate[0] - v * rate[1], v * rate[0] + u * rate[1]];
+  }
+  const e = Math.cos(angle), f = Math.sin(angle);
+  return { m: [e, f, -f, e], s: [-e * shift[0] - f * shift[1], f * shift[0] - e * shift[1]], isStill: false };
+}
+
+// What a set of parts does at a place: L - id and w. `out` gets [da, db, w].
+export function partsAt(rigid, a, b, out) {
+  const { length } = rigid;
+  let w = 1, least = Infinity;
+  for (const part of rigid) {
+    const { m, s } = part.back;
+    part.pa = part.back.isStill ? a : m[0] * a + m[1] * b + s[0];
+    part.pb = part.back.isStill ? b : m[2] * a + m[3] * b + s[1];
+    part.d = Math.max(0, part.distance(part.pa, part.pb));
+    w *= part.step(part.d / part.scale);
+    least = Math.min(least, part.d);
+  }
+  out[2] = w;
+  if (length === 1) { out[0] = rigid[0].pa - a; out[1] = rigid[0].pb - b; return out; }
+  let total = 0, da = 0, db = 0;
+  for (const part of rigid) {
+    const share = part.d > least ? (least / part.d) ** 2 : 1;
+    total += share;
+    da += share * (part.pa - a);
+    db += share * (part.pb - b);
+  }
+  out[0] = da / total;
+  out[1] = db / total;
+  return out;
+}
+
+function readyParts(parts, strength) {
+  return (parts ?? []).filter((part) => part.enabled !== false).map((part) => ({ part, scale: 1,
+    back: backwardMotion(part.motion ?? null, strength), distance: regionDistance(part.region),
+    step: RIGID_WEIGHTS[part.weight ?? "saturated"] }));
+}
+
+function draggedPoints(points, strength) {
+  return strength === 1 ? points : points.map((p) => ({ ...p,
+    target: [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k])) }));
+}
+
+export function heldPoints(points, parts, strength = 1) {
+  const ready = readyParts(parts, strength);
+  return ready.length ? sortedPoints(draggedPoints(points, strength), ready).refused : [];
+}
+
+// Which active points lie beside all parts, which a part holds anyway, and which it refuses.
+function sortedPoints(points, ready) {
+  const free = [], notes = [], refused = [], all = points.flatMap((p) => [p.source, p.target]);
+  const size = points.length ? Math.hypot(...[0, 1].map((k) => {
+    let low = Infinity, high = -Infinity;
+    for (const p of all) { low = Math.min(low, p[k]); high = Math.max(high, p[k]); }
+    return high - low;
+  })) : 0;
+  for (const p of points) {
+    if (p.active === false) continue;
+    const holders = ready.map((r) => {
+      const { m, s } = r.back, [a, b] = p.target, at = [m[0] * a + m[1] * b + s[0], m[2] * a + m[3] * b + s[1]];
+      return { r, at, isIn: r.distance(...at) <= 0 };
+    }).filter(({ isIn }) => isIn);
+    const other = holders.find(({ at }) => Math.hypot(p.source[0] - at[0], p.source[1] - at[1]) > RIGID_SAME_MOTION * size);
+    if (other) refused.push({ point: p, part: other.r.part });
+    else if (!holders.length) {
+      free.push(p);
+      const torn = ready.find((r) => r.distance(...p.source) < 0);
+      if (torn) notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its matter is seen twice`);
+    } else if (p.source.some((v, k) => v !== p.target[k])) {
+      notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0].r.part)}, which holds it already`);
+    }
+  }
+  return { free, notes, refused };
+}
+
+export function rigidFit(points, parts, settings = {}) {
+  const strength = settings.strength ?? 1, ready = readyParts(parts, strength);
+  if (!ready.length) return rbfFit(points, settings);
+  rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0, strength,
+    settings.support ?? null);
+  rbfCheckPoints(points);
+  const dragged = draggedPoints(points, strength), { free, notes, refused } = sortedPoints(dragged, ready), out = [0, 0, 1];
+  if (refused.length) {
+    const [{ point, part }] = refused;
+    const held = part.motion ? "has a motion of its own" : "is fixed";
+    throw new RbfError(`${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
+      "change the part.");
+  }
+  for (const r of ready) r.scale = partScale(r, free);
+  const asked = free.map((p) => {
+    const [da, db, w] = partsAt(ready, ...p.target, out), [x, y] = p.target;
+    return { ...p, source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w], weight: (p.weight ?? 1) * w * w };
+  });
+  const isRaw = ready.some(({ part }) => part.weight === "distance");
+  const base = rbfFit(asked, { ...settings, strength: 1, trend: isRaw ? "none" : settings.trend ?? "affine",
+    support: rbfSupport(points, settings),
+    previous: settings.previous?.base ?? settings.previous ?? null });
+  return { ...base, base, rigid: ready, notes: [...notes, ...base.notes] };
+}
+
+// Where a part's weight is 1: at the nearest control point at the latest. The plain distance has no such place.
+function partScale({ part, back: { m, s }, distance }, free) {
+  const found = free.map(({ target: [a, b] }) => distance(m[0] * a + m[1] * b + s[0], m[2] * a + m[3] * b + s[1]));
+  if (part.weight === "distance") return Math.max(0, ...found) || 1;
+  const scale = Math.min(part.reach || Infinity, ...found);
+  return Number.isFinite(scale) ? scale : 1;
+}
+
+// ---- evaluation of any fit ------------------------------------------------------------------------------------------
+
+const PARTS_WORK = new Float64Array(3);
+
+// Whether it displaces nothing at all.
+export function isStill(fit) {
+  if (fit.stages) return fit.stages.every(isStill);
+  const { base, rigid, count, coefficients, linear, constant } = fit;
+  if (rigid && !rigid.every(({ back }) => back.isStill)) return false;
+  const plain = base ?? { count, coefficients, linear, constant };
+  return plain.count === 0 || (plain.coefficients.every((v) => v === 0) && plain.constant.every((v) => v === 0) &&
+    plain.linear.every((row) => row.every((v) => v === 0)));
+}
+
+export function fieldAt(fit, a, b) {
+  if (fit.stages) return stagedAt(fit, a, b);
+  if (!fit.rigid) return rbfAt(fit, a, b);
+  const [da, db, w] = partsAt(fit.rigid, a, b, PARTS_WORK);
+  if (w === 0) return [da, db];
+  const [u, v] = rbfAt(fit.base, a, b);
+  return [da + w * u, db + w * v];
+}
+
+export function fieldOnRaster(fit, raster, out = null) {
+  const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2);
+  if (fit.stages) return stagedOnRaster(fit, raster, map);
+  if (fit.rigid && fit.base.count === 0) map.fill(0, 0, nv * nu * 2);
+  else rbfOnRaster(fit.base ?? fit, raster, map);
+  if (!fit.rigid) return map;
+  const [du, dv] = raster.spacing, [a0, b0] = raster.origin, parts = PARTS_WORK;
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n += 2) {
+      partsAt(fit.rigid, a0 + j * du, b0 + i * dv, parts);
+      map[n] = parts[0] + parts[2] * map[n];
+      map[n + 1] = parts[1] + parts[2] * map[n + 1];
+    }
+  }
+  return map;
+}
+
+// Fits in stages, equal to deformnb.rbf.stages in the plane. Needs maths/rigid_stages.js. No DOM.
+//
+//   stagedFit(points, parts, settings)  -> as rigidFit; with settings.stages > 1 also {stages}: the fits, first to last
+//   stagedAt(fit, a, b), stagedOnRaster(fit, raster, out)    for fieldAt and fieldOnRaster
+//
+// The points go from source to target in equal parts, and the maps follow one another: a place of the result is looked
+// up in the last stage first.
+
+export const MOST_STAGES = 64;
+
+export function stagedFit(points, parts, settings = {}) {
+  const count = settings.stages ?? 1;
+  if (count === 1) return rigidFit(points, parts, settings);
+  checkStages(count, parts);
+  rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0,
+    settings.strength ?? 1, settings.support ?? null);
+  rbfCheckPoints(points);
+  // The same for all stages: that of the points as dragged, at full strength.
+  const support = rbfSupport(points, settings);
+  const dragged = draggedPoints(points, settings.strength ?? 1);
+  const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
+    { ...settings, strength: 1, support, previous: null }, k + 1, count));
+  const united = (name) => [...new Set(stages.flatMap((fit) => fit[name] ?? []))];
+  return { ...stages[count - 1], stages, count: stages.reduce((sum, fit) => sum + fit.count, 0), notes: united("notes"),
+    doubts: united("doubts") };
+}
+
+function checkStages(count, parts) {
+  if (!Number.isInteger(count) || count < 1 || count > MOST_STAGES) {
+    throw new RbfError(`the stages of a step must be a whole number from 1 to ${MOST_STAGES}, got ${count}.`);
+  }
+  const moving = (parts ?? []).find((part) => part.enabled !== false && (part.motion ?? null) !== null);
+  if (moving) {
+    throw new RbfError(`${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, switch ` +
+      "it off, or set the stages of the step back to 1.");
+  }
+}
+
+function partOfWay(points, j, count) {
+  return points.map((p) => {
+    const way = (t) => p.source.map((value, k) => value + t * (p.target[k] - value));
+    return { ...p, source: way((j - 1) / count), target: j === count ? p.target : way(j / count) };
+  });
+}
+
+function stageFit(points, parts, settings, j, count) {
+  try {
+    return rigidFit(points, parts, settings);
+  } catch (error) {
+    if (!(error instanceof RbfError)) throw error;
+    throw new RbfError(`in stage ${j} of ${count}, on the straight ways of the points: ${error.message}`);
+  }
+}
+
+// ---- evaluation -----------------------------------------------------------------------------------------------------
+
+function stagedAt({ stages }, a, b) {
+  let x = a, y = b;
+  for (let k = stages.length - 1; k >= 0; k--) {
+    const [da, db] = fieldAt(stages[k], x, y);
+    x += da;
+    y += db;
+  }
+  return [x - a, y - b];
+}
+
+function stagedOnRaster({ stages }, raster, map) {
+  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin, before = { stages: stages.slice(0, -1) };
+  fieldOnRaster(stages[stages.length - 1], raster, map); // row by row, as far as its kernel reaches
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n += 2) {
+      const [da, db] = stagedAt(before, a0 + j * du + map[n], b0 + i * dv + map[n + 1]);
+      map[n] += da;
+      map[n + 1] += db;
+    }
+  }
+  return map;
+}

@@ -1,0 +1,159 @@
+// The keys and gestures of the editors: one table for what they do, for the list on "?", and for the tips of the buttons.
+// A row is [shown, what it does, {command, keys}]: `keys` are those that the handlers hear, letters small, "Shift+" and
+// "Alt+" before what needs them.
+
+import { OWN_KEYS, pageElement } from "./dom.js";
+
+const MANY_KEYS = ["Points", [
+  ["Drag a disc", "move a feature"], ["Drag a ring", "where it was taken"], ["Alt + drag", "move both"],
+  ["Del, right click", "delete", { command: "remove", keys: ["Delete", "Backspace"] }],
+  ["Home", "put back", { command: "reset", keys: ["Home"] }],
+  ["O", "switch on or off", { command: "switch", keys: ["o"] }],
+  ["L", "lock, unlock", { command: "lock", keys: ["l"] }],
+]];
+
+const CHOICE_KEYS = ["Choice", [
+  ["Shift + click", "add to the selected"], ["Ctrl + A", "select all", { keys: ["Control+a"] }],
+  ["Esc", "select none, give up", { keys: ["Escape"] }],
+  ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
+  ["Tab", "to the points, to each line", { keys: ["Tab"] }],
+  ["Ctrl + arrows", "next point, the one before", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) }],
+  ["Enter on a point", "select it", { keys: ["Enter"] }],
+]];
+
+const HISTORY_KEYS = [
+  ["Ctrl + Z", "undo", { command: "undo", keys: ["Control+z"] }],
+  ["Ctrl + Y", "redo", { command: "redo", keys: ["Control+y", "Control+Shift+z"] }],
+];
+
+const HELP_KEY = ["?", "this list", { command: "help", keys: ["?"] }];
+
+export const EDITOR_KEYS = [
+  ["Points", [
+    ["Double-click, A", "add a point", { command: "add", keys: ["a"] }],
+    ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
+    ...MANY_KEYS[1],
+    ["F2, double-click", "rename", { command: "rename", keys: ["F2"] }],
+    ["(Shift +) arrows", "move 1 (10) pixels", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+  ]],
+  ["Several points", [
+    ["Drag on the picture", "select by a band"], ...CHOICE_KEYS[1],
+    [", and .", "turn by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
+    ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
+    ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
+  ]],
+  ["Brushes", [
+    ["S", "smudge: drag to push", { command: "smudge", keys: ["s"] }],
+    ["E", "expand: drag right; left shrinks", { command: "size", keys: ["e"] }],
+    ["[ and ], wheel", "radius of the brush", { command: "brush-radius", keys: ["[", "]"] }],
+  ]],
+  ["Helpers", [
+    ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
+    ["Shift + M", "mirror the other way", { command: "mirror-axis", keys: ["Shift+m"] }],
+    ["Shift + N", "snap to the grid; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+    ["T", "stop before the picture folds", { command: "stop", keys: ["t"] }],
+  ]],
+  ["Cuts and rigid parts", [
+    ["X", "draw a cut", { command: "cut", keys: ["x"] }],
+    ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
+    ["G", "draw the ground", { command: "ground", keys: ["g"] }],
+    ["Click a line", "reshape it"], ["F", "turn a line over", { command: "turn", keys: ["f"] }],
+  ]],
+  ["View", [
+    ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
+    ["Space, middle drag", "move the view", { keys: [" "] }],
+    ["0", "whole picture", { command: "fit", keys: ["0"] }],
+    ["N", "grid", { command: "net", keys: ["n"] }], ["R", "reach of points", { command: "radius", keys: ["r"] }],
+    ["C", "before", { command: "compare", keys: ["c"] }], ["V", "overlay", { command: "overlay", keys: ["v"] }],
+    ...HISTORY_KEYS, HELP_KEY,
+  ]],
+];
+
+export const SPACE_EDITOR_KEYS = [
+  ["Points", [
+    ["Double-click, A", "add a point on the slice, or on what is seen", { command: "add", keys: ["a"] }],
+    ["Enter on a picture", "add a point at the cross-hair", { keys: ["Enter"] }],
+    ...MANY_KEYS[1],
+    ["F2", "rename", { command: "rename", keys: ["F2"] }],
+    ["Arrows", "move by one voxel: points, else the cross-hair", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+    ["Shift + arrows", "move by ten"],
+    ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
+  ]],
+  ["Several points", [
+    ["Shift + drag", "select by a band"], ...CHOICE_KEYS[1],
+    [", and .", "turn in the picture by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
+    ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
+    ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
+  ]],
+  ["Helpers", [
+    ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
+    ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
+    ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+  ]],
+  ["Slices", [
+    ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
+    ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],
+    ["Click, drag a line", "move the cross-hair"],
+  ]],
+  ["View", [
+    ["Ctrl + wheel, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
+    ["Space, middle drag", "move the view", { keys: [" "] }],
+    ["0", "whole pictures", { command: "fit", keys: ["0"] }],
+    ["C", "before", { command: "compare", keys: ["c"] }],
+    ...HISTORY_KEYS, HELP_KEY,
+  ]],
+];
+
+// What the live view hears (view/pointer.js). It shows no list; they are kept here so that one table holds all keys.
+export const VIEW_KEYS = [["View", [
+  ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+  ["+, -", "zoom", { keys: ["+", "=", "-"] }], ["0", "as at first", { keys: ["0"] }],
+  ["Hold space", "before", { keys: [" "] }],
+]]];
+
+export function keyRows(table) { return table.flatMap(([, rows]) => rows); }
+
+// Buttons that share a row of the table with others, and the key of theirs.
+const SAME_ROW = { "zoom-in": ["zoom", "+"], "zoom-out": ["zoom", "-"], "turn-left": ["rotate", "Shift + ,"],
+  "turn-right": ["rotate", "Shift + ."] };
+
+function keyRow(table, given) {
+  const command = SAME_ROW[given]?.[0] ?? given;
+  return keyRows(table).find(([, , about]) => about?.command === command);
+}
+
+// What a key commands, for keys of which one command is all they do.
+export function commandOf(table, key) { return keyRows(table).find(([, , about]) => about?.keys?.includes(key))?.[2].command ?? null; }
+
+// The keys as they are shown, "" for none.
+export function keyWords(table, command) { return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? ""; }
+
+// The tip of a button: what it does, and by which keys.
+export function tipOf(table, command, text) {
+  const words = keyWords(table, command);
+  return words ? `${text} (${words.replaceAll(" + ", "+")})` : text;
+}
+
+// The same for the browser: aria-keyshortcuts.
+export function shortcutsOf(table, command) {
+  const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2].keys ?? [];
+  return keys.map((key) => (key.length === 1 ? key.toUpperCase() : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`)))
+    .join(" ");
+}
+
+// The list over the picture. `open` and `close` of the page show it.
+export function helpPanel(parent, table = EDITOR_KEYS) {
+  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
+    "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
+  const list = pageElement("div", "dnb-ed-entries", panel);
+  for (const [title, rows] of table) {
+    const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });
+    pageElement("div", "dnb-ed-title", group, { "aria-hidden": "true" }).textContent = title;
+    for (const [keys, what] of rows) {
+      const row = pageElement("div", "dnb-ed-entry", group, { role: "listitem", "aria-label": `${keys}: ${what}` });
+      pageElement("span", "", row).textContent = keys;
+      pageElement("span", "", row).textContent = what;
+    }
+  }
+  return panel;
+}

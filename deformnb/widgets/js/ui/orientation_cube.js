@@ -1,0 +1,68 @@
+// A small cube in a corner that turns with the camera: its faces bear the letters of a patient's sides, and a click on
+// one looks from there. Where one face hides all others, arrows beside it lead to its neighbours.
+
+import { cross, dot, scaled, unitVector } from "../maths/camera.js";
+import { OWN_KEYS, pageElement, svgElement } from "./dom.js";
+import { VIEW_NAMES, VIEW_TITLES } from "./view_parts.js";
+
+const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
+const FLAT = 0.985; // a face that is seen as straight as this hides the others
+
+export class OrientationCube {
+  /** parent: the element around it; choose(view) is called with the name of a view, home() with nothing. */
+  constructor(parent, choose, home) {
+    this.root = pageElement("div", "dnb-compass", parent);
+    this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
+    this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
+    this.arrows = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) => {
+      const arrow = svgElement("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
+        transform: `translate(50 50) rotate(${(-Math.atan2(y, x) * 180) / Math.PI})` }, this.svg);
+      arrow.addEventListener("click", () => { if (arrow.view) choose(arrow.view); });
+      return { arrow, x, y };
+    });
+    this.#buttons(choose, home);
+  }
+
+  #face(view, letter, choose) {
+    const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
+    svgElement("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
+    const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
+    const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group);
+    text.textContent = letter;
+    group.addEventListener("click", () => choose(view));
+    return { view, group, sheet };
+  }
+
+  // The same for the keyboard and for screen readers: out of sight until one of them has the focus.
+  #buttons(choose, home) {
+    this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
+    const add = (text, title, label, action, parent) => {
+      const button = pageElement("button", "dnb-button", parent, { type: "button", title, "aria-label": label, ...OWN_KEYS });
+      button.textContent = text;
+      button.addEventListener("click", action);
+    };
+    for (const [view, letter] of Object.entries(VIEW_NAMES)) {
+      add(letter, `${VIEW_TITLES[letter]} (${view})`, `view ${VIEW_TITLES[letter]}`, () => choose(view), this.bar);
+    }
+    add("\u27f2", "reset (0 or double click)", "reset the view", home, pageElement("div", "dnb-home", this.root));
+  }
+
+  /** views: direction and up of each view; camera: direction, up and right. All in space. */
+  draw(views, { direction, up, right }) {
+    const sides = this.faces.map(({ view, group, sheet }) => {
+      const n = scaled(unitVector(views[view].direction), -1), top = unitVector(views[view].up), across = cross(top, n);
+      const near = -dot(n, direction), flat = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
+      const [a, b] = flat(across, 0.1), [c, d] = flat(top, -0.1), [e, f] = flat(n, 1); // a face is 20 units wide
+      group.setAttribute("transform", `matrix(${[a, b, c, d, 50 + e, 50 + f].map((x) => x.toFixed(3)).join(" ")})`);
+      group.style.display = near > 0.02 ? "" : "none";
+      sheet.style.setProperty("--near", near.toFixed(3));
+      return { view, near, x: dot(n, right), y: dot(n, up) };
+    });
+    const isFlat = sides.some(({ near }) => near > FLAT);
+    for (const { arrow, x, y } of this.arrows) {
+      const best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
+      arrow.view = isFlat ? best.view : null;
+      arrow.style.display = isFlat ? "" : "none";
+    }
+  }
+}

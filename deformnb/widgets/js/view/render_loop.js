@@ -1,0 +1,259 @@
+// When to draw what: quick pictures while something moves, then the full one piece by piece, then finer ones.
+// Never more than one piece of work is on its way, so the next movement waits for that piece only.
+// What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
+// A page whose canvas has changed waits, as it puts its next frame together, for all that the card was given: so the
+// canvas changes when the card has nothing left to do, and gets no more until that frame is on its way.
+
+const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
+const PIECE_MS = 25; // of a quick picture: a page that draws a picture beside it waits for one piece only
+const REST_SHARE = 0.6; // a renderer without a card takes the processors from the page that moves the points: so it rests
+const MOST_REST = 60;
+const SHOW_MS = 150; // of work on the full picture, after which what there is of it is shown
+const MOST_PIECES = 3; // each waits for its turn at the card: many small ones take longer than they save
+// The faster a full picture, the more of them are averaged; without a card the processors have other work to do.
+const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [3000, 2]];
+
+export class FrameLoop {
+  /**
+   * caster: a RayCaster; pictures: (width, height) -> [{layer, x, width, original, camera}], what is seen in a canvas of
+   * that size; options: () -> {target, settle} in milliseconds; report is called when all is
+   * drawn, catchUp before anything is, for what is made only then.
+   */
+  constructor(caster, pictures, options, report, catchUp) {
+    Object.assign(this, { caster, pictures, options, report, catchUp });
+    this.scale = caster.isSoftware ? 0.3 : 0.7;
+    this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
+    this.moved = 0;
+    this.wanted = false;
+    this.work = null;
+    this.held = false;
+    this.layer = 0; // the one on the screen
+    this.drawn = {}; // by layer: "coarse" or "full", whichever is up to date
+    this.parts = 1; // pictures side by side
+    this.after = [];
+    this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
+    this.restUntil = 0; // no movement begins the next quick picture before that
+    this.rush = null; // the quick picture under way, in pieces
+    this.change = null; // what comes with the next quick picture
+    this.times = { drag: [], full: 0, passes: 0, frames: 0 };
+    this.waiting = 0;
+    this.closed = false;
+  }
+
+  /** Something has changed: draw soon. `held`: a finger or a button is still down. */
+  touch(held = false) {
+    this.held = held;
+    this.moved = performance.now();
+    this.wanted = true;
+    this.work = null;
+    this.drawn = {};
+    this.#plan(0);
+  }
+
+  /** Changes what is drawn, but never within a picture; of several changes meanwhile the last one counts. */
+  apply(change) {
+    if (this.rush) this.change = change;
+    else change();
+  }
+
+  /** The finger is lifted: nothing has changed, but the full picture may begin. */
+  release() { this.held = false; this.#plan(0); }
+
+  /** Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on. */
+  flip(layer) {
+    this.layer = layer;
+    if (this.drawn[layer]) this.#present();
+    else { this.wanted = true; this.#plan(0); }
+  }
+
+  close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame || 0); }
+
+  #plan(delay) {
+    if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
+    clearTimeout(this.waiting);
+    cancelAnimationFrame(this.frame || 0);
+    const next = () => { this.frame = requestAnimationFrame(() => this.#step()); };
+    const pause = Math.max(delay, this.restUntil - performance.now());
+    if (pause > 0) this.waiting = setTimeout(next, pause); else next();
+  }
+
+  #step() {
+    if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
+    const { settle } = this.options(), idle = performance.now() - this.moved;
+    if (this.rush) this.#piece();
+    else if (this.wanted) this.#quick();
+    else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
+    else if (this.#refine()) return;
+  }
+
+  get size() { return [this.caster.canvas.width, this.caster.canvas.height]; }
+
+  #cast(kind, width, height, picture, options) { this.caster.cast(`${kind}${picture.layer}`, width, height, picture, options); }
+
+  #present() {
+    const kind = this.drawn[this.layer];
+    if (!kind) return;
+    this.showing = `${kind}${this.layer}`;
+    this.caster.present(this.showing, this.parts);
+  }
+
+  #seen(width, height) {
+    const pictures = this.pictures(width, height);
+    if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
+    this.parts = pictures.filter((p) => p.layer === this.layer).length;
+    return pictures;
+  }
+
+  #quick() {
+    this.wanted = false;
+    this.#settle();
+    const [w, h] = this.size;
+    const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
+    const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
+    const rows = Math.max(4, Math.ceil(height / count)), pieces = [];
+    for (const picture of this.#seen(width, height)) {
+      if (picture.layer !== this.layer) continue;
+      for (let y = 0; y < height; y += rows) {
+        pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
+      }
+    }
+    // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
+    const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
+    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now(), spent: 0 };
+    this.#piece();
+  }
+
+  #piece() {
+    const { rush } = this, { picture, tile } = rush.pieces.shift(), start = performance.now();
+    this.#cast("coarse", ...rush.size, picture, { coarseness: rush.coarseness, tile });
+    this.#when(() => {
+      rush.spent += performance.now() - start;
+      if (rush.pieces.length > 0 || this.rush !== rush) return false;
+      this.drawn[rush.layer] = "coarse";
+      this.#present();
+      this.#rushed(rush);
+      return true;
+    });
+  }
+
+  #rushed(rush) {
+    this.rush = null;
+    const ms = performance.now() - rush.start, { target } = this.options();
+    this.times.drag = [...this.times.drag.slice(-49), ms];
+    this.times.frames += 1;
+    const [width, height] = rush.size;
+    this.quickCost = rush.spent / (width * height);
+    const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
+    this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+    for (const tell of this.after.splice(0)) tell();
+    if (this.caster.isSoftware) this.restUntil = performance.now() + Math.min(MOST_REST, REST_SHARE * ms);
+  }
+
+  /** What was asked to change while a picture was being drawn changes now. */
+  #settle() {
+    this.catchUp();
+    const { change } = this;
+    this.change = null;
+    if (change) change();
+  }
+
+  #begin(pass) {
+    const [w, h] = this.size;
+    const side = Math.max(16, Math.min(Math.max(w, h), Math.round(Math.sqrt(TILE_MS / this.pixelCost))));
+    const tiles = [], pictures = pass ? this.work.pictures : this.#seen(w, h);
+    for (const picture of pictures) {
+      const end = picture.x + picture.width;
+      for (let y = 0; y < h; y += side) {
+        for (let x = picture.x; x < end; x += side) {
+          tiles.push({ picture, at: [x, y, Math.min(side, end - x), Math.min(side, h - y)] });
+        }
+      }
+    }
+    const far = ({ picture, at: [x, y, tw, th] }) => Math.hypot(x + tw / 2 - picture.x - picture.width / 2, y + th / 2 - h / 2);
+    const hidden = ({ picture }) => (picture.layer === this.layer ? 0 : 1);
+    tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // taken from the end: what is seen, and its middle first
+    this.work = { pass, tiles, pictures, size: [w, h], spent: pass ? this.work.spent : 0, passes: pass ? this.work.passes : 1,
+      unseen: 0 };
+    if (pass > 0) return;
+    for (const layer of new Set(pictures.map((p) => p.layer))) {
+      if (this.drawn[layer] !== "coarse") continue;
+      this.caster.enlarge(`coarse${layer}`, `full${layer}`, w, h);
+      this.drawn[layer] = "full";
+    }
+  }
+
+  /** Draws pieces of the full picture for about TILE_MS; false when nothing is left to do. */
+  #refine() {
+    this.#settle();
+    if (!this.work) this.#begin(0);
+    const { work } = this, [w, h] = work.size;
+    if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return true; }
+    if (work.tiles.length === 0) return false;
+    const start = performance.now();
+    let pixels = 0;
+    do {
+      const { picture, at } = work.tiles.pop();
+      this.#cast("full", w, h, picture, { tile: at, pass: work.pass });
+      pixels += at[2] * at[3];
+    } while (work.tiles.length && pixels * this.pixelCost < TILE_MS);
+    this.#when(() => {
+      const ms = performance.now() - start;
+      // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
+      this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / pixels));
+      if (this.work !== work) return false;
+      work.unseen += ms;
+      const isDue = work.unseen >= SHOW_MS || work.tiles.length === 0;
+      if (isDue) { work.unseen = 0; this.#present(); }
+      this.#finished(work, ms);
+      return isDue;
+    });
+    return true;
+  }
+
+  #finished(work, ms) {
+    work.spent += ms;
+    if (work.tiles.length) return;
+    for (const { layer } of work.pictures) this.drawn[layer] = "full";
+    if (work.pass === 0) {
+      this.times.full = work.spent;
+      work.passes = ((this.caster.isSoftware ? SOFTWARE_PASSES : PASSES).find(([limit]) => work.spent < limit) || [0, 1])[1];
+    }
+    this.times.passes = work.pass + 1;
+    if (work.pass + 1 < work.passes) this.#begin(work.pass + 1);
+    else this.report();
+  }
+
+  /** Calls done when the card has finished, without blocking the page; done tells whether it has changed the canvas. */
+  #when(done) {
+    const gl = this.caster.gl;
+    this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const look = () => {
+      if (this.closed || !this.sync) return;
+      if (gl.isContextLost()) { this.sync = null; return; }
+      if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) { setTimeout(look, 2); return; }
+      gl.deleteSync(this.sync);
+      this.sync = null;
+      this.isShowing = done();
+      const next = () => { this.isShowing = false; this.#plan(0); };
+      if (this.isShowing) requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
+      else next();
+    };
+    setTimeout(look, 1);
+  }
+
+  /** The full picture at once, for a screenshot: the page waits. */
+  drawNow(passes = 2) {
+    this.rush = null;
+    this.#settle();
+    const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => p.layer === this.layer);
+    for (const picture of pictures) {
+      for (let pass = 0; pass < passes; pass++) this.#cast("full", w, h, picture, { pass });
+    }
+    this.drawn[this.layer] = "full";
+    this.#present();
+  }
+
+  /** Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed. */
+  again() { this.caster.present(this.showing || null, this.parts); }
+}

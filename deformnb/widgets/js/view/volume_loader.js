@@ -1,0 +1,78 @@
+// The voxels on their way from Python: packed pieces that are asked for, unpacked and put together.
+
+const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
+const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
+const LOADER_TRIES = 3; // each waits twice as long as the one before
+
+export const bytesOf = (b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b));
+// A copy: the buffer of a message may start at an odd place, which a Float32Array refuses.
+export const floatsOf = (b) => new Float32Array(bytesOf(b).slice().buffer);
+
+async function unpacked(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+export class VolumeLoader {
+  /**
+   * info: shape, id and chunks of the volume; ask(index) asks for a piece; progress(share) hears how far it is;
+   * stuck(isStuck) hears that pieces have been lost again and again, and that one has come after all.
+   */
+  constructor({ id, shape, chunks }, ask, progress, stuck = () => {}) {
+    Object.assign(this, { id, chunks, ask, progress, stuck, asked: 0, isOver: false, isStuck: false, tries: 0 });
+    this.values = new Uint8Array(shape[0] * shape[1] * shape[2]);
+    this.missing = new Set(Array.from({ length: chunks }, (_, index) => index));
+    progress(0);
+    while (this.asked < Math.min(IN_FLIGHT, chunks)) ask(this.asked++);
+    this.#watch();
+  }
+
+  /** Takes a piece; the values once all are here, else null. */
+  async receive({ id, index, start }, packed) {
+    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or for the second time
+    let voxels = null;
+    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: asked for again when patience ends */ }
+    if (this.isOver || !this.missing.has(index)) return null;
+    if (!voxels || start + voxels.length > this.values.length) return null;
+    this.values.set(voxels, start);
+    this.missing.delete(index);
+    this.tries = 0;
+    this.#tell(false);
+    this.progress((this.chunks - this.missing.size) / this.chunks);
+    if (this.missing.size === 0) { this.close(); return this.values; }
+    if (this.asked < this.chunks) this.ask(this.asked++);
+    this.#watch();
+    return null;
+  }
+
+  /** Asks again for what has been asked for and has not come. */
+  again() {
+    this.tries = 0;
+    this.#tell(false);
+    this.#askAgain();
+  }
+
+  close() {
+    this.isOver = true;
+    clearTimeout(this.timer);
+  }
+
+  #askAgain() {
+    for (const index of this.missing) if (index < this.asked) this.ask(index);
+    this.#watch();
+  }
+
+  #watch() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.tries += 1;
+      if (this.tries > LOADER_TRIES) this.#tell(true); // a piece that comes late is taken all the same
+      else this.#askAgain();
+    }, LOADER_PATIENCE * 2 ** this.tries);
+  }
+
+  #tell(isStuck) {
+    if (isStuck !== this.isStuck) this.stuck(isStuck);
+    this.isStuck = isStuck;
+  }
+}

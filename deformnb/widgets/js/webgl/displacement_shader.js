@@ -1,0 +1,233 @@
+// The part of the ray caster's shader that says where a place of the result comes from: maps over a plane, samples in
+// space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
+
+// A uniform of the shader has this many places; below 1024 numbers every card takes it.
+export const MOST_REGIONS = 32;
+
+export const DISPLACEMENT = `
+uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
+uniform sampler2D weights;     // row k: the weight of map k, from the first slice to the last
+uniform int mapCount;          // of each region; its layers lie one after the other
+uniform mat3 toMap; uniform vec3 toMap0;     // from the volume's frame to (column, row, depth) in texture coordinates
+uniform vec3 axisU, axisV, axisN;
+uniform sampler3D space; uniform vec3 toSpace, toSpace0;
+
+#ifdef PLANAR
+vec2 planar(vec3 x, int region) {
+  vec3 m = toMap * x + toMap0;
+#ifdef WEIGHTED
+  vec2 d = vec2(0.);
+  for (int k = 0; k < mapCount; k++) {
+    float w = textureLod(weights, vec2(m.z, (float(k) + .5) / float(mapCount)), 0.).r;
+    if (w != 0.) d += w * textureLod(maps, vec3(m.xy, float(region * mapCount + k)), 0.).rg;
+  }
+  return d;
+#else
+  return textureLod(maps, vec3(m.xy, float(region)), 0.).rg;
+#endif
+}
+
+vec3 along(vec3 x, int region) {
+  vec2 d = planar(x, region);
+  return axisU * d.x + axisV * d.y;
+}
+#endif
+
+#ifndef PLANE_CUT
+const int chosen = 0;
+#endif
+
+#ifdef CUT
+// What origin() has found at the place asked for last. Of a region's coverage half lies on each side of its edge.
+float seen;    // share of what is there that has not been cut away
+float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
+float firm;    // how far one may go until another region may count, or what counts may begin or end
+uniform float softness, faceWidth;
+
+float covered(float depth, float width) { return clamp(.5 + depth / width, 0., 1.); }
+#endif
+
+#ifdef PLANE_CUT
+// Regions of the plane: layer c holds the distance from cut c, negative inside; sides[r] has a bit for each cut that
+// region r lies inside of. Something comes from a region as far as its own map leads into that region.
+uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
+int chosen;    // the region that is seen there
+uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
+
+float into(int region, vec2 at, int count) {
+  float depth = 1e9;
+  for (int c = 0; c < count; c++) {
+    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
+    depth = min(depth, ((sides[region] >> c) & 1) == 1 ? -d : d);
+  }
+  return depth;
+}
+
+vec3 fromPlane(vec3 x) {
+  vec2 at = (toCut * x + toCut0).xy;
+  int bits = 0, own = 0;
+  float edge = 1e9;
+  for (int c = 0; c < cutCount; c++) {
+    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
+    edge = min(edge, abs(d));
+    if (d < 0.) bits |= 1 << c;
+  }
+  for (int r = 0; r < regionCount; r++) if (sides[r] == bits) own = r;
+  vec2 d = planar(x, own);
+  chosen = own;
+  float depth = edge - length(d); // at least: a distance changes by no more than the way
+  // Loops that may have no turn instead of branches: renderers without a card execute both sides of those.
+  bool isNear = depth < .5 * faceWidth;
+  float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
+  if (isNear) depth = known;
+  isNear = depth < .5 * faceWidth;
+  firm = min(edge, abs(depth) - .5 * softness);
+#ifdef BY_PLACE
+  seen = min(1., covered(depth, softness) / covered(edge, softness));
+  closed = min(1., covered(depth, faceWidth) / covered(edge, faceWidth));
+#else
+  float best = covered(depth, softness);
+  bool isOwn = best >= .5;
+  seen = best;
+  closed = covered(depth, faceWidth);
+  for (int r = 0; r < (isNear ? regionCount : 0); r++) {
+    if (r == own) continue;
+    vec2 other = planar(x, r);
+    float far = into(r, at + other * cutScale, cutCount), cover = covered(far, softness);
+    firm = min(firm, abs(far) - .5 * softness);
+    seen += cover;
+    closed += covered(far, faceWidth);
+    if (!isOwn && cover > best) { best = cover; chosen = r; d = other; }
+  }
+  if (seen > .999) seen = 1.; // a half and a half are one
+  if (closed > .999) closed = 1.;
+#endif
+  return x + axisU * d.x + axisV * d.y;
+}
+#endif
+
+#ifdef SPACE_CUT
+// The same of an earlier step, sampled in space: the layers of its regions lie one behind the other along z.
+uniform sampler3D depths; uniform int spaceRegions; uniform float spaceEdge;
+int chosenInSpace;
+
+vec3 inLayer(vec3 x, int region) {
+  vec3 p = x * toSpace + toSpace0;
+  return vec3(p.xy, (float(region) + clamp(p.z, spaceEdge, 1. - spaceEdge)) / float(spaceRegions));
+}
+
+vec3 fromSpace(vec3 x) {
+  int own = 0;
+  float edge = -1e9;
+  for (int r = 0; r < spaceRegions; r++) {
+    float d = textureLod(depths, inLayer(x, r), 0.).r;
+    if (d > edge) { edge = d; own = r; }
+  }
+  vec4 move = textureLod(space, inLayer(x, own), 0.);
+  float depth = move.w, best = covered(depth, softness), wide = covered(depth, faceWidth), total = best;
+  chosenInSpace = own;
+  firm = min(firm, min(edge, abs(depth) - .5 * softness));
+#ifdef SPACE_BY_PLACE
+  total /= covered(max(edge, 0.), softness);
+  wide /= covered(max(edge, 0.), faceWidth);
+#else
+  bool isOwn = best >= .5, isSure = wide >= 1.;
+  for (int r = 0; r < (isSure ? 0 : spaceRegions); r++) {
+    if (r == own) continue;
+    vec4 other = textureLod(space, inLayer(x, r), 0.);
+    float cover = covered(other.w, softness);
+    firm = min(firm, abs(other.w) - .5 * softness);
+    total += cover;
+    wide += covered(other.w, faceWidth);
+    if (!isOwn && cover > best) { best = cover; chosenInSpace = r; move = other; }
+  }
+#endif
+  // In half precision a half and a half are not quite one.
+  seen *= (total > .99 ? 1. : total) * textureLod(depths, inLayer(x, chosenInSpace), 0.).g;
+  closed *= wide > .99 ? 1. : wide;
+  return x + move.xyz;
+}
+#endif
+
+#ifdef SPACE
+vec3 sampled(vec3 x) {
+#ifdef SPACE_CUT
+  return x + textureLod(space, inLayer(x, chosenInSpace), 0.).xyz;
+#else
+  return x + textureLod(space, x * toSpace + toSpace0, 0.).xyz;
+#endif
+}
+#endif
+
+// Where the value at x of the result comes from: the plane's displacement was done last, so it is undone first.
+vec3 origin(vec3 x) {
+#ifdef CUT
+  seen = closed = 1.;
+  firm = 1e9;
+#endif
+#ifdef PLANE_CUT
+  x = fromPlane(x);
+#elif defined(PLANAR)
+  x += along(x, 0);
+#endif
+#ifdef SPACE_CUT
+  x = fromSpace(x);
+#elif defined(SPACE)
+  x = sampled(x);
+#endif
+  return x;
+}
+
+#ifdef WARPED
+// The same, as the region says that was found last: beyond its edge its own map goes on.
+vec3 onward(vec3 x) {
+#ifdef PLANAR
+  x += along(x, chosen);
+#endif
+#ifdef SPACE
+  x = sampled(x);
+#endif
+  return x;
+}
+
+uniform float slopeStep;
+// The gradient of f(x + D(x)) is the transposed Jacobian of x + D(x) times the gradient of f there.
+vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
+#ifdef SPACE
+  vec3 r = vec3(dot(onward(x + slopeStep * axisU) - at, g), dot(onward(x + slopeStep * axisV) - at, g),
+                dot(onward(x + slopeStep * axisN) - at, g)) / slopeStep;
+  return axisU * r.x + axisV * r.y + axisN * r.z;
+#else
+  vec3 d = at - x;
+  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g), n = 0.;
+#ifdef WEIGHTED
+  n = dot(along(x + slopeStep * axisN, chosen) - d, g);
+#endif
+  return g + (axisU * u + axisV * v + axisN * n) / slopeStep;
+#endif
+}
+#endif
+
+#ifdef CUT
+// How deep a place lies in the matter of the regions that were found last.
+float depthOfChosen(vec3 x) {
+  float depth = 1e9;
+#ifdef PLANE_CUT
+  depth = into(chosen, (toCut * x + toCut0).xy + planar(x, chosen) * cutScale, cutCount);
+#endif
+#ifdef SPACE_CUT
+#ifdef PLANAR
+  x += along(x, chosen);
+#endif
+  depth = min(depth, textureLod(space, inLayer(x, chosenInSpace), 0.).w);
+#endif
+  return depth;
+}
+
+// Out of the gap into what is seen beside it; a cut face has no grain.
+vec3 intoMatter(vec3 x) {
+  float here = depthOfChosen(x), e = .25 * faceWidth;
+  return axisU * (depthOfChosen(x + e * axisU) - here) + axisV * (depthOfChosen(x + e * axisV) - here)
+    + axisN * (depthOfChosen(x + e * axisN) - here);
+}
+#endif`;

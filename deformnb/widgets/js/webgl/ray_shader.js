@@ -1,0 +1,176 @@
+// The shaders of the ray caster. Lengths are physical, along the index axes of the volume (its own frame); every ray
+// sample x of the result takes its value from the place x + D(x) of the input, as the paper does on its GPU. Behind
+// webgl/displacement_shader.js.
+
+import { DISPLACEMENT } from "./displacement_shader.js";
+import { FOLDS_GLSL } from "./fold_mesh.js";
+
+export const VERTEX = `#version 300 es
+in vec2 corner;
+void main() { gl_Position = vec4(corner, 0., 1.); }`;
+
+export const FRAGMENT = `#version 300 es
+precision highp float; precision highp int;
+precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
+uniform sampler3D volume;      // gradient (128 is zero) and value
+uniform sampler3D blocks;      // rings of transparent blocks around each, largest value near it
+uniform sampler3D ambience;    // how much light reaches a place
+uniform sampler2D table;       // colour and opacity of one step
+uniform vec3 eye, right, up, ahead; uniform float bend;
+uniform vec2 place, resolution, shift; uniform float phase;
+uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
+uniform vec3 middle;           // of what is seen when nothing is cut away
+#ifdef CLIPPED
+uniform vec3 openLow, openHigh; uniform float bareDepth; // 1 where a side of the box is a cut; how deep its face is lit
+#endif
+uniform float stepLength, outside, outsideOpacity, certain, reach, rate;
+uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
+uniform vec3 ink;
+out vec4 color;
+${DISPLACEMENT}
+${FOLDS_GLSL}
+
+// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it, and
+// darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
+vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
+  float size = length(g);
+  vec3 n = g / max(size, 1e-6);
+  float facing = dot(n, ahead);
+  if (facing < 0.) { n = -n; facing = -facing; } // g points into what is denser; seen from within, it is turned around
+  float key = max(.16 - dot(n, lamp), 0.) / 1.16, fill = max(-dot(n, fillLamp), 0.), shine = max(-dot(n, halfway), 0.);
+  float s2 = shine * shine, s4 = s2 * s2, s8 = s4 * s4, s16 = s8 * s8;
+  float gloss = .09 * s8 + .27 * s16 * s16;
+  float rim = 1. - .25 * (1. - facing) * (1. - facing);
+  vec3 diffuse = light * (.36 + vec3(.17, .19, .22) * fill) + vec3(.96, .92, .87) * key * (.42 + .58 * light);
+  float sure = clamp(size * certain, 0., 1.); // where all is alike there is no surface to be lit
+  vec3 surface = rgb * diffuse * rim + vec3(gloss * light);
+  return mix(rgb * .8 * (.3 + .7 * light), surface, sure) * (1. - .22 * depth);
+}
+
+void main() {
+  vec2 pixel = gl_FragCoord.xy - place;      // of this picture, which may be one of two side by side
+  vec2 at = (pixel + shift) / resolution * 2. - 1.;
+  vec3 start = eye + at.x * right + at.y * up, ray = ahead;
+  float nearest = -1e30;
+  if (bend > 0.) { ray = normalize(at.x * right + at.y * up + ahead / bend); start = eye - ahead / bend; nearest = 0.; }
+  vec3 safe = mix(ray, vec3(1e-7), lessThan(abs(ray), vec3(1e-7)));
+  vec3 a = (boxLow - start) / safe, b = (boxHigh - start) / safe, lo = min(a, b), hi = max(a, b);
+  float t0 = max(max(max(lo.x, lo.y), lo.z), nearest), t1 = min(min(hi.x, hi.y), hi.z);
+  color = vec4(0.);
+  if (t0 >= t1) return;
+  vec3 face = vec3(lessThanEqual(vec3(t0), lo)) * sign(ray);
+#ifdef CLIPPED
+  float isOpen = nearest < t0 ? min(1., dot(max(face, 0.), openLow) + dot(max(-face, 0.), openHigh)) : 0.;
+#endif
+  // Neighbouring rays start at different depths: what would be rings becomes a fine grain, and later frames average it.
+  float noise = fract(52.9829189 * fract(dot(floor(pixel), vec2(.06711056, .00583715))) + phase);
+  // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
+  vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
+  vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x);
+#ifdef FOLDS
+  bool turned = false;                        // what is seen of a largest value
+#endif
+  float t = t0 + noise * stepLength, nearT = dot(middle - start, ray) - .25 * reach;
+  for (int i = 0; i < 4096; i++) {
+    if (t >= t1) break;
+    vec3 x = start + t * ray, from = origin(x), q = from * toTexture + toTexture0;
+    vec3 cell = clamp(q, 0., 1.) * blockScale;
+#ifdef CUT
+    float fixedFor = max(0., firm) / rate;     // nothing of the cuts changes until then
+    if (seen <= .002) { most = max(most, outside); t += max(1., floor(fixedFor / stepLength)) * stepLength; continue; }
+#endif
+    vec2 block = textureLod(blocks, cell, 0.).rg * 255.;
+#ifdef MIP
+    bool skip = block.g <= most * 255. + .5;
+    float rings = 1.;                         // the value counts the neighbours too
+#else
+    bool skip = block.r > .5;
+    float rings = block.r - 1.;
+#endif
+    if (skip) {
+      vec3 inside = fract(cell * vec3(textureSize(blocks, 0)));
+      vec3 room = min((1. - inside + rings) * upward, (inside + rings) * downward);
+      float free = min(min(room.x, room.y), room.z);
+#ifdef CUT
+      free = min(free, fixedFor);
+#endif
+      t += max(1., floor(free / stepLength)) * stepLength;
+      continue;
+    }
+    t += stepLength;
+    bool out_ = any(lessThan(q, vec3(0.))) || any(greaterThanEqual(q, vec3(1.)));
+#ifdef MIP
+    float value = out_ ? outside : textureLod(volume, q, 0.).a;
+#ifdef CUT
+    value = mix(outside, value, seen);
+#endif
+#ifdef FOLDS
+    if (value > most) turned = folded(x, from);
+#endif
+    most = max(most, value);
+#else
+    if (out_ && outsideOpacity == 0.) continue;
+    vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
+    vec4 rgba = textureLod(table, vec2((here.a * (entries - 1.) + .5) / entries, .5), 0.);
+    if (rgba.a <= 0.) continue;
+#ifdef CUT
+    rgba.a *= seen;
+#endif
+#ifdef FOLDS
+    if (folded(x, from)) rgba.rgb = foldRed(rgba.rgb);
+#endif
+#ifdef SHADED
+    float light = textureLod(ambience, clamp(q, 0., 1.), 0.).r;
+    vec3 g = here.rgb * 255. - 128.;
+#ifdef WARPED
+    // Where the box cuts through the body its face is lit, not the grain of the voxels behind it.
+    if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.;
+    else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
+#endif
+#ifdef CLIPPED
+    float bare = isOpen * clamp(1.5 - (t - t0) / bareDepth, 0., 1.); // what was deep inside lies open there
+    g = mix(g, face * 127., bare);
+    light = mix(light, max(light, .9), bare);
+#endif
+#ifdef CUT
+    int faces = closed < 1. ? 1 : 0;
+    for (int once = 0; once < faces; once++) { // no branch: see above
+      vec3 inward = intoMatter(x);
+      inward /= max(length(inward), 1e-4);
+      // A face that looks away lies behind its matter: what is seen there is the surface in front of it.
+      float open = smoothstep(0., 1., 2. - 2. * closed) * smoothstep(-.05, .25, dot(inward, ray));
+      g = mix(g, inward * 127., open);
+      light = mix(light, max(light, .9), open); // what was deep inside lies open now
+    }
+#endif
+    rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));
+#endif
+    sum += (1. - sum.a) * rgba.a * vec4(rgba.rgb, 1.);
+    if (sum.a > .985) { sum /= sum.a; break; }
+#endif
+  }
+#ifdef MIP
+  float v = clamp((most - grey.x) / (grey.y - grey.x), 0., 1.);
+  vec3 tone = ink;
+#ifdef FOLDS
+  if (turned) tone = foldRed(tone);
+#endif
+  color = vec4(tone * v, v);
+#else
+  color = sum;
+#endif
+}`;
+
+// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
+export const PRESENT = `#version 300 es
+precision highp float;
+uniform sampler2D picture; uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
+out vec4 color;
+void main() {
+  vec2 at = gl_FragCoord.xy / resolution;
+  vec4 c = textureLod(picture, at, 0.);
+  vec2 d = (vec2(fract(at.x * parts), at.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
+  vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
+  behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
+  color = vec4(c.rgb + (1. - c.a) * behind, 1.);
+}`;

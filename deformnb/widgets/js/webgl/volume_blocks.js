@@ -1,0 +1,214 @@
+// What the ray caster knows about a volume before it draws: gradients, where it is empty, where light does not reach.
+// Pure arithmetic on arrays [z][y][x] of bytes; no page, no WebGL.
+
+export const BLOCK = 8; // voxels along the edge of a block: 256^3 gives 32^3 blocks, and a ray that skips one saves 8 samples
+export const AMBIENT_CELL = 4; // finer cells show the noise of the voxels as shadow
+
+// Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one voxel
+// is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint ones.
+export const STEEPEST = 64;
+
+/** How many entries of a table of colours there are for a byte (see TransferFunction.table). */
+function entriesOfByte(entries) { return (entries - 1) / 255; }
+
+/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
+export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
+
+/** Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. */
+export function gradientSlab(values, [nx, ny, nz], z0, z1, spacing, fill) {
+  const out = new Uint8Array(4 * nx * ny * (z1 - z0));
+  const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2;
+  const [sx, sy, sz] = spacing.map((s) => (unit * finest) / s);
+  const row = nx, slice = nx * ny;
+  let o = 0;
+  for (let z = z0; z < z1; z++) {
+    for (let y = 0; y < ny; y++) {
+      let i = z * slice + y * row;
+      const top = y > 0, bottom = y < ny - 1, front = z > 0, back = z < nz - 1;
+      for (let x = 0; x < nx; x++, i++, o += 4) {
+        // Beyond the edge lies the background, so that a body that is cut off there has a lit face.
+        let gx = ((x < nx - 1 ? values[i + 1] : fill) - (x > 0 ? values[i - 1] : fill)) * sx;
+        let gy = ((bottom ? values[i + row] : fill) - (top ? values[i - row] : fill)) * sy;
+        let gz = ((back ? values[i + slice] : fill) - (front ? values[i - slice] : fill)) * sz;
+        const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
+        if (most > 127) { const k = 127 / most; gx *= k; gy *= k; gz *= k; }
+        out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[i];
+      }
+    }
+  }
+  return out;
+}
+
+/** Smallest and largest value of every block and the voxels next to it, which interpolation may mix in. */
+export function blockExtremes(values, shape) {
+  let low = values, high = values, size = [...shape];
+  for (let axis = 0; axis < 3; axis++) {
+    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
+    const n = size[axis], m = Math.ceil(n / BLOCK);
+    const rest = size[0] * size[1] * size[2] / n;
+    const nextLow = new Uint8Array(rest * m), nextHigh = new Uint8Array(rest * m);
+    const outer = axis === 2 ? 1 : size.slice(axis + 1).reduce((a, b) => a * b, 1);
+    for (let a = 0; a < outer; a++) {
+      for (let b = 0; b < m; b++) {
+        const first = Math.max(0, b * BLOCK - 1), last = Math.min(n - 1, (b + 1) * BLOCK);
+        for (let c = 0; c < stride; c++) {
+          let lo = 255, hi = 0;
+          for (let k = first; k <= last; k++) {
+            const at = (a * n + k) * stride + c;
+            if (low[at] < lo) lo = low[at];
+            if (high[at] > hi) hi = high[at];
+          }
+          const to = (a * m + b) * stride + c;
+          nextLow[to] = lo; nextHigh[to] = hi;
+        }
+      }
+    }
+    low = nextLow; high = nextHigh; size[axis] = m;
+  }
+  return { size, low, high };
+}
+
+/** Calls visit(at, neighbour) along an axis, forth and back: the two sweeps of a distance transform. */
+function sweep(size, axis, visit) {
+  const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis];
+  const total = size[0] * size[1] * size[2];
+  for (let start = 0; start < total; start++) {
+    if (Math.floor(start / stride) % n !== 0) continue;
+    for (let k = 1; k < n; k++) visit(start + k * stride, start + (k - 1) * stride);
+    for (let k = n - 2; k >= 0; k--) visit(start + k * stride, start + (k + 1) * stride);
+  }
+}
+
+/**
+ * For every block: how many blocks one may go along every axis at once and still meet only transparent ones (R), and
+ * the largest value within one block of it (G).
+ */
+export function emptyRings({ size, low, high }, alphas) {
+  const before = new Int32Array(alphas.length + 1), each = entriesOfByte(alphas.length);
+  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0); // entries below that stop light
+  const total = low.length, out = new Uint8Array(2 * total);
+  // The maximum norm is separable for a threshold only: so grow the filled blocks ring by ring, axis after axis.
+  let filled = new Uint8Array(total);
+  for (let i = 0; i < total; i++) filled[i] = before[each * high[i] + 1] > before[each * low[i]] ? 1 : 0;
+  const most = 24; // rings beyond this save no more than a few samples of a ray
+  for (let ring = 0; ring < most; ring++) {
+    let empty = 0;
+    for (let i = 0; i < total; i++) if (!filled[i]) { out[2 * i] = ring + 1; empty++; }
+    if (empty === 0) break;
+    filled = grown(filled, size);
+  }
+  const wide = grown(high, size);
+  for (let i = 0; i < total; i++) out[2 * i + 1] = wide[i];
+  return out;
+}
+
+/** The largest of every value and its 26 neighbours. */
+function grown(values, size) {
+  let from = values;
+  for (let axis = 0; axis < 3; axis++) {
+    const to = from.slice();
+    const source = from;
+    sweep(size, axis, (at, next) => { if (source[next] > to[at]) to[at] = source[next]; });
+    from = to;
+  }
+  return from;
+}
+
+/**
+ * How much light reaches every cell, 255 all: what is opaque around it, near and far, seen as shadow. On an even
+ * surface half of the surroundings is opaque; only what lies deeper is darker.
+ */
+export function ambientLight(values, shape, alphas, thickness) {
+  const size = shape.map((n) => Math.ceil(n / AMBIENT_CELL)), [nx, ny, nz] = shape;
+  const sum = new Float32Array(size[0] * size[1] * size[2]), count = new Float32Array(sum.length);
+  const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
+  for (let i = 0; i < 256; i++) opacity[i] = 1 - Math.pow(1 - Math.min(alphas[each * i], 0.999), thickness);
+  let i = 0;
+  for (let z = 0; z < nz; z++) {
+    for (let y = 0; y < ny; y++) {
+      const line = ((z >> 2) * size[1] + (y >> 2)) * size[0];
+      for (let x = 0; x < nx; x++, i++) { sum[line + (x >> 2)] += opacity[values[i]]; count[line + (x >> 2)] += 1; }
+    }
+  }
+  for (let k = 0; k < sum.length; k++) sum[k] /= count[k];
+  const near = blurred(sum, size, 1), far = blurred(blurred(near, size, 3), size, 3);
+  const out = new Uint8Array(sum.length);
+  for (let k = 0; k < out.length; k++) {
+    out[k] = 255 * Math.exp(-1.6 * Math.max(0, near[k] - 0.6) - 2.4 * Math.max(0, far[k] - 0.4));
+  }
+  return { size, values: out };
+}
+
+/** Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light. */
+function blurred(values, size, r) {
+  let from = values;
+  for (let axis = 0; axis < 3; axis++) {
+    const to = new Float32Array(from.length), stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
+    const n = size[axis];
+    for (let start = 0; start < from.length; start++) {
+      if (Math.floor(start / stride) % n !== 0) continue;
+      let total = 0;
+      for (let k = 0; k < Math.min(r, n); k++) total += from[start + k * stride];
+      for (let k = 0; k < n; k++) {
+        if (k + r < n) total += from[start + (k + r) * stride];
+        if (k - r - 1 >= 0) total -= from[start + (k - r - 1) * stride];
+        to[start + k * stride] = total / (2 * r + 1);
+      }
+    }
+    from = to;
+  }
+  return from;
+}
+
+/** Largest displacement and largest change of it per length, over maps [k][row][column][2]. */
+export function planarBounds(maps, [count, rows, columns], [da, db]) {
+  const steep = new Float64Array(count), far = new Float64Array(count);
+  for (let k = 0, i = 0; k < count; k++) {
+    for (let r = 0; r < rows; r++) {
+      for (let c = 0; c < columns; c++, i += 2) {
+        const u = maps[i], v = maps[i + 1], right = c < columns - 1, below = r < rows - 1;
+        const a = right ? Math.hypot(maps[i + 2] - u, maps[i + 3] - v) / da : 0;
+        const b = below ? Math.hypot(maps[i + 2 * columns] - u, maps[i + 2 * columns + 1] - v) / db : 0;
+        steep[k] = Math.max(steep[k], Math.hypot(a, b)); far[k] = Math.max(far[k], Math.hypot(u, v));
+      }
+    }
+  }
+  return { steep, far };
+}
+
+/** How fast the displacement of an extrusion changes at most: along the plane and along its normal. */
+export function extrusionSlope(bounds, weights, count, knots, length) {
+  let along = 0, across = 0;
+  for (let i = 0; i < knots; i++) {
+    let plane = 0, normal = 0;
+    for (let k = 0; k < count; k++) {
+      const w = weights[k * knots + i], next = weights[k * knots + Math.min(i + 1, knots - 1)];
+      plane += Math.abs(w) * bounds.steep[k];
+      normal += Math.abs(next - w) * bounds.far[k];
+    }
+    along = Math.max(along, plane); across = Math.max(across, normal * (knots - 1));
+  }
+  return Math.hypot(along, length > 0 ? across / length : 0);
+}
+
+/** How fast a displacement sampled in space, [z][y][x][3], changes at most per length. */
+export function spaceSlope(values, [nx, ny, nz], spacing) {
+  const strides = [3, 3 * nx, 3 * nx * ny];
+  let steepest = 0;
+  for (let z = 0, i = 0; z < nz; z++) {
+    for (let y = 0; y < ny; y++) {
+      for (let x = 0; x < nx; x++, i += 3) {
+        let total = 0;
+        for (let axis = 0; axis < 3; axis++) {
+          if ([x < nx - 1, y < ny - 1, z < nz - 1][axis]) {
+            const j = i + strides[axis];
+            total += ((values[j] - values[i]) ** 2 + (values[j + 1] - values[i + 1]) ** 2
+              + (values[j + 2] - values[i + 2]) ** 2) / spacing[axis] ** 2;
+          }
+        }
+        if (total > steepest) steepest = total;
+      }
+    }
+  }
+  return Math.sqrt(steepest);
+}
