@@ -15,8 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from deformnb.app.controls import ACTIONS, NUMBERED
-from deformnb.app.desk import Desk
+from deformnb.app.desk import NUMBERED, REQUESTS, Desk
 from deformnb.app.files import WANTED
 from deformnb.app.parts import WIDGETS
 from deformnb.errors import DeformError
@@ -163,13 +162,13 @@ class Bridge:
 
     def _set(self, changes: list[dict[str, Any]]) -> None:
         """trame's message of variables that a client has changed: our controls, and nothing else."""
-        if not isinstance(changes, list) or len(changes) > len(self.desk.controls):
+        if not isinstance(changes, list) or len(changes) > len(self.desk.parameters):
             raise DeformError("a list of changes.")
         for change in changes:
             name = change["key"]
-            if not isinstance(name, str) or name not in self.desk.controls:
+            if not isinstance(name, str) or name not in self.desk.parameters:
                 raise DeformError("it is no control.")
-            value = self.desk.controls[name].checked(change.get("value"))
+            value = self.desk.parameters[name].checked(change.get("value"))
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
             # Other clients follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
@@ -187,7 +186,7 @@ class Bridge:
 
     async def _trigger(self, name: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
         fits = isinstance(args, list) and len(args) == (name in NUMBERED) and all(map(is_whole, args))
-        if name not in (*ACTIONS, *NUMBERED) or not fits or kwargs:
+        if name not in (*REQUESTS, *NUMBERED) or not fits or kwargs:
             raise DeformError("no action of the page.")
         if name != "save":
             self._later(lambda: self.desk.act(name, *args))

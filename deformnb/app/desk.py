@@ -12,19 +12,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from deformnb.app.controls import ACTIONS, NUMBERED, Number, control_table
 from deformnb.app.files import DeskFiles
 from deformnb.app.parts import DeskParts
 from deformnb.app.trust import DeskTrust
 from deformnb.app.volumes import Volumes, facing, nearly_facing
-from deformnb.document.deformation import lone_support
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.volume.transfer import TransferFunction
 from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.protocol import shapes_of
+from deformnb.widgets.parameters import Number, parameters
 from deformnb.widgets.studio.editors import looks_alike, make_editor, picture_key, show_step
 from deformnb.widgets.studio.labels import JOINING, edit_label, go_to, history_rows
 from deformnb.widgets.studio.view_sync import StudioLink
@@ -32,6 +31,14 @@ from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 
+REQUESTS = ("undo", "redo", "reset", "save", "front", "beside", "restore", "skip", "delete", "take_back", "unfold",
+            "stop_file", "take_anyway", "forget_file", "fit_box", "own_box", "take_hold", "add_step")
+"""Actions that a client may request by name."""
+
+NUMBERED = ("go_to", "look_at")
+"""Actions that a client may request by name and number: a state of the history, a control point."""
+
+_NOT_OFFERED = ("density", "cut_rule")
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
 _LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
@@ -62,7 +69,8 @@ class Desk:
 
     def __init__(self, session: Session, viewer: str = "live") -> None:
         self.session, self.viewer = session, viewer
-        self.controls = control_table(session.volume.grid.diagonal)
+        known = parameters(session.volume.grid.diagonal)
+        self.parameters = {name: known[name] for name in known if name not in _NOT_OFFERED}
         self.thread = Worker("deformnb-desk")
         self.error = ""
         self.milliseconds = 0.0
@@ -102,7 +110,7 @@ class Desk:
 
     def set(self, name: str, value: Any) -> None:
         """Set a control; an error is reported in :attr:`error` and nothing changes."""
-        control = self.controls.get(name)
+        control = self.parameters.get(name)
         if control is None:
             raise DeformError("there is no such control.")
         self._try(lambda: self._apply(name, control.checked(value)))
@@ -111,9 +119,11 @@ class Desk:
         session = self.session
         if name in _OF_THE_STEP:
             fields: dict[str, Any] = {name: int(value) if name == "stages" else value}
-            session.change(kind=name, slides=isinstance(self.controls[name], Number), **fields)
+            session.change(kind=name, slides=isinstance(self.parameters[name], Number), **fields)
         elif name == "support":
-            session.change(kind=name, slides=True, support=value or None)
+            session.change(kind=name, slides=True, support=value)
+        elif name == "automatic_support":
+            session.change(kind=name, support=None if value else self._support())
         elif name == "view":
             session.set_view(value)
         elif name == "depth":
@@ -142,8 +152,8 @@ class Desk:
             self.volumes.set_folds(value)
 
     def act(self, name: str, *number: int) -> None:
-        """Do one of the actions of :mod:`~deformnb.app.controls` that give nothing back."""
-        if name not in (*ACTIONS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
+        """Do one of the actions that give nothing back."""
+        if name not in (*REQUESTS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
         if name == "take_hold":  # no edit: what is said of the last one stays
             self.session.take_hold()
@@ -215,7 +225,7 @@ class Desk:
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree(), self.recovery.earlier)
         return {
-            **values, "support": step.support if isinstance(step.support, float) else 0.0,
+            **values, "support": self._support(), "automatic_support": not isinstance(step.support, float),
             "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
             "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.trust.keep_free,
@@ -227,6 +237,13 @@ class Desk:
             "facts": f"{count} points, {moved} moved{which}",
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
         }
+
+    def _support(self) -> float:
+        """The support radius that the points have now, within the range of its slider."""
+        session, control = self.session, self.parameters["support"]
+        assert isinstance(control, Number)
+        found = session.step.support_for(session.points) or lone_support(session.volume.grid)
+        return min(max(found, control.low), control.high)
 
     def _depth(self) -> float:
         """Relative depth of the slice, 0 in front and 1 at the back."""
@@ -261,7 +278,7 @@ class Desk:
     def _drawn(self, change: Any) -> None:
         if not self._listening:
             return
-        shapes, made = shapes_of(change["name"], change["new"]), self.editor.edit_under_way
+        shapes, made = change["new"], self.editor.edit_under_way
         label, points = (made.kind, made.points) if made is not None else ("", None)
         if change["name"] == "cuts":
             self._try(lambda: self._edit(lambda: self.session.edit_cuts(shapes, label)))

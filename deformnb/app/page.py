@@ -7,7 +7,6 @@ from typing import Any
 from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED, suffix_of
 from deformnb.app.page_parts import (
-    BOX_HINT,
     add_widget,
     history_part,
     look_part,
@@ -15,6 +14,7 @@ from deformnb.app.page_parts import (
     settings_part,
     trust_part,
 )
+from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
@@ -97,7 +97,7 @@ def _cut_off(v: Any, html: Any) -> None:
     with html.Div(classes="dnb-app-cut", role="status", __properties=["role"]):
         html.Span("{{ cut_off }}", v_if=("cut_off",))
         v.VBtn(LARGER[0], v_if=("cut_off",), size="small", variant="flat", color="primary", click="trigger('fit_box')",
-               title=BOX_HINT, __properties=["title"])
+               title=ACTIONS["fit_box"].tooltip, __properties=["title"])
 
 
 def _volume(html: Any) -> None:
@@ -165,7 +165,7 @@ def _drawer(v: Any, html: Any, desk: Desk) -> None:
     for name, _, part in _TABS:
         with html.Div(v_if=(f"dnb_tab === '{name}'",), classes="dnb-app-part", role="tabpanel",
                       aria_labelledby=f"dnb-app-tab-{name}", __properties=["role", "aria_labelledby"]):
-            part(v, html, desk.controls)
+            part(v, html, desk.parameters)
 
 
 def _plain(name: str) -> str:

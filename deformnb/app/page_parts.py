@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from deformnb.app.controls import AbstractControl, Choice, Number, Switch
+from deformnb.widgets.parameters import ACTIONS, AbstractParameter, Choice, Number, Switch
 from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
-    ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
+    ("Deformation", ("kernel", "trend", "support", "automatic_support", "smoothing", "strength")),
     ("Through the depth", ("extrusion",)),
 )
 _SHOWN_IF = {"depth": "method === 'slice'"}
 _OF_THE_DEPTH = (("curve", "extrusion === 'modulate'"), ("keys", "extrusion === 'interpolate'"))
-_SAFETY = (
-    ("take_back", "Largest safe drag", "Take the last drag, or else the strength, back to where nothing folds"),
-    ("unfold", "Unfold by stages", "The same drag in as many stages as leave no fold; all points still meet"),
-)
-BOX_HINT = "So that nothing is cut off that was dragged out of the volume's box"
-_BOX: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
-    ("fit_box", "As large as needed", BOX_HINT, {}),
-    ("own_box", "The volume's own", "What lies outside of it is cut off", {"v_if": ("box",)}),
-)
-_SUSPECT_HINT = "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"
 _GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
 _STATE = [
     'v-for="s in states"', ':key="s.id"', 'type="button"', ':title="s.tip"', ':aria-current="s.id === state_shown"',
@@ -35,26 +26,35 @@ _STATE = [
 _TIME = "new Date(1000 * s.time).toLocaleTimeString([], { hourCycle: 'h23' })"
 
 
-def add_control(v: Any, html: Any, name: str, control: AbstractControl, shown_if: str | None = None) -> None:
+def add_control(v: Any, html: Any, name: str, control: AbstractParameter, shown_if: str | None = None) -> None:
     """A control of the table, where ``shown_if`` holds in the client."""
     shown = {"v_if": (shown_if,)} if shown_if else {}
     common = {"density": "compact", "hide_details": True, "color": "primary"}
     if isinstance(control, Choice):
-        items = [{"value": value, "title": title} for value, title in control.titles]
-        v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.title, variant="outlined",
-                  title=control.hint, classes="dnb-app-select", __properties=["title"], **common, **shown)
+        items = [{"value": value, "title": title} for value, title in control.options]
+        v.VSelect(v_model=(name,), items=(f"dnb_items_{name}", items), label=control.label, variant="outlined",
+                  title=control.tooltip, classes="dnb-app-select", __properties=["title"], **common, **shown)
     elif isinstance(control, Number):
-        value = f"{name}.toFixed(2)" if control.step < 1 else f"{name}.toFixed(0)"
-        if control.unset:
-            value = f"{name} ? {value} : '{control.unset}'"
-        with html.Div(classes="dnb-app-number", title=control.hint, **shown):
-            html.Span(control.title, classes="dnb-app-label")
-            v.VSlider(v_model_number=(name,), min=control.low, max=control.high, step=control.step,
-                      aria_label=control.title, start="trigger('take_hold')", track_size=3, thumb_size=14,
-                      __properties=["aria_label"], **common)
+        low, high, value = control.low, control.high, f"{name}.toFixed({control.digits})"
+        bound: dict[str, Any] = {"v_model_number": (name,)}
+        if control.is_log:
+            low, high, value = math.log10(low), math.log10(high), f"Number({name}.toPrecision({control.digits}))"
+            bound = {"model_value": (f"Math.log10({name})",), "update_modelValue": f"{name} = 10 ** $event"}
+        with html.Div(classes="dnb-app-number", title=control.tooltip, **shown):
+            html.Span(control.label, classes="dnb-app-label")
+            v.VSlider(min=low, max=high, step=control.step, aria_label=control.label, start="trigger('take_hold')",
+                      track_size=3, thumb_size=14, __properties=["aria_label"], **bound, **common)
             html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
     elif isinstance(control, Switch):
-        v.VCheckbox(v_model=(name,), label=control.title, title=control.hint, __properties=["title"], **common, **shown)
+        v.VCheckbox(v_model=(name,), label=control.label, title=control.tooltip, __properties=["title"], **common,
+                    **shown)
+
+
+def add_action(v: Any, name: str, **more: Any) -> None:
+    """The button for an action of :data:`~deformnb.widgets.parameters.ACTIONS`."""
+    action = ACTIONS[name]
+    v.VBtn(action.label, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",
+           title=action.tooltip, classes="dnb-app-do", __properties=["title"], **more)
 
 
 def add_widget(name: str, shown_if: str | None = None) -> None:
@@ -66,7 +66,7 @@ def add_widget(name: str, shown_if: str | None = None) -> None:
     part._attr_names += ["name", "source", "theme"]
 
 
-def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+def settings_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the deformation."""
     for title, names in _GROUPS:
         html.H2(title, classes="dnb-app-group")
@@ -83,55 +83,52 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> No
     html.Div(HINTS["interpolate"], v_if=("extrusion === 'interpolate'",), classes="dnb-app-words")
 
 
-def look_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+def look_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])
     html.H2("Colours and opacities", classes="dnb-app-group")
     add_widget("colours")
-    html.H2("See inside", classes="dnb-app-group")
+    html.H2("Clipping", classes="dnb-app-group")
     add_widget("clip")
 
 
-def points_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+def points_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """The steps, and the points of the one being edited, one below the other."""
     html.H2("Steps", classes="dnb-app-group")
     add_widget("steps")
-    v.VBtn("Add step", size="small", variant="tonal", color="primary", block=True, click="trigger('add_step')",
-           title="Deform once more from this side, after all other steps", classes="dnb-app-do", __properties=["title"])
+    add_action(v, "add_step")
     with html.Div(v_if=("several",)):
         add_control(v, html, "mode", controls["mode"])
     html.H2("Points", classes="dnb-app-group")
     add_widget("points")
 
 
-def trust_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+def trust_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Figures of the map, points that disagree, and buttons that make it safe."""
     add_control(v, html, "overlay", controls["overlay"])
     html.Div("{{ haze_said }}", v_if=("haze_said",), classes="dnb-app-words")
     html.H2("The map", classes="dnb-app-group")
-    html.Div("Looking at the map ...", v_if=("!trust",), classes="dnb-app-words")
+    html.Div("Computing diagnostics ...", v_if=("!trust",), classes="dnb-app-words")
     html.Div(v_html=("trust",), classes="dnb-app-facts")  # names of points are escaped in it
     html.Div("{{ suspects_text }}", classes="dnb-app-words")
     with html.Div(classes="dnb-app-suspects", v_if=("suspects.length",)):
-        v.VBtn("{{ s.name }}", v_for="s in suspects", key="s.id", size="small", variant="outlined", title=_SUSPECT_HINT,
-               click="trigger('look_at', [s.id])", __properties=["title"])
+        v.VBtn("{{ s.name }}", v_for="s in suspects", key="s.id", size="small", variant="outlined",
+               title=ACTIONS["look_at"].tooltip, click="trigger('look_at', [s.id])", __properties=["title"])
     html.H2("The box of the result", classes="dnb-app-group")
     html.Div("{{ box || 'That of the volume.' }}", classes="dnb-app-words")
-    for name, title, hint, shown in _BOX:
-        v.VBtn(title, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",
-               title=hint, classes="dnb-app-do", __properties=["title"], **shown)
+    add_action(v, "fit_box")
+    add_action(v, "own_box", v_if=("box",))
     html.H2("Without folds", classes="dnb-app-group")
-    for name, title, hint in _SAFETY:
-        v.VBtn(title, size="small", variant="tonal", color="primary", block=True, click=f"trigger('{name}')",
-               title=hint, classes="dnb-app-do", __properties=["title"])
+    add_action(v, "take_back")
+    add_action(v, "unfold")
     add_control(v, html, "stages", controls["stages"])
     with html.Div(classes="dnb-app-switches"):
         add_control(v, html, "keep_free", controls["keep_free"])
         add_control(v, html, "show_folds", controls["show_folds"])
 
 
-def history_part(v: Any, html: Any, controls: dict[str, AbstractControl]) -> None:
+def history_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """All states that can be gone to."""
     with html.Div(classes="dnb-app-states"), html.Button(raw_attrs=_STATE):
         html.Span("{{ s.mark }}", classes="dnb-app-mark", raw_attrs=['aria-hidden="true"'])

@@ -13,23 +13,20 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import box_diagonal, usual_support
-from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, decoupled_fits
+from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
-from deformnb.rbf.interpolant import choose_support
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.fit_settings import ChosenSupport, FitSettings, lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
-from deformnb.rbf.stages import Fit, check_stages, fit_points
-from deformnb.rbf.trends import trend_named
+from deformnb.rbf.stages import Fit, check_stages
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Matrix3, Volume, voxel_checksum
@@ -47,42 +44,6 @@ MOST_STEPS = 500
 """Steps of a deformation: composed fields call one another, and Python allows a depth of 1000 calls."""
 
 
-def lone_support(grid: Grid) -> float:
-    """The reach of points that say nothing of it themselves, such as one point without trend.
-
-    A quarter of the volume's diagonal is a bump that one can see and grab.
-    """
-    return 0.25 * grid.diagonal
-
-
-SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
-"""Supports by rule instead of by number: what each makes of a set of control points."""
-
-
-def support_radius(support: float | str | None, chosen: float | None, points: ControlPoints,
-                   kernel: str) -> float | None:
-    """The support radius of a set of points: as given, by a rule, as it was chosen, or the usual one."""
-    if isinstance(support, str):
-        return SUPPORT_RULES[support](points)
-    return support or chosen or usual_support(points, kernel_named(kernel))
-
-
-class ChosenSupport(NamedTuple):
-    """A support radius in physical units, and the name of the kernel that it was chosen for."""
-
-    radius: float
-    kernel: str
-
-
-def check_support(support: Any) -> None:
-    """Refuse what is no support of a step."""
-    if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
-        return
-    if not (is_finite(support) and support > 0):
-        raise DeformError("the support radius must be a positive length, None or one of "
-                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")
-
-
 @dataclass(frozen=True)
 class Step:
     """One deformation: control points on a plane with a rule of extrusion, or control points in space.
@@ -91,28 +52,23 @@ class Step:
     ----------
     maps : one set of control points; several for the rule "interpolate".
     plane : where the points lie; None for points in space (dimension 3, Eq. 9).
-    kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`.
-    support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
-        takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
-        before 2.0 do.
-    smoothing : lambda of the fit, 0 interpolates.
+    kernel, support, trend, smoothing : of the fit, as in :class:`~deformnb.rbf.fit_settings.FitSettings`.
     extrusion : a name of :data:`~deformnb.rbf.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
     knots : depths in [0, 1] of the maps of the rule "interpolate".
-    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
-        way.
+    strength : how far the points and the rigid parts are moved.
     enabled : a step that is switched off stays in the list.
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
-    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
-        On a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may still fold.
-    chosen_support : what :func:`choose_support` found for these points while ``support`` is None, and
-        for which kernel; None for points at one place. It is kept while points are dragged, so that the map does not
-        jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so
-        does a step with another kernel.
+    stages : as in :class:`~deformnb.rbf.fit_settings.FitSettings`. On a plane the composed map is extruded, so that a
+        depth where f(z) lies between 0 and 1 may still fold.
+    chosen_support : the support radius that was chosen for these points while ``support`` is None, and for which
+        kernel; None for points at one place. It is kept while points are dragged, so that the map does not jump, and in
+        documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so does a step with
+        another kernel.
 
     Raises
     ------
@@ -144,16 +100,10 @@ class Step:
             if not isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         self._check_kinds()
-        kernel_named(self.kernel)
-        trend_named(self.trend)
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
-        if not is_finite(self.strength):
-            raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
-        check_support(self.support)
-        if not (is_finite(self.smoothing) and self.smoothing >= 0):
-            raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
+        settings = FitSettings.of(self)
         dim = 3 if self.plane is None else 2
         wanted = len(self.knots) if self.extrusion == "interpolate" else 1
         if len(self.maps) != wanted:
@@ -167,10 +117,9 @@ class Step:
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
-        if self.support is not None:
-            object.__setattr__(self, "chosen_support", None)
-        else:
-            object.__setattr__(self, "chosen_support", self._choose_support())
+        if settings.chosen_support is None:
+            settings = settings.choosing(self.maps)
+        object.__setattr__(self, "chosen_support", settings.chosen_support)
 
     def _check_kinds(self) -> None:
         for given in self.maps:
@@ -196,21 +145,10 @@ class Step:
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
 
-    def _choose_support(self) -> ChosenSupport | None:
-        if self.chosen_support is not None:
-            try:
-                kept = ChosenSupport(*self.chosen_support)
-            except TypeError:
-                raise DeformError(f"the chosen support of a step must be a radius and the name of a kernel, got "
-                                  f"{self.chosen_support!r:.60}.") from None
-            check_support(kept.radius)
-            if kept.kernel == self.kernel:
-                return kept
-        return self._found_support(self.maps)
-
-    def _found_support(self, maps: tuple[ControlPoints, ...], current: float | None = None) -> ChosenSupport | None:
-        radius = choose_support(maps, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
-        return None if radius is None else ChosenSupport(radius, self.kernel)
+    @property
+    def settings(self) -> FitSettings:
+        """The settings of the fit, as they are in the fields of the same names."""
+        return FitSettings.of(self)
 
     @property
     def points(self) -> ControlPoints:
@@ -221,17 +159,14 @@ class Step:
         """The same step with another set of control points (the key-th, for the rule "interpolate")."""
         if not 0 <= key < len(self.maps):
             raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
-        maps, chosen = (*self.maps[:key], points, *self.maps[key + 1 :]), self.chosen_support
-        if self.support is None and not points.has_places_of(self.maps[key]):
-            chosen = self._found_support(maps, chosen and chosen.radius)
-        return replace(self, maps=maps, chosen_support=chosen)
+        maps, settings = (*self.maps[:key], points, *self.maps[key + 1 :]), self.settings
+        if not points.has_places_of(self.maps[key]):
+            settings = settings.choosing(maps, self.chosen_support and self.chosen_support.radius)
+        return replace(self, maps=maps, chosen_support=settings.chosen_support)
 
     def support_for(self, points: ControlPoints) -> float | None:
-        """The support radius for one of the sets, or for the part of it between cuts; None for points at one place
-        that say nothing of it.
-        """
-        return support_radius(self.support, self.chosen_support and self.chosen_support.radius, points,
-                              self.kernel)
+        """The support radius for one of the sets, or for a part of it: :meth:`FitSettings.support_for`."""
+        return self.settings.support_for(points)
 
     def weights(self) -> Weights:
         """Knots and weights of the extrusion rule."""
@@ -244,22 +179,13 @@ class Step:
 
     def fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region."""
-        regions = self.cut_regions
-        if not regions:
-            return [{(): self._fit(points, grid)} for points in self.maps]
-        return [decoupled_fits(points, regions, lambda some: self._fit(some, grid)) for points in self.maps]
+        settings, lone = self.settings, lone_support(grid)
+        return [settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps]
 
     @property
     def cut_regions(self) -> tuple[AbstractRegion, ...]:
         """The regions of the cuts that are switched on."""
         return tuple(cut.region for cut in self.cuts if cut.enabled)
-
-    def _fit(self, points: ControlPoints, grid: Grid) -> Fit:
-        dragged = points if self.strength == 1 else points.blended(self.strength)
-        support = self.support_for(points) or lone_support(grid)
-        parts = [part.scaled(self.strength) for part in self.parts if part.enabled]
-        return fit_points(dragged, parts, stages=self.stages, kernel=self.kernel, support=support, trend=self.trend,
-                          smoothing=self.smoothing)
 
     def field(self, grid: Grid, found: list[dict[Sides, Fit]] | None = None) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid.

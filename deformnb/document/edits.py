@@ -14,6 +14,7 @@ from typing import Any
 
 from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
+from deformnb.rbf.fit_settings import CHOOSE_SUPPORT
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS, trend_named
@@ -53,7 +54,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
     if rule == "modulate" != step.extrusion and step.cuts and step.curve == "z" and "curve" not in fields:
         fields["curve"] = "1-z"  # the other way round a cut is shut where one looks at it
         return "The cut is open in front and closed at the back now: f = 1 - z."
-    if {"kernel", "trend", "smoothing", "support", "maps"} & set(fields):
+    if (CHOOSE_SUPPORT | {"maps"}) & set(fields):
         fields.setdefault("chosen_support", None)  # found anew
     kernel = kernel_named(fields.get("kernel", step.kernel))
     trend = trend_named(fields.get("trend", step.trend))

@@ -25,9 +25,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from deformnb.checks import LARGEST_COORDINATE, shown_value
-from deformnb.document.deformation import ChosenSupport, Deformation, Keyframe, Step, VolumeReference
+from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.fit_settings import ChosenSupport
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart

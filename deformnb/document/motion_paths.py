@@ -468,10 +468,8 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
 
 def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     every = ControlPoints.from_arrays(np.concatenate([points.source, places]))
-    support = step.support_for(points) or box_diagonal(every)
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    return fit_points(points, parts, stages=step.stages, kernel=step.kernel, support=support, trend=step.trend,
-                      smoothing=step.smoothing)
+    return fit_points(points, parts, stages=step.stages, **step.settings.arguments(points, box_diagonal(every)))
 
 
 def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.document.deformation import ChosenSupport, Deformation, Step
+from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import region_to_data, without_surrogates
+from deformnb.rbf.fit_settings import ChosenSupport
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.volume.plane import VIEWS, Plane
@@ -27,8 +28,7 @@ _IN_A_ROW = 6
 _LONG = 80
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
 _USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name in ("mode", "easing", "loop")}
-_PLAIN = ("kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength", "enabled", "name",
-          "parts", "cuts", "cut_rule", "stages")
+_PLAIN = tuple(name for name in _DEFAULTS if name not in ("maps", "plane", "extra", "chosen_support"))
 
 
 UNKNOWN_VOLUME = ('dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, "volume.nii.gz"), '

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_share
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.analysis.uncertainty import Uncertainty, fit_system, process_scale, uncertainty
-from deformnb.document.deformation import Deformation, Step, lone_support
+from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidInterpolant, fit_rigid
@@ -283,11 +284,6 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
     return [(sides, points.take([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
 
 
-def _settings(step: Step, points: ControlPoints, grid: Grid) -> dict[str, object]:
-    return {"kernel": step.kernel, "support": step.support_for(points) or lone_support(grid),
-            "trend": step.trend, "smoothing": step.smoothing}
-
-
 def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]) -> tuple[
         ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
     """The part left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
@@ -305,7 +301,7 @@ def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]
 
 def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     """Of the points of one region."""
-    plain, settings, weight, fit = _beside_parts(step, points, _settings(step, points, grid))
+    plain, settings, weight, fit = _beside_parts(step, points, step.settings.arguments(points, lone_support(grid)))
     if not len(plain):
         nothing = np.zeros((0, points.dim))
         return FitQuality((), nothing, nothing, nothing[:, 0], (), 0.0, float("nan"), 1.0, nothing)
@@ -381,7 +377,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     points = _dragged(step, key)
     kept, scales = [], []
     for sides, some in _groups(step, points):
-        plain, settings, _, fit = _beside_parts(step, some, _settings(step, some, grid))
+        plain, settings, _, fit = _beside_parts(step, some, step.settings.arguments(some, lone_support(grid)))
         if len(plain):
             clear = replace(plain, radius=np.full(len(plain), np.nan))
             kept.append((sides, clear, settings, fit))

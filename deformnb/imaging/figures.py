@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure, show_picture
-from deformnb.rbf.cuts import Cut, Decoupled, decoupled_fits
+from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
@@ -237,15 +238,8 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
     """
     if step.plane is None:
         raise DeformError("this step has its control points in space and deforms no picture; use step.field(grid).")
-
-    def fit(points: ControlPoints) -> AbstractField:
-        return replace(step, maps=(points,), extrusion="replicate", cuts=(), knots=()).fits(grid)[0]
-
-    regions = step.cut_regions
-    if not regions:
-        return fit(step.maps[key])
-    found = decoupled_fits(step.maps[key], regions, fit)
-    return Decoupled(tuple(found.values()), tuple(found), regions, rule=step.cut_rule, softness=min(grid.spacing))
+    return step.settings.fit(step.maps[key], step.parts, step.cut_regions, cut_rule=step.cut_rule,
+                             softness=min(grid.spacing), lone=lone_support(grid))
 
 
 def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:

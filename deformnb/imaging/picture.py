@@ -208,7 +208,7 @@ def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dic
     else:
         layers = _voxel_blocks(turned, how.margin, volume.background)
         values = _accumulate(how, layers, _with_steps(settings, du, dv, dn), len(turned), progress)
-    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
+    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
 def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
@@ -270,7 +270,7 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         if is_lit and part is not None:
             settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
         values = _accumulate(how, layers, settings, lattice.shape[0], progress)
-    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0))
+    return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
 def _smooth(volume: Volume, how: Projection) -> Volume:

@@ -493,7 +493,7 @@ def _inked(picture: Picture, look: Style) -> NDArray[np.float64]:
 
 def _warped(picture: Picture, field: AbstractField, raster: Raster) -> Picture:
     values = warp_picture(picture.values, picture.raster, field, output=raster)
-    return Picture(values, picture.plane, raster, picture.method, picture.window)
+    return replace(picture, values=values, raster=raster)
 
 
 def _rgb(name: str) -> tuple[float, float, float]:

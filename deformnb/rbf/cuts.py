@@ -74,6 +74,16 @@ def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np
     return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
 
 
+def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) -> dict[Sides, ControlPoints]:
+    """Active points of every region that has some, by the region of their sources."""
+    chosen = np.flatnonzero(points.active).tolist()
+    if not chosen:
+        return {}
+    sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
+    return {region: points.take([k for k, s in zip(chosen, sides, strict=True) if s == region])
+            for region in sorted(set(sides))}
+
+
 def decoupled_fits(points: ControlPoints, regions: Sequence[AbstractRegion],
                    fit: Callable[[ControlPoints], _Field]) -> dict[Sides, _Field]:
     """The fit of every region that has active points, by the region of their sources (Eq. 7).
@@ -82,12 +92,7 @@ def decoupled_fits(points: ControlPoints, regions: Sequence[AbstractRegion],
     ----------
     fit : makes a field of some of the points.
     """
-    chosen = np.flatnonzero(points.active).tolist()
-    if not chosen:
-        return {}
-    sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
-    return {region: fit(points.take([k for k, s in zip(chosen, sides, strict=True) if s == region]))
-            for region in sorted(set(sides))}
+    return {sides: fit(own) for sides, own in points_of_regions(points, regions).items()}
 
 
 # ---- the rules -------------------------------------------------------------------------------------------------------

@@ -234,6 +234,7 @@ class Picture:
     plane, raster : where its pixels are in space.
     method : name of the projection.
     window : values shown as black and white.
+    grid : of the volume that is seen; None if the picture is of none.
     """
 
     values: NDArray[Any]
@@ -241,6 +242,7 @@ class Picture:
     raster: Raster
     method: str
     window: tuple[float, float]
+    grid: Grid | None = None
 
     def __repr__(self) -> str:
         high, wide = self.values.shape[:2]

@@ -285,13 +285,13 @@ class ShapesMessage(Message):
     ----------
     what : "cuts" or "parts".
     kind : what was done, in words: "add cut", "move part", "undo".
-    shapes : all the shapes of that sort after the edit, as plain data.
+    shapes : all the shapes of that sort after the edit.
     points : all control points after the edit, where it has changed them too; else None.
     """
 
     what: str
     kind: str
-    shapes: list[dict[str, Any]]
+    shapes: tuple[Any, ...]
     points: ControlPoints | None = None
 
 
@@ -323,9 +323,10 @@ def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
     return ChooseMessage(sender, seq, what, index, shape)
 
 
-def place_of(choice: ChooseMessage, shapes: Sequence[dict[str, Any]]) -> int | None:
+def place_of(choice: ChooseMessage, shapes: Sequence[Any]) -> int | None:
     """Index in the current list of the shape that the front end has chosen; None if it is there no more."""
-    places = [k for k, shape in enumerate(shapes) if _fits(shape, choice.shape)]
+    data = [] if choice.what is None else shapes_to_json(choice.what, shapes)
+    places = [k for k, shape in enumerate(data) if _fits(shape, choice.shape)]
     return min(places, key=lambda k: abs(k - choice.index), default=None)
 
 
@@ -355,8 +356,8 @@ def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | N
     return index if len(before) == len(after) and changed == [index] else None
 
 
-def checked_shapes(what: str, given: Any) -> list[dict[str, Any]]:
-    """Cuts or rigid parts, plain or not, as plain data of shapes that exist.
+def checked_shapes(what: str, given: Any) -> tuple[Any, ...]:
+    """Cuts or rigid parts, as they are or as plain data of the front end or a document.
 
     Raises
     ------
@@ -366,17 +367,17 @@ def checked_shapes(what: str, given: Any) -> list[dict[str, Any]]:
     Examples
     --------
     >>> checked_shapes("cuts", [{"region": {"kind": "line", "vertices": [[0, 1], [9, 1]]}}])
-    [{'name': '', 'enabled': True, 'region': {'kind': 'line', 'vertices': [[0.0, 1.0], [9.0, 1.0]]}}]
+    (Cut(region=Line(vertices=((0.0, 1.0), (9.0, 1.0))), name='', enabled=True),)
     """
-    kind, _, write, most = _SORTS[what]
+    kind, _, _, most = _SORTS[what]
     if not isinstance(given, list | tuple) or len(given) > most:
         raise DeformError(f"the {what} must be a list of at most {most}.")
-    return [write(shape if isinstance(shape, kind) else _read(what, k, shape)) for k, shape in enumerate(given)]
+    return tuple(shape if isinstance(shape, kind) else _read(what, k, shape) for k, shape in enumerate(given))
 
 
-def shapes_of(what: str, data: list[dict[str, Any]]) -> tuple[Any, ...]:
-    """The shapes of plain data."""
-    return tuple(_SORTS[what][1](shape, f"{what}[{k}]") for k, shape in enumerate(data))
+def shapes_to_json(what: str, shapes: Sequence[Any]) -> list[dict[str, Any]]:
+    """Cuts or rigid parts as the front end gets them."""
+    return [_SORTS[what][2](shape) for shape in shapes]
 
 
 def _read(what: str, k: int, data: Any) -> Any:
@@ -399,15 +400,18 @@ def _check_mask(data: Any, where: str) -> None:
         raise DeformError(f"{where} is a mask of {prod(sizes)} pixels; a picture takes {MOST_PIXELS} at most.")
 
 
-class ShapesTrait(traitlets.List[dict[str, Any]]):
-    """Cuts or rigid parts as plain data; takes :class:`~deformnb.rbf.cuts.Cut` and the like as well."""
+class ShapesTrait(traitlets.TraitType[tuple[Any, ...], Any]):
+    """Cuts or rigid parts, a tuple of :class:`~deformnb.rbf.cuts.Cut` or :class:`~deformnb.rbf.rigid.RigidPart`.
+
+    Plain data is taken as well.
+    """
 
     def __init__(self, what: str) -> None:
-        super().__init__(help=f"{what} of the picture as plain data")
+        super().__init__((), help=f"{what} of the picture")
         self._what = what
-        self.tag(sync=True)
+        self.tag(sync=True, to_json=lambda value, widget: shapes_to_json(what, value))
 
-    def validate(self, obj: Any, value: Any) -> Any:
+    def validate(self, obj: Any, value: Any) -> tuple[Any, ...]:
         return checked_shapes(self._what, value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -11,20 +12,14 @@ import numpy as np
 import pytest
 from running_app import PATIENCE, RunningApp, connected, edit_of, heard
 
-from deformnb.app.controls import ACTIONS, Choice, Number, Switch, control_table
-from deformnb.app.desk import Desk
+from deformnb.app.desk import REQUESTS, Desk
 from deformnb.app.launch import _announce, check_app, made_up_carp
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import PROJECTIONS
-from deformnb.rbf.extrusion import EXTRUSIONS
-from deformnb.rbf.kernels import KERNELS
-from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
-from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.protocol import points_to_json
 
 
@@ -48,39 +43,10 @@ def _dragged_points(desk: Desk, by: float = 3.0) -> list[dict[str, Any]]:
 # -- controls ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "registry"), [
-    ("view", SIDES), ("method", PROJECTIONS), ("kernel", KERNELS), ("trend", TRENDS), ("extrusion", EXTRUSIONS),
-    ("shows", SHOWS),
-])
-def test_menus_are_the_registries(name: str, registry: Any) -> None:
-    control = control_table(100.0)[name]
-    assert isinstance(control, Choice)
-    assert [value for value, _ in control.titles] == list(registry)
-    assert all(title.strip() for _, title in control.titles)
-
-
 def test_every_control_takes_what_the_desk_says_of_itself(desk: Desk) -> None:
     state = desk.state()
-    for name, control in desk.controls.items():
+    for name, control in desk.parameters.items():
         assert control.checked(state[name]) == state[name]
-
-
-@pytest.mark.parametrize("reach", [1e-3, 0.7, 12.0, 100.0, 350.0, 9999.0])
-def test_the_longest_reach_can_be_set_in_whole_steps(reach: float) -> None:
-    support = control_table(reach)["support"]
-    assert isinstance(support, Number)
-    assert reach <= support.high < 1.02 * reach
-    assert support.high / support.step == pytest.approx(round(support.high / support.step))
-
-
-@pytest.mark.parametrize(("control", "value"), [
-    (Number("a", low=0, high=1), 1.5), (Number("a"), "0.5"), (Number("a"), None), (Number("a"), True),
-    (Number("a"), float("inf")), (Switch("a"), 1), (Switch("a"), "true"), (Choice("a", titles=(("b", "B"),)), "c"),
-    (Choice("a", titles=(("1", "B"),)), 1),
-])
-def test_wrong_values_are_refused(control: Any, value: Any) -> None:
-    with pytest.raises(DeformError):
-        control.checked(value)
 
 
 # -- the desk ----------------------------------------------------------------------------------------------------------
@@ -201,7 +167,7 @@ def test_the_points_of_a_side_wait_there_and_choosing_it_again_leads_back(desk: 
 
 
 @pytest.mark.parametrize(("name", "values"), [
-    ("strength", (0.4, 0.9, 2.6)), ("smoothing", (0.1, 0.2, 0.3)), ("support", (3.0, 9.0, 0.0)),
+    ("strength", (0.4, 0.9, 2.6)), ("smoothing", (0.1, 0.2, 0.3)), ("support", (30.0, 90.0, 40.0)),
 ])
 def test_a_slow_hand_on_a_slider_makes_one_edit(desk: Desk, monkeypatch: pytest.MonkeyPatch, name: str,
                                                 values: tuple[float, ...]) -> None:
@@ -225,7 +191,7 @@ def test_unknown_names_are_refused(desk: Desk) -> None:
                  lambda: desk.receive("comm", {})):
         with pytest.raises(DeformError):
             call()
-    assert "save" in ACTIONS
+    assert "save" in REQUESTS
 
 
 # -- the conversation --------------------------------------------------------------------------------------------------
@@ -290,7 +256,8 @@ def test_what_one_page_sets_the_other_sees_and_no_echo_comes_back(app: RunningAp
             await mine.call("trame.state.update", [{"key": "kernel", "value": "gaussian"}])
             await heard(other, lambda m: m.get("result", {}).get("kernel") == "gaussian")
             await heard(mine, lambda m: m.get("result", {}).get("undo") == "change kernel")
-            return [m["result"] for m in mine.heard if "kernel" in m.get("result", {})]
+            # An equal value may come with what the desk says when it has done it; alone it would be an echo.
+            return [m["result"] for m in mine.heard if "kernel" in m.get("result", {}) and "undo" not in m["result"]]
 
     assert asyncio.run(talk()) == []
     assert app.desk.session.step.kernel == "gaussian"
@@ -355,8 +322,8 @@ def test_a_name_that_is_html_stays_text() -> None:
 
 def test_the_page_has_every_control_and_action(app: RunningApp) -> None:
     page = app.server.trame.state["trame__template_main"]
-    for name in app.desk.controls:
-        assert f'="{name}"' in page, name
+    for name in app.desk.parameters:
+        assert re.search(rf'="(Math\.log10\()?{name}\)?"', page), name
     for name in ("undo", "redo", "reset", "save", "front"):
         assert f"trigger('{name}')" in page
 
@@ -405,7 +372,7 @@ def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(desk: De
     assert len(desk.session.step.cuts) == 1
     assert desk.state()["undo"] == "add cut"
     desk.act("undo")
-    assert desk.editor.cuts == []
+    assert desk.editor.cuts == ()
     points = _dragged_points(desk, 0.5)
     desk.receive("editor", _message(edit_of(points, 2), 2))
     corner = points[0]["source"]
@@ -414,7 +381,7 @@ def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(desk: De
         [corner[0] - 2, corner[1] + 2]]}}
     desk.receive("editor", _message({"type": "shapes", "what": "parts", "kind": "add", "shapes": [around]}, 3))
     assert "stone" in desk.error
-    assert desk.editor.parts == []
+    assert desk.editor.parts == ()
 
 
 def _message(content: dict[str, Any], seq: int) -> dict[str, Any]:

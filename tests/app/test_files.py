@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from running_app import PATIENCE, RunningApp, connected, heard, status_of
 
-from deformnb.app.controls import ACTIONS
-from deformnb.app.desk import Desk
+from deformnb.app.desk import REQUESTS, Desk
 from deformnb.app.files import WANTED, suffix_of
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
@@ -57,7 +56,7 @@ def written(desk: Desk, kind: str) -> Path:
 def test_what_can_be_asked_for_is_what_can_be_exported() -> None:
     assert set(WANTED) - {"page"} == set(EXPORTS) - {"document"}
     assert suffix_of("page") == ".html"
-    assert {"stop_file", "take_anyway", "forget_file"} < set(ACTIONS)
+    assert {"stop_file", "take_anyway", "forget_file"} < set(REQUESTS)
 
 
 def test_the_volume_that_is_written_is_the_deformed_one(desk: Desk, tmp_path: Path) -> None:

@@ -385,8 +385,10 @@ def test_a_flood_is_dropped_and_others_are_served(app: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
         async with connected(app) as noisy, connected(app) as calm:
             before = app.server.dropped
-            for value in range(5000):
+            for value in range(100_000):  # a slow machine lets more of them through
                 await noisy.send("trame.state.update", [{"key": "strength", "value": value % 3}])
+                if app.server.dropped - before > 1000:
+                    break
             answer = await calm.call("trame.state.get")
             return app.server.dropped - before, answer
 

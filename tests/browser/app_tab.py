@@ -175,7 +175,7 @@ class Tab:
         self.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         self.says("5 points")
         # Without its net the picture's own pixels can be measured.
-        self.page.get_by_label("Net", exact=True).uncheck()
+        self.page.get_by_label("Grid", exact=True).uncheck()
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_net')")
 
     def close(self) -> None:

@@ -130,7 +130,7 @@ def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 60, 0)
     tab.says("1 moved")
-    tab.page.get_by_label("Net", exact=True).uncheck()
+    tab.page.get_by_label("Grid", exact=True).uncheck()
     flat, solid = tab.picture(), tab.volume()
     assert tab.app.server.token not in tab.page.url  # out of sight of a classroom
     tab.page.reload()
@@ -230,7 +230,7 @@ def test_another_side_shows_another_picture(tab: Tab) -> None:
 
 
 def test_a_formula_that_is_wrong_is_said_and_stays_to_be_corrected(tab: Tab) -> None:
-    tab.page.get_by_role("combobox", name="Rule").focus()
+    tab.page.get_by_role("combobox", name="Extrusion").focus()
     tab.page.keyboard.press("Enter")
     tab.page.get_by_role("option", name="Times a curve f(z)").click()
     formula = tab.page.get_by_label("formula of the curve")
@@ -258,13 +258,13 @@ def test_the_session_is_saved_as_a_file(tab: Tab) -> None:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_fits_a_small_projector_in_light_and_dark(browser: Any, fresh: RunningApp, scheme: str) -> None:
     tab = Tab(browser, fresh, scheme=scheme, size=(1280, 800))
-    for name, option in (("Projection", "Slice"), ("Rule", "Times a curve f(z)")):  # what needs most room
+    for name, option in (("Projection", "Slice"), ("Extrusion", "Modulate: times a curve f(z)")):  # needs most room
         tab.page.get_by_role("combobox", name=name).focus()
         tab.page.keyboard.press("Enter")
         tab.page.get_by_role("option", name=option).click()
         tab.page.get_by_role("option").first.wait_for(state="hidden")
     tab.page.locator(".dnb-curve-editor .dnb-cv-line").wait_for()
-    tab.page.get_by_role("slider", name="Slice at").wait_for()
+    tab.page.get_by_role("slider", name="Slice").wait_for()
     parts = tab.page.evaluate("""() => [...document.querySelectorAll(
       '.dnb-app-bar, .dnb-app-half, .dnb-app-panel, .dnb-app-foot, .dnb-editor, .dnb-view, .dnb-app-tabs, '
       + '.dnb-app-part > *')].map((part) => { const { left, top, right, bottom } = part.getBoundingClientRect();
@@ -304,7 +304,7 @@ def test_everything_is_reached_by_tab(tab: Tab) -> None:
           return at.getAttribute('aria-label') || at.title || label || at.innerText; }"""))
     text = "\n".join(str(name) for name in names)
     for wanted in ("From the picture's side", "Save", "Light or dark", "Add points", "control points", "Side", "Kernel",
-                   "Reach", "Strength", "Rule", "Net"):
+                   "Support radius", "Strength", "Extrusion", "Grid"):
         assert wanted in text, wanted
 
 

@@ -67,10 +67,10 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
     for key, trait in (("Shift+N", "snap"), ("t", "stop_at_folds"), ("r", "show_radius")):
         tab.page.keyboard.press(key)
         eventually(lambda trait=trait: getattr(editor, trait))
-    circles = tab.page.get_by_label("Circles", exact=True)
+    circles = tab.page.get_by_label("Support radii", exact=True)
     eventually(circles.is_checked)
     tab.page.locator("[data-command=net]").click()
-    eventually(lambda: not tab.page.get_by_label("Net", exact=True).is_checked())
+    eventually(lambda: not tab.page.get_by_label("Grid", exact=True).is_checked())
     assert not editor.show_net
     tab.page.locator(".dnb-ed-menu").select_option("area")
     eventually(lambda: editor.overlay == "area")
@@ -109,13 +109,13 @@ def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
 
 
 def test_a_node_of_the_net_becomes_a_point_where_it_is_dragged(tab: Tab) -> None:
-    tab.page.get_by_label("Drag the net").check()
+    tab.page.get_by_label("Drag the grid").check()
     tab.page.wait_for_function(f"{EDITOR}.netNodes.isOn && {EDITOR}.netNodes.places")
     stroke(tab, 30, 12)  # in the middle of 16 cells is a node
     tab.says("5 points, 1 moved")
     way = (tab.app.desk.session.points.target - tab.app.desk.session.points.source)[4]
     assert way == pytest.approx(np.array([30, 12]) / tab.page.evaluate(f"{EDITOR}.view.k"), rel=0.05)
-    tab.page.get_by_label("Drag the net").uncheck()
+    tab.page.get_by_label("Drag the grid").uncheck()
     tab.page.wait_for_function(f"!{EDITOR}.netNodes.isOn")
 
 

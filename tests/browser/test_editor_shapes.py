@@ -70,8 +70,8 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     before = page.canvas()
     draw(page, "x", [(71, -25), (71, 75)])
     (cut,) = page.editor.cuts
-    assert cut["region"]["kind"] == "line"
-    assert cut["region"]["vertices"] == pytest.approx(np.array([[71, -25], [71, 75]]), abs=0.4)
+    assert cut.region.kind == "line"
+    assert cut.region.vertices == pytest.approx(np.array([[71, -25], [71, 75]]), abs=0.4)
     assert np.abs(page.canvas() - before).max() <= 1  # a closed cut is not seen
     pull(page, two_sides(), [0, 1, 2], (-40, 0))
     pull(page, two_sides(), [3, 4, 5], (50, 0))
@@ -104,8 +104,8 @@ def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: P
 def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, two_sides()))
     draw(page, "x", [(30, 0), (60, 0), (60, 40), (30, 0)], end=None)
-    assert page.editor.cuts[0]["region"]["kind"] == "polygon"
-    assert len(page.editor.cuts[0]["region"]["vertices"]) == 3
+    assert page.editor.cuts[0].region.kind == "polygon"
+    assert len(page.editor.cuts[0].region.vertices) == 3
     page.page.locator("[data-command='cut']").click()
     turns = np.linspace(0, 1, 30)
     stroke = np.stack([80 + 10 * np.sin(9 * turns), -20 + 90 * turns], axis=-1)
@@ -116,10 +116,10 @@ def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened:
         mouse.move(*page.on_screen(place))
     mouse.up()
     page.answered()
-    line = page.editor.cuts[1]["region"]
-    assert line["kind"] == "line"
-    assert 5 < len(line["vertices"]) < 25
-    assert np.abs(Line(line["vertices"]).signed_distance(stroke)).max() < 1.0
+    line = page.editor.cuts[1].region
+    assert line.kind == "line"
+    assert 5 < len(line.vertices) < 25
+    assert np.abs(Line(line.vertices).signed_distance(stroke)).max() < 1.0
     assert page.js(f"{PAGE}.pen.isOn") is False
 
 
@@ -159,11 +159,11 @@ def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> Non
     corners = [(75, 10), (100, 12), (98, 45), (72, 40)]
     draw(page, "p", corners)
     (part,) = page.editor.parts
-    assert part["region"]["vertices"] == pytest.approx(np.array(corners), abs=0.4)
+    assert part.region.vertices == pytest.approx(np.array(corners), abs=0.4)
     page.drag((60, 25), (-30, 45))
     page.answered()
     at, after = page.raster().points(), page.canvas()
-    within = Polygon(part["region"]["vertices"]).signed_distance(at) < -0.2
+    within = Polygon(part.region.vertices).signed_distance(at) < -0.2
     assert within.sum() > 5000
     assert np.abs(after - before)[within].max() <= 1
     assert np.abs(after - before)[~within].max() > 40
@@ -194,7 +194,7 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     editor, corners = Editor(picture, points), [(45.0, 15.0), (70.0, 15.0), (70.0, 35.0), (45.0, 35.0)]
     page = opened(editor)
     draw(page, "p", corners)
-    assert editor.parts == []
+    assert editor.parts == ()
     said = page.page.locator(".dnb-ed-alert").inner_text()
     assert "Control point 1 in this rigid part asks for another movement" in said
     page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'visible'")  # the outline is kept
@@ -204,14 +204,14 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     draw(page, "p", corners)
     page.page.locator("[data-offer=carry]" if how == "carry" else "[data-offer=off]").click()
     page.answered()
-    np.testing.assert_allclose(editor.parts[0]["region"]["vertices"], corners, atol=0.1)
-    part = RigidPart(Polygon(editor.parts[0]["region"]["vertices"]))
+    np.testing.assert_allclose(editor.parts[0].region.vertices, corners, atol=0.1)
+    part = RigidPart(Polygon(editor.parts[0].region.vertices))
     assert editor.points == without_conflicts(points, [part], how) != points
     assert page.js(f"{PAGE}.chosenShape.region.vertices.length") == 4
     editor.fit()
     page.page.locator("[data-command=undo]").click()  # one edit
     page.answered()
-    assert (editor.parts, editor.points) == ([], points)
+    assert (editor.parts, editor.points) == ((), points)
     page.page.locator("[data-command=redo]").click()
     page.answered()
     assert (len(editor.parts), editor.points) == (1, without_conflicts(points, [part], how))
@@ -220,12 +220,12 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
 def test_the_ground_lies_on_the_far_side_of_its_line(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, two_sides()))
     draw(page, "g", [(20, 65), (120, 70)], end=None)
-    region = page.editor.parts[0]["region"]
-    ground = HalfSpace(region["point"], region["normal"])
+    region = page.editor.parts[0].region
+    ground = HalfSpace(region.point, region.normal)
     assert ground.signed_distance([[70.0, 20.0], [70.0, 78.0]]) == pytest.approx([47.4, -10.5], abs=0.6)
     page.page.keyboard.press("f")
     page.answered()
-    assert page.editor.parts[0]["region"]["normal"] == pytest.approx(-np.array(region["normal"]))
+    assert page.editor.parts[0].region.normal == pytest.approx(-np.array(region.normal))
 
 
 # ---- reshaping ------------------------------------------------------------------------------------------------------
@@ -239,18 +239,18 @@ def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> 
     page.drag((75, 20), (30, 10))
     vertices = np.array(start) + np.array([[0, 0], [30 / k, 10 / k], [0, 0]])
     page.answered()
-    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(vertices, abs=1e-6)
+    assert page.editor.cuts[0].region.vertices == pytest.approx(vertices, abs=1e-6)
     middle = vertices[1:].mean(axis=0)
     page.drag(middle, (-25, 0))
     page.answered()
-    assert page.editor.cuts[0]["region"]["vertices"][2] == pytest.approx(middle - [25 / k, 0], abs=1e-6)
+    assert page.editor.cuts[0].region.vertices[2] == pytest.approx(middle - [25 / k, 0], abs=1e-6)
     page.page.keyboard.press("Delete")  # the new corner has the focus
     page.answered()
-    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(vertices, abs=1e-6)
+    assert page.editor.cuts[0].region.vertices == pytest.approx(vertices, abs=1e-6)
     for _ in range(3):
         page.page.keyboard.press("Control+z")
     page.answered()
-    assert page.editor.cuts[0]["region"]["vertices"] == pytest.approx(np.array(start))
+    assert page.editor.cuts[0].region.vertices == pytest.approx(np.array(start))
 
 
 def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Picture) -> None:
@@ -260,7 +260,7 @@ def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Pi
     page.drag((90, 70), (-50, -500))
     assert "crosses itself" in page.page.locator(".dnb-ed-hint").inner_text()
     page.answered()
-    Line(page.editor.cuts[0]["region"]["vertices"])
+    Line(page.editor.cuts[0].region.vertices)
     page.page.keyboard.press("Escape")
     draw(page, "x", [(30, -10), (60, 60), (110, 0), (20, 20)])
     assert "Draw it without a loop" in page.page.locator(".dnb-ed-alert").inner_text()
@@ -323,7 +323,7 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
     def names() -> tuple[str, str]:
         """The chosen shape in the page, and in Python."""
         chosen = editor.chosen_shape
-        return page.js(f"{PAGE}.chosenShape?.name ?? ''"), editor.parts[chosen["index"]]["name"] if chosen else ""
+        return page.js(f"{PAGE}.chosenShape?.name ?? ''"), editor.parts[chosen["index"]].name if chosen else ""
 
     page.page.mouse.click(*page.on_screen((60.0, 15.0)))
     page.answered()
@@ -342,7 +342,7 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
     assert names() == ("b", "b")
     page.page.keyboard.press("Delete")
     page.answered()
-    assert ([part["name"] for part in editor.parts], names()) == (["c"], ("", ""))
+    assert ([part.name for part in editor.parts], names()) == (["c"], ("", ""))
 
 
 def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> None:
@@ -357,7 +357,7 @@ def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> No
     draw(page, "x", [(71, -25), (71, 75)])
     page.wait(f"{PAGE}.shapes.cuts.length === 0")
     assert "no cuts today." in page.page.locator(".dnb-ed-alert").inner_text()
-    assert editor.cuts == []
+    assert editor.cuts == ()
 
 
 # ---- keys -----------------------------------------------------------------------------------------------------------
@@ -380,7 +380,7 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     page.answered()
     a0, a1, b0, b1 = picture.raster.box
     first = np.array([(a0 + a1) / 2, (b0 + b1) / 2 - 100 / k])
-    found = np.array(page.editor.cuts[0]["region"]["vertices"])
+    found = np.array(page.editor.cuts[0].region.vertices)
     assert found == pytest.approx(np.stack([first, first + np.array([1, 150]) / k]), abs=1e-6)
     focused = "document.activeElement.getAttribute('aria-label')"
     assert page.js(focused) == "Cut 1, open line with 2 corners"
@@ -388,30 +388,30 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     page.page.keyboard.type("mouth")
     press("Enter")
     page.answered()
-    assert page.editor.cuts[0]["name"] == "mouth"
+    assert page.editor.cuts[0].name == "mouth"
     assert page.js(focused) == "Cut 1 mouth, open line with 2 corners"
     press("o")
     page.answered()
-    assert page.editor.cuts[0]["enabled"] is False
+    assert page.editor.cuts[0].enabled is False
     press("o")
     press("Tab")
     assert page.js(focused).startswith("Corner 1 of 2 of mouth")
     press("Shift+ArrowLeft")
     page.answered()
     du = picture.raster.spacing[0]
-    assert page.editor.cuts[0]["region"]["vertices"][0] == pytest.approx(first - [10 * du, 0], abs=1e-6)
+    assert page.editor.cuts[0].region.vertices[0] == pytest.approx(first - [10 * du, 0], abs=1e-6)
     press("Tab")
     press("Tab")
     assert page.js(focused) == "Middle of edge 1: Enter makes it a corner"
     press("Enter")
     page.answered()
-    assert len(page.editor.cuts[0]["region"]["vertices"]) == 3
+    assert len(page.editor.cuts[0].region.vertices) == 3
     press("Delete")
     page.answered()
-    assert len(page.editor.cuts[0]["region"]["vertices"]) == 2
+    assert len(page.editor.cuts[0].region.vertices) == 2
     press("Delete")  # a line of one place is none
     page.answered()
-    assert page.editor.cuts == []
+    assert page.editor.cuts == ()
 
 
 def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
@@ -427,7 +427,7 @@ def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
 def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
     draw(page, "p", [(30, 0), (60, 0), (60, 40)], end="Escape")
-    assert page.editor.parts == []
+    assert page.editor.parts == ()
     page.editor.read_only = True
     page.settled()
     draw(page, "x", [(30, 0), (60, 0)])

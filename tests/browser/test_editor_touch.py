@@ -205,7 +205,7 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
     assert page.js(f"{PAGE}.chosen") == {"what": "cuts", "index": 0}
     page.drag([55, 5], (4 * k, 0))  # now that it is chosen
     page.answered()
-    assert page.editor.cuts[0]["region"]["vertices"][0] == pytest.approx([59, -20], abs=0.6)
+    assert page.editor.cuts[0].region.vertices[0] == pytest.approx([59, -20], abs=0.6)
 
 
 # ---- pens -----------------------------------------------------------------------------------------------------------

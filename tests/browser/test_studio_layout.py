@@ -28,7 +28,7 @@ studio.editor.points = points.move(points.ids[-1], points.target[-1] + [8.0, 5.0
 studio
 """
 TITLES = ["Picture", "Points", "Steps", "Cuts & parts", "Interpolation", "Depth", "Trust", "Fit", "Grids", "Animation",
-          "Look", "History", "Files"]
+          "Volume", "History", "Files"]
 READY = "document.querySelector('.dnb-editor')?.deformnb?.painter.source && document.querySelector('.dnb-view canvas')"
 NARROW = "(width) => { document.querySelector('.dnb-studio').style.maxWidth = width ? `${width}px` : ''; }"
 PAPER = """getComputedStyle(document.querySelector('.dnb-editor')).backgroundColor.match(/[0-9.]+/g).slice(0, 3).reduce(
@@ -117,8 +117,8 @@ PLACES = """() => ['.dnb-cv-stage', '.dnb-clip'].map((s) => [...document.querySe
 def test_see_inside_stands_beside_the_colours_where_there_is_room(in_lab: Lab, window: Any) -> None:
     in_lab.dark(window, False)
     window.evaluate(NARROW, 0)
-    choose(window, "Look")
-    window.get_by_text("See inside", exact=True).wait_for()
+    choose(window, "Volume")
+    window.get_by_text("Clipping", exact=True).wait_for()
     window.get_by_role("button", name="Open towards me").wait_for()
     if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
         window.evaluate("() => document.querySelector('.dnb-studio').scrollIntoView({ block: 'end' })")
@@ -127,7 +127,7 @@ def test_see_inside_stands_beside_the_colours_where_there_is_room(in_lab: Lab, w
     assert clip["left"] >= colours["right"]
     assert clip["top"] < colours["bottom"]
     window.evaluate(NARROW, 620)
-    choose(window, "Look")
+    choose(window, "Volume")
     colours, clip = window.evaluate(PLACES)
     assert clip["top"] >= colours["bottom"]
     window.evaluate(NARROW, 0)

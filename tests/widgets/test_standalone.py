@@ -113,7 +113,7 @@ def test_voxels_picture_points_and_colours_come_back_exactly(page: str) -> None:
     assert binary(data["view"]["table"]) == view.table
     assert binary(data["editor"]["image"]) == picture_png(editor.picture)[0]  # type: ignore[arg-type]
     assert [p["target"] for p in data["editor"]["points"]] == points().target.tolist()
-    assert data["editor"]["kernel"] == "wendland_c2"
+    assert data["editor"]["settings"]["kernel"] == "wendland_c2"
     # What refers to the editor finds it: the model is known to the page under this name.
     assert data["view"]["editor"] == "IPY_MODEL_editor"
 

@@ -10,10 +10,11 @@ import pytest
 from scripts import run_script
 
 from deformnb.document.deformation import Deformation, Step
-from deformnb.document.json_format import cut_to_data, part_to_data
+from deformnb.document.json_format import cut_to_data
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidPart
@@ -32,7 +33,7 @@ from deformnb.widgets.textures import (
     space_layers,
     with_still_regions,
 )
-from deformnb.widgets.view.base import Refit, with_map
+from deformnb.widgets.view.base import PlanarFit, Refit, with_map
 
 GRID = Grid((12, 20, 30), (1.5, 1.0, 1.2), (5.0, -7.0, 30.0))
 PLANE = Plane.along(GRID, "+y")
@@ -180,24 +181,22 @@ def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
     bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
     start = Deformation((bend, step(cuts=(), extrusion="modulate", curve="z"))).field(GRID)
     part = RigidPart(HalfSpace((A + 11.0, B), (-1.0, 0.0)))
-    settings = {"kernel": "wendland_c2", "support": None, "trend": "translation", "smoothing": 0.0, "strength": 1.0,
-                "lone_support": 9.0, "cuts": [cut_to_data(CUT)], "parts": [part_to_data(part)], "cut_rule": "paper",
-                "softness": 1.25}
-    made = Refit(start, 0)(POINTS, settings)
+    how = PlanarFit(FitSettings(trend="translation"), (part,), (CUT,), "paper", softness=1.25, lone=9.0)
+    made = Refit(start, 0)(POINTS, how)
     assert isinstance(made, Composed)
     assert isinstance(made.then, Decoupled)
     lone = replace(step(cut_rule="paper", parts=(part,), extrusion="modulate", curve="z"), support=9.0)
     wanted = Deformation((bend, lone)).field(GRID)
     assert (made.then.rule, made.then.softness) == ("paper", 1.25)
-    again = Refit(start, 0)(POINTS, {**settings, "support": 9.0})
+    again = Refit(start, 0)(POINTS, replace(how, settings=replace(how.settings, support=9.0)))
     points = np.random.default_rng(1).uniform(GRID.corners().min(axis=0), GRID.corners().max(axis=0), (300, 3))
     np.testing.assert_allclose(again.displacement(points), wanted.displacement(points), atol=1e-9)
-    back = Refit(made, 0)(POINTS, {**settings, "cuts": []})
+    back = Refit(made, 0)(POINTS, replace(how, cuts=()))
     assert isinstance(back, Composed)
     assert isinstance(back.then, Extrusion)
     following = Refit(start, 0)
-    kinds = [type(getattr(following(POINTS, {**settings, "cuts": cuts}), "then", None))
-             for cuts in ([], settings["cuts"], [])]
+    kinds = [type(getattr(following(POINTS, replace(how, cuts=cuts)), "then", None))
+             for cuts in ((), how.cuts, ())]
     assert kinds == [Extrusion, Decoupled, Extrusion]  # a cut that is drawn or removed is taken in
 
 

@@ -20,12 +20,12 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.document.deformation import Step, support_radius
+from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, Decoupled, decoupled_fits
+from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.stages import Fit, fit_points
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
@@ -43,8 +43,8 @@ from deformnb.widgets.protocol import (
     header,
     place_of,
     shapes_from_page,
-    shapes_of,
 )
+from deformnb.widgets.view.base import PlanarFit
 from deformnb.widgets.view.stills import with_png
 
 # Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.
@@ -131,7 +131,7 @@ _LOG = logging.getLogger(__name__)
 ShapesCallback = Callable[[ShapesMessage], None]
 """Called with what the front end did to cuts or rigid parts."""
 
-# Without a trend one point alone has no reach of its own: a quarter of the picture is a bump one can see and grab.
+# The support radius of one point without trend where there is no volume: a bump that one can see and grab.
 _LONE_POINT_SHARE = 0.25
 
 
@@ -222,7 +222,7 @@ class Editor(EditedPoints):
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
                  raster: Raster | None = None, **settings: Any) -> None:
         given = ControlPoints.empty() if points is None else points
-        self._previous: Fit | None = None
+        self._previous: AbstractField | None = None
         self._picture = picture
         self._shapes_callbacks: list[ShapesCallback] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
@@ -254,22 +254,13 @@ class Editor(EditedPoints):
         DeformError
             If the points cannot be fitted; the front end shows the same message.
         """
-        points = self.points if self.strength == 1 else self.points.blended(self.strength)
-        cuts = [cut.region for cut in shapes_of("cuts", self.cuts) if cut.enabled]
-        if not cuts:
-            return self._fit(points, self.points)
-        fits = decoupled_fits(self.points, cuts, lambda some: self._fit(
-            some if self.strength == 1 else some.blended(self.strength), some))
-        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=self.cut_rule,
-                         softness=float(np.mean(self.raster["spacing"])))
-
-    def _fit(self, dragged: ControlPoints, points: ControlPoints) -> AbstractField:
-        settings: dict[str, Any] = {name: getattr(self, name) for name in ("kernel", "trend", "smoothing", "stages")}
-        settings["support"] = (support_radius(self.support, self.chosen_support, points, self.kernel)
-                               or self.lone_support)
-        parts = [part.scaled(self.strength) for part in shapes_of("parts", self.parts) if part.enabled]
-        self._previous = fit_points(dragged, parts, previous=self._previous, **settings)
+        self._previous = self.fitting()(self.points, self._previous)
         return self._previous
+
+    def fitting(self) -> PlanarFit:
+        """How points are fitted now, for a view that follows the editor from another thread."""
+        return PlanarFit(self.settings, self.parts, self.cuts, self.cut_rule, float(np.mean(self.raster["spacing"])),
+                         self.lone_support)
 
     def step(self, **options: Any) -> Step:
         """The points and settings as a step of a :class:`~deformnb.document.deformation.Deformation`.
@@ -280,10 +271,8 @@ class Editor(EditedPoints):
         """
         if self._picture is None:
             raise DeformError("an editor without a picture has no plane in space; give it a picture.")
-        names = ("kernel", "support", "trend", "smoothing", "strength", "cut_rule", "stages")
-        own = {name: getattr(self, name) for name in names} | {"chosen_support": self.kept_support}
-        shapes = {what: shapes_of(what, getattr(self, what)) for what in ("cuts", "parts")}
-        return Step((self.points,), self._picture.plane, **{**own, **shapes, **options})
+        shapes = {"cuts": self.cuts, "parts": self.parts, "cut_rule": self.cut_rule}
+        return Step((self.points,), self._picture.plane, **{**self.settings.as_dict(), **shapes, **options})
 
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
@@ -412,4 +401,6 @@ def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlP
     """The traits that follow from a picture, or from an empty sheet."""
     where = picture.raster if picture is not None else raster or sheet(points).raster
     image, channels = (b"", 1) if picture is None else picture_png(picture)
-    return {"image": image, "raster": raster_json(where, channels), "lone_support": _LONE_POINT_SHARE * where.diagonal}
+    grid = None if picture is None else picture.grid
+    lone = _LONE_POINT_SHARE * where.diagonal if grid is None else lone_support(grid)
+    return {"image": image, "raster": raster_json(where, channels), "lone_support": lone}

@@ -11,7 +11,7 @@ Messages to the front end: ``{"type": "done", "sender": id, "seq": n}`` after th
 ``{"type": "error", "message": text}``.
 
 Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
-window the number of its last message that the points include (see sender.js).
+window the number of its last message that the points include (see ``js/sync/edits.js``).
 
 Further traits keep the pointer settings of a front end: its mirror, its grid, its brush.
 """
@@ -22,18 +22,14 @@ import logging
 import math
 import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import traitlets
 
-from deformnb.document.deformation import ChosenSupport, check_support
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import choose_support
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.fit_settings import CHOOSE_SUPPORT, SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.stages import MOST_STAGES
-from deformnb.rbf.trends import trend_named
 from deformnb.widgets.protocol import (
     EditMessage,
     HistoryMessage,
@@ -122,11 +118,28 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
         return value
 
 
+class SettingsTrait(traitlets.TraitType[FitSettings, FitSettings]):
+    """Settings of a fit; the front end gets them by name, and of the chosen support the radius."""
+
+    def __init__(self) -> None:
+        super().__init__(FitSettings())
+        self.tag(sync=True, to_json=lambda value, widget: {
+            **value.as_dict(), "chosen_support": value.chosen_support and value.chosen_support.radius})
+
+    def validate(self, obj: Any, value: Any) -> FitSettings:
+        if not isinstance(value, FitSettings):
+            raise DeformError(f"the settings of an editor must be FitSettings, got {type(value).__name__}; "
+                              "editor.change(strength=0.5) changes one of them.")
+        return value
+
+
 class EditedPoints(SyncedWidget):
     """Control points that are edited in the front end; ``points`` is a :class:`PointsTrait` of each editor.
 
     Attributes
     ----------
+    settings : of the fit, a :class:`~deformnb.rbf.fit_settings.FitSettings`; each is an attribute too, such as
+        ``editor.strength``, and :meth:`change` changes several at once.
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
     snap : step of the lattice to which targets keep, 0 for none.
     page_traits : checks of the traits that the front end may change, by name.
@@ -135,7 +148,7 @@ class EditedPoints(SyncedWidget):
     points: Any
     page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
     chooses_support = True
-    """True if ``chosen_support`` follows the points; False where a session sets it."""
+    """True if the chosen support follows the points; False where a session sets it."""
 
     next_id = traitlets.Int(0).tag(sync=True)
     mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
@@ -143,14 +156,8 @@ class EditedPoints(SyncedWidget):
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
     history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
-    kernel = traitlets.Unicode("wendland_c2").tag(sync=True)
-    support = traitlets.Any(None, help="a radius, None or the name of a rule").tag(sync=True)
-    chosen_support = traitlets.Float(None, allow_none=True, help="the radius while support is None").tag(sync=True)
-    trend = traitlets.Unicode("affine").tag(sync=True)
-    smoothing = traitlets.Float(0.0).tag(sync=True)
-    strength = traitlets.Float(1.0).tag(sync=True)
-    stages = traitlets.Int(1, min=1, max=MOST_STAGES).tag(sync=True)
-    lone_support = traitlets.Float(1.0).tag(sync=True)
+    settings = SettingsTrait()
+    lone_support = traitlets.Float(1.0, help="support radius where the points say nothing of it").tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
@@ -164,6 +171,9 @@ class EditedPoints(SyncedWidget):
         self._history_callbacks: list[HistoryCallback] = []
         self.edit_under_way: Any = None  # for observers: the message that changes a trait, None for code
         self._drawn: dict[str, float] = {}
+        own = {name: given.pop(name) for name in SETTINGS if name in given}
+        if own:
+            given["settings"] = replace(given.get("settings", FitSettings()), **own)
         super().__init__(uid=uuid.uuid4().hex, **given)
         self.on_msg(self._received)
 
@@ -257,10 +267,17 @@ class EditedPoints(SyncedWidget):
         """
         return {"drag_hz": self._drawn.get("hz", 0.0), "picture_ms": self._drawn.get("ms", 0.0)}
 
-    @property
-    def kept_support(self) -> ChosenSupport | None:
-        """The support that was chosen, as a step keeps it."""
-        return None if self.chosen_support is None else ChosenSupport(self.chosen_support, self.kernel)
+    def change(self, **settings: Any) -> None:
+        """Change settings of the fit, such as ``editor.change(strength=0.5)``.
+
+        Parameters
+        ----------
+        settings : fields of :class:`~deformnb.rbf.fit_settings.FitSettings`.
+        """
+        unknown = set(settings) - set(SETTINGS)
+        if unknown:
+            raise DeformError(f"a fit has no setting {min(unknown)!r}; its settings are {', '.join(SETTINGS)}.")
+        self.settings = replace(self.settings, **settings)
 
     # ---- traits -----------------------------------------------------------------------------------------------------
 
@@ -268,27 +285,25 @@ class EditedPoints(SyncedWidget):
     def _ids_never_come_back(self, change: Any) -> None:
         self.next_id = max(self.next_id, change["new"].next_id)
 
-    @traitlets.validate("kernel", "trend")
-    def _known(self, proposal: Any) -> str:
-        check = {"kernel": kernel_named, "trend": trend_named}[proposal["trait"].name]
-        check(proposal["value"])
-        return str(proposal["value"])
-
-    @traitlets.observe("points", "kernel", "trend", "smoothing", "support")
+    @traitlets.observe("points", "settings")
     def _choose_support(self, change: Any) -> None:
         """Find the support anew when points are added, removed or switched, and for other settings: never in a drag."""
-        is_drag = change["name"] == "points" and isinstance(change["old"], ControlPoints) and change[
-            "new"].has_places_of(change["old"])
-        if self.chooses_support and self.support is None and not is_drag:
-            current = self.chosen_support if change["name"] == "points" else None
-            self.chosen_support = choose_support([self.points], kernel=self.kernel, trend=self.trend,
-                                                 smoothing=self.smoothing, current=current)
+        old, new, current = change["old"], change["new"], None
+        if change["name"] == "points":
+            chosen = self.settings.chosen_support
+            is_the_same, current = isinstance(old, ControlPoints) and new.has_places_of(old), chosen and chosen.radius
+        else:
+            is_the_same = isinstance(old, FitSettings) and all(
+                getattr(old, name) == getattr(new, name) for name in CHOOSE_SUPPORT)
+        if self.chooses_support and not is_the_same:
+            self.settings = self.settings.choosing([self.points], current)
 
-    @traitlets.validate("support", "lone_support", "chosen_support")
-    def _a_length(self, proposal: Any) -> float | str | None:
+    @traitlets.validate("lone_support")
+    def _a_length(self, proposal: Any) -> float:
         value = proposal["value"]
-        check_support(value)
-        return value if value is None or isinstance(value, str) else float(value)
+        if not (math.isfinite(value) and value > 0):
+            raise DeformError(f"the support radius must be a positive length, got {value}.")
+        return float(value)
 
     @traitlets.validate("history")
     def _two_texts(self, proposal: Any) -> dict[str, str]:
@@ -302,13 +317,15 @@ class EditedPoints(SyncedWidget):
         self.page_traits[proposal["trait"].name](proposal["value"])
         return proposal["value"]
 
-    @traitlets.validate("smoothing", "strength")
-    def _a_number(self, proposal: Any) -> float:
-        name, value = proposal["trait"].name, proposal["value"]
-        if not np.isfinite(value) or (name == "smoothing" and value < 0):
-            allowed = "0 or a positive number" if name == "smoothing" else "a finite number"
-            raise DeformError(f"{name} must be {allowed}, got {value}.")
-        return float(value)
+
+def _setting(name: str) -> property:
+    """A setting of the fit as an attribute of an editor."""
+    return property(lambda editor: getattr(editor.settings, name),
+                    lambda editor, value: editor.change(**{name: value}), doc=f"``settings.{name}``")
+
+
+for _name in SETTINGS:
+    setattr(EditedPoints, _name, _setting(_name))
 
 
 def _changes_nothing(message: Message) -> bool:

@@ -21,9 +21,10 @@ import traitlets
 from numpy.typing import NDArray
 
 from deformnb._weak import weakly
-from deformnb.document.deformation import Step, lone_support
+from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, compose
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
@@ -42,8 +43,6 @@ _MOVING, _RESTING = 256, 512  # pixels along the longer side of a slice
 _SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which on they have fewer pixels
 _REST = 0.35  # seconds after the last movement
 _PREVIEW_DPI = 80
-
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 
 class SpaceEditor(EditedPoints):
@@ -112,7 +111,7 @@ class SpaceEditor(EditedPoints):
         traits = self._of_volume(volume)
         super().__init__(**{**traits, "label": volume.name or "Volume", "height": 360, **settings},
                          points=ControlPoints.empty(3) if points is None else points)
-        shown = ["points", *_SETTINGS, "revision", "cursor", "projection", "shows_original"]
+        shown = ["points", "settings", "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
         close_earlier_of_this_cell(self)
 
@@ -180,8 +179,7 @@ class SpaceEditor(EditedPoints):
         return self._step(self.points, options)
 
     def _step(self, points: ControlPoints, options: dict[str, Any]) -> Step:
-        settings = {name: getattr(self, name) for name in _SETTINGS}
-        return Step((points,), None, chosen_support=self.kept_support, **{**settings, **self._options, **options})
+        return Step((points,), None, **{**self.settings.as_dict(), **self._options, **options})
 
     def look_at(self, point: int) -> None:
         """Bring the slices to the target of the point with this id."""
@@ -293,7 +291,7 @@ class SpaceEditor(EditedPoints):
 
     def _field(self, points: ControlPoints) -> AbstractField | None:
         """Field of these points; the last good one where they cannot be fitted, and the reason."""
-        key = (points, self.volume, self._before, self._options, *(getattr(self, name) for name in _SETTINGS))
+        key = (points, self.volume, self._before, self._options, self.settings)
         with self._lock:
             held = self._made[0]
             if held is None or any(a is not b and not _is_same(a, b) for a, b in zip(key, held, strict=True)):

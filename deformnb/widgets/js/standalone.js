@@ -132,11 +132,11 @@ class StandalonePage {
 
   #controls() {
     const bar = pagePart("controls");
-    this.#slider(bar, "Strength", "strength", STRENGTHS, (value) => `${Math.round(value * 100)} %`,
+    this.#slider(bar, "Strength", setting(this.editor, "strength"), STRENGTHS, (value) => `${Math.round(value * 100)} %`,
       "how far the points are dragged: 100 % as they are, 0 not at all, below 0 the opposite way");
     this.#kernels(bar);
     if (this.view && this.view.get("shows") !== undefined) this.#shows(bar);
-    this.#slider(bar, "Grid", "density", { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
+    this.#slider(bar, "Grid", trait(this.editor, "density"), { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
       "cells of the grid along the longer side of the picture");
     const buttons = pageNode("div", "dnb-page-buttons", bar);
     this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
@@ -156,33 +156,33 @@ class StandalonePage {
     button.addEventListener("click", () => guarded(action));
   }
 
-  #slider(bar, label, name, { min, max, step }, shown, title) {
-    const box = this.#field(bar, label, title), now = () => this.editor.get(name);
+  #slider(bar, label, { name, get: now, set, listen }, { min, max, step }, shown, title) {
+    const box = this.#field(bar, label, title);
     const input = pageNode("input", "dnb-page-range", box, { type: "range", min: Math.min(min, now()),
       max: Math.max(max, now()), step, name, ...CONTROLS });
     const output = pageNode("output", "dnb-page-value", box);
     const show = () => { input.value = now(); output.textContent = shown(now()); };
-    input.addEventListener("input", () => guarded(() => this.editor.update({ [name]: Number(input.value) })));
-    this.editor.on(`change:${name}`, show);
+    input.addEventListener("input", () => guarded(() => set(Number(input.value))));
+    listen(show);
     show();
   }
 
-  #menu(bar, label, name, model, choices, title) {
+  #menu(bar, label, { name, get, set, listen }, choices, title) {
     const box = this.#field(bar, label, title);
     const select = pageNode("select", "dnb-page-select", box, { name, ...CONTROLS });
     for (const [value, text, about = ""] of choices) pageNode("option", "", select, { value, title: about }, text);
-    const show = () => { select.value = model.get(name); };
-    select.addEventListener("change", () => guarded(() => model.update({ [name]: select.value })));
-    model.on(`change:${name}`, show);
+    const show = () => { select.value = get(); };
+    select.addEventListener("change", () => guarded(() => set(select.value)));
+    listen(show);
     show();
     return select;
   }
 
   #kernels(bar) {
     const names = this.data.kernels.map(([name, title]) => [name, title]);
-    const select = this.#menu(bar, "Kernel", "kernel", this.editor, names,
+    const select = this.#menu(bar, "Kernel", setting(this.editor, "kernel"), names,
       "how the influence of a point falls off with distance");
-    const order = this.data.trends[this.editor.get("trend")]; // the page changes no trend
+    const order = this.data.trends[this.editor.get("settings").trend]; // the page changes no trend
     this.data.kernels.forEach(([, , least], k) => { select.options[k].disabled = order < least; }); // no fit exists
   }
 
@@ -196,12 +196,12 @@ class StandalonePage {
   }
 
   #shows(bar) {
-    this.#menu(bar, "Show", "shows", this.view, this.data.shows, "what of the volume is seen");
+    this.#menu(bar, "Show", trait(this.view, "shows"), this.data.shows, "what of the volume is seen");
   }
 
   reset() {
-    const { points, kernel, strength, density, show_net } = this.data.editor;
-    this.editor.update({ points, selected: [], kernel, strength, density, show_net });
+    const { points, settings, density, show_net } = this.data.editor;
+    this.editor.update({ points, selected: [], settings, density, show_net });
     const { camera, shows, clip } = this.data.view ?? {};
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
@@ -217,9 +217,7 @@ class StandalonePage {
 
   document() {
     const points = this.editor.get("points"), next = this.editor.get("next_id");
-    const settings = Object.fromEntries(["kernel", "support", "trend", "smoothing", "strength", "stages"].map((name) => (
-      [name, this.editor.get(name)])));
-    const radius = this.editor.get("chosen_support");
+    const { chosen_support: radius, ...settings } = this.editor.get("settings");
     if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
     if (!this.data.document) return { points, ...settings };
     const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
@@ -234,6 +232,18 @@ class StandalonePage {
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
+}
+
+// A trait of a model, as a control shows and changes it.
+function trait(model, name) {
+  return { name, get: () => model.get(name), set: (value) => model.update({ [name]: value }),
+    listen: (show) => model.on(`change:${name}`, show) };
+}
+
+// A setting of an editor's fit, likewise.
+function setting(model, name) {
+  return { name, get: () => model.get("settings")[name], set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
+    listen: (show) => model.on("change:settings", show) };
 }
 
 // What goes wrong is said on the page, which goes on.

@@ -16,13 +16,12 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
-from deformnb.document.deformation import lone_support
-from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
-from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.inputs.clip_controls import ClipControls
+from deformnb.widgets.parameters import ACTIONS, PARAMETERS, Choice, Number, parameters
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
@@ -30,8 +29,6 @@ Guard = Callable[[Callable[[], None]], bool]
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "84px"}
 _ROUNDING = 0.501  # of a slider's step
-# Support radii that a slider offers, in parts of the picture's diagonal.
-_SMALLEST_SUPPORT, _LARGEST_SUPPORT = 0.02, 4.0
 
 
 def raising(error: Exception) -> Callable[[], None]:
@@ -95,6 +92,36 @@ def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = ""
     """A menu of (words, value)."""
     return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description, layout=wide(),
                         style=_STYLE)
+
+
+def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
+    """The widget for a parameter of :data:`~deformnb.widgets.parameters.PARAMETERS`.
+
+    Parameters
+    ----------
+    diagonal : of the volume, for lengths.
+    layout : instead of the usual one.
+    """
+    parameter = parameters(diagonal)[name]
+    words = {"description": parameter.label, "tooltip": parameter.tooltip}
+    if isinstance(parameter, Choice):
+        return ipw.Dropdown(options=parameter.menu, layout=layout or wide(), style=_STYLE, **words)
+    if isinstance(parameter, Number):
+        low, high, step = parameter.low, parameter.high, parameter.step
+        if parameter.is_log:
+            return ipw.FloatLogSlider(min=np.log10(low), max=np.log10(high), step=step, style=_STYLE,
+                                      readout_format=f".{parameter.digits}g", layout=layout or wide(), **words)
+        if parameter.digits == 0:
+            return ipw.IntSlider(min=int(low), max=int(high), step=int(step), style=_STYLE, layout=layout or wide(),
+                                 **words)
+        return ipw.FloatSlider(min=low, max=high, step=step, style=_STYLE, readout_format=f".{parameter.digits}f",
+                               layout=layout or wide(), continuous_update=True, **words)
+    return ipw.Checkbox(False, indent=False, layout=layout or ipw.Layout(width="auto"), **words)
+
+
+def action_button(name: str, action: Callable[[], Any]) -> ipw.Button:
+    """The button for an action of :data:`~deformnb.widgets.parameters.ACTIONS`."""
+    return button(ACTIONS[name].label, ACTIONS[name].tooltip, action)
 
 
 def button(text: str, tooltip: str, action: Callable[[], Any]) -> ipw.Button:
@@ -192,16 +219,12 @@ class PicturePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
-        most = editor.traits()["density"].max
-        density = ipw.IntSlider(min=0, max=most, description="Grid", style=_STYLE, layout=wide(),
-                                tooltip="Cells along the longer side of the picture")
+        density = widget_of("density")
         traitlets.link((editor, "density"), (density, "value"))
-        side = self.add(menu("Side", [*((text, name) for name, text in SIDES.items()), _OBLIQUE],
-                             "Turning a picture on which something was dragged begins a new step"),
-                        lambda: session.view or "", lambda view: session.set_view(view) if view else None)
-        self._side = side
-        method = self.add(menu("Projection", [(p.title, p.name) for p in PROJECTIONS.values()]),
-                          lambda: session.method, lambda value: session.set_trait("method", value))
+        self._side = side = widget_of("view")
+        side.options = [*side.options, _OBLIQUE]
+        self.add(side, lambda: session.view or "", lambda view: session.set_view(view) if view else None)
+        method = self.add(widget_of("method"), lambda: session.method, lambda value: session.set_trait("method", value))
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
@@ -223,7 +246,7 @@ class PicturePanel(Panel):
         self._depth.layout.display = "none" if in_space else ""
         self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
         elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
-        fill(self._side, [(text, name) for name, text in SIDES.items()] + elsewhere)
+        fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
 
 class MapPanel(Panel):
@@ -233,24 +256,16 @@ class MapPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        kernel = self.of_step(menu("Kernel", [(k.title, k.name) for k in KERNELS.values()],
-                                   "How the pull of a point fades with distance; Wendland kernels end at the support"),
-                              "kernel")
-        self._trend = self.of_step(menu("Trend", [(t.title, t.name) for t in TRENDS.values()],
-                                        "What all points do together (shift, turn, stretch), before the rest bends"),
-                                   "trend")
-        low, high = (np.log10(share * session.volume.grid.diagonal) for share in (_SMALLEST_SUPPORT, _LARGEST_SUPPORT))
-        self._support = ipw.FloatLogSlider(
-            min=low, max=high, step=0.01, description="Support", style=_STYLE, readout_format=".3g",
-            layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
-            tooltip="How far a point reaches, as a length in the volume")
+        kernel = self.of_step(widget_of("kernel"), "kernel")
+        self._trend = self.of_step(widget_of("trend"), "trend")
+        self._support = widget_of("support", session.volume.grid.diagonal,
+                                  ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
         self.add(self._support, self._shown_support,
                  lambda value: session.change(kind="support", slides=True, support=float(value)))
-        self._auto = ipw.Checkbox(description="automatic", indent=False, layout=ipw.Layout(width="100px"))
+        self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
-        smoothing = self.of_step(slider("Smoothing", 0.0, 2.0, 0.01, "0 meets every point; more is smoother"),
-                                 "smoothing")
+        smoothing = self.of_step(widget_of("smoothing"), "smoothing")
         reach = ipw.HBox([self._support, self._auto], layout=wide(flex="1 1 320px"))
         self.box = ipw.VBox([row(kernel, self._trend), row(reach, smoothing)])
         self.refresh()
@@ -262,24 +277,24 @@ class MapPanel(Panel):
 
     def arrange(self) -> None:
         least = KERNELS[self.session.step.kernel].order
-        fill(self._trend, [(t.title, t.name) for t in TRENDS.values() if t.order >= least])
+        choices = PARAMETERS["trend"].menu  # type: ignore[attr-defined]
+        fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])
 
 
 class LookPanel(Panel):
     """Display panel of the volume: projection, colours and opacities."""
 
-    title = "Look"
+    title = "Volume"
 
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         menus = []
         if view.has_trait("projection"):
-            names = {"shaded": "Shaded", "composite": "Composite", "mip": "Maximum (MIP)"}
-            menus.append(self.add(menu("Rendering", [(text, name) for name, text in names.items()]),
-                                  lambda: view.projection, lambda value: view.set_trait("projection", value)))
+            menus.append(self.add(widget_of("projection"), lambda: view.projection,
+                                  lambda value: view.set_trait("projection", value)))
         self.clip = ClipControls(view if view.has_trait("clip") else None)
         colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
-        inside = ipw.VBox([ipw.HTML("<b>See inside</b>"), self.clip],
+        inside = ipw.VBox([ipw.HTML("<b>Clipping</b>"), self.clip],
                           layout=ipw.Layout(flex="1 1 270px", min_width="0"))
         beside = ipw.HBox([colours, inside], layout=ipw.Layout(
             flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
@@ -292,16 +307,12 @@ class LookPanel(Panel):
 def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
     """Controls that are always visible: strength, display mode of the view, reset."""
     panel = Panel(session, guard)
-    strength = slider("Strength", -1.0, 3.0, 0.01,
-                      "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
-                      layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
+    strength = widget_of("strength", layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
     panel.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
               lambda value: session.change(kind="strength", slides=True, strength=float(value)))
-    shows = ipw.Dropdown(options=[(name.replace("_", " "), name) for name in SHOWS], description="Show",
-                         style={"description_width": "44px"}, layout=ipw.Layout(width="190px"),
-                         tooltip="; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()))
+    shows = widget_of("shows", layout=ipw.Layout(width="190px"))
+    shows.style.description_width = "44px"
     panel.add(shows, lambda: view.shows, lambda value: setattr(view, "shows", value))
-    reset = button("Reset", "The volume as it was, without points and steps; can be undone",
-                   lambda: guard(session.reset))
+    reset = action_button("reset", lambda: guard(session.reset))
     panel.box = ipw.HBox([strength, shows, reset], layout=ipw.Layout(flex_flow="row wrap", align_items="center"))
     return panel, panel.box

@@ -36,10 +36,6 @@ from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import RoundTrip, round_trip
 from deformnb.widgets.packed_volume import unit_of
 
-OVERLAY_WORDS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
-                 ("principal strains", "strain"), ("uncertainty, haze", "uncertainty")]
-"""Overlays of a picture, with the labels of a menu."""
-
 _AGREE = "All points agree with one another."
 _UNKNOWN = "Too few points to tell which of them disagree."
 

@@ -15,20 +15,17 @@ import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
-from deformnb.document.deformation import lone_support
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
-from deformnb.widgets.protocol import checked_shapes, shapes_of
 from deformnb.widgets.studio.controls import button, row
 from deformnb.widgets.studio.labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioWords, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker, parts_of_another
-
-_OF_THE_STEP = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 _HALF, _WHOLE = "1 1 320px", "1 1 100%"
 _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other
@@ -50,16 +47,9 @@ def show_step(editor: Any, session: Session) -> None:
     """Show the points, settings and shapes of the step that a session edits, all at once."""
     step = session.step
     with editor.hold_sync():
-        for name in _OF_THE_STEP:
-            if getattr(editor, name) != getattr(step, name):
-                setattr(editor, name, getattr(step, name))
-        editor.chosen_support = step.chosen_support and step.chosen_support.radius
+        editor.settings = step.settings
         if isinstance(editor, Editor):
-            for name in ("cuts", "parts"):
-                shapes = checked_shapes(name, getattr(step, name))
-                if getattr(editor, name) != shapes:
-                    setattr(editor, name, shapes)
-            editor.cut_rule = step.cut_rule
+            editor.cuts, editor.parts, editor.cut_rule = step.cuts, step.parts, step.cut_rule
             editor.beyond = _box_on_picture(session)
         elif editor.options != _options(session):
             editor.options = _options(session)
@@ -317,15 +307,15 @@ class StudioEdits:
     def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
         """An editor has other cuts, or other rigid parts."""
         session = self._session
-        if checked_shapes(what, getattr(session.step, what)) == changed:
+        if getattr(session.step, what) == changed:
             return
-        made, shapes = editor.edit_under_way, shapes_of(what, changed)
+        made = editor.edit_under_way
         label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
         if what == "cuts":
-            self._take(editor, lambda: session.edit_cuts(shapes, label))
+            self._take(editor, lambda: session.edit_cuts(changed, label))
         else:
             points = made.points if made is not None else None
-            self._take(editor, lambda: session.edit_parts(shapes, label, points=points))
+            self._take(editor, lambda: session.edit_parts(changed, label, points=points))
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and report what that was."""

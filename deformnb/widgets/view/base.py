@@ -9,7 +9,7 @@ import contextlib
 import weakref
 from abc import ABC, ABCMeta, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,19 +17,20 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
-from deformnb.document.deformation import Deformation, support_radius
+from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import Decoupled, decoupled_fits
+from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField, Composed, Identity
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.stages import Fit, fit_points
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.protocol import shapes_of
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 
 if TYPE_CHECKING:
     from deformnb.session.exports import Seen
+
 
 class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
     """For views that are widgets: ABC and HasTraits have a metaclass each, and Python wants one."""
@@ -156,9 +157,33 @@ class AbstractView(ABC):
         """Frame times in milliseconds, bytes sent and the resolution; keys differ between views."""
 
 
-_SETTINGS = ("kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts", "parts",
-             "cut_rule", "stages")
-_OBSERVED = ["points", *_SETTINGS]
+_OBSERVED = ["points", "settings", "lone_support", "cuts", "parts", "cut_rule"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarFit:
+    """How points on a picture are fitted: all that an editor holds of it besides the points.
+
+    Parameters
+    ----------
+    settings : of the fit.
+    parts, cuts, cut_rule : of the picture, as in :class:`~deformnb.document.deformation.Step`.
+    softness : width over which the opacity falls at a cut.
+    lone : support radius where the points say nothing of it.
+    """
+
+    settings: FitSettings
+    parts: tuple[RigidPart, ...] = ()
+    cuts: tuple[Cut, ...] = ()
+    cut_rule: str = "source"
+    softness: float = 1.0
+    lone: float | None = None
+
+    def __call__(self, points: ControlPoints, previous: AbstractField | None = None) -> AbstractField:
+        """The displacement of the picture; ``previous`` is the one before, while points are dragged."""
+        cuts = [cut.region for cut in self.cuts if cut.enabled]
+        return self.settings.fit(points, self.parts, cuts, cut_rule=self.cut_rule, softness=self.softness,
+                                 lone=self.lone, previous=previous)
 
 
 def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:
@@ -230,15 +255,15 @@ class Refit:
         self.index = index
         self._field = field
         self._good = (field, field)  # the field with another map, behind the one that it was made of
-        self._previous: Fit | None = None
-        self._shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {}
+        self._previous: AbstractField | None = None
 
-    def __call__(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
+    def __call__(self, points: ControlPoints, how: PlanarFit) -> AbstractField:
         """The field with the map of these points; the last one where they cannot be fitted, as the editor reports."""
         field, (of, good) = self._field, self._good  # another thread may put another field meanwhile
         last = good if of is field else field
         with contextlib.suppress(DeformError):
-            last = with_map(last, self.index, self._fitted(points, settings))
+            self._previous = how(points, self._previous)
+            last = with_map(last, self.index, self._previous)
         self._good = (field, last)
         return last
 
@@ -246,32 +271,6 @@ class Refit:
         """Go on with another field, of which the same map follows the editor."""
         check_map(field, self.index)
         self._field = field
-
-    def _fitted(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
-        cuts = [cut.region for cut in self._made("cuts", settings) if cut.enabled]
-        if not cuts:
-            return self._fit(points, settings)
-        fits = decoupled_fits(points, cuts, lambda some: self._fit(some, settings))
-        return Decoupled(tuple(fits.values()), tuple(fits), tuple(cuts), rule=settings["cut_rule"],
-                         softness=settings["softness"])
-
-    def _fit(self, points: ControlPoints, settings: dict[str, Any]) -> AbstractField:
-        strength = settings["strength"]
-        dragged = points if strength == 1 else points.blended(strength)
-        options = {name: settings[name] for name in ("kernel", "trend", "smoothing")}
-        options["stages"] = settings.get("stages", 1)
-        radius = support_radius(settings["support"], settings.get("chosen_support"), points, settings["kernel"])
-        options["support"] = radius or settings["lone_support"]
-        parts = [part.scaled(strength) for part in self._made("parts", settings) if part.enabled]
-        self._previous = fit_points(dragged, parts, previous=self._previous, **options)
-        return self._previous
-
-    def _made(self, what: str, settings: dict[str, Any]) -> tuple[Any, ...]:
-        """Cuts or parts of the editor's plain data, read once while it stays the same."""
-        data = settings.get(what, [])
-        if what not in self._shapes or self._shapes[what][0] is not data:
-            self._shapes[what] = (data, shapes_of(what, data))
-        return self._shapes[what][1]
 
 
 class Following:
@@ -285,7 +284,7 @@ class Following:
     def __init__(self, editor: Any, refit: Refit, put: Callable[[Callable[[], AbstractField | None]], None]) -> None:
         self._editor, self._refit = editor, refit
         self._put = weakref.WeakMethod(put)
-        self._moving: tuple[ControlPoints, dict[str, Any]] | None = None
+        self._moving: tuple[ControlPoints, PlanarFit] | None = None
         editor.on_edit(self._tell)
         editor.observe(self._changed, _OBSERVED)
 
@@ -310,10 +309,9 @@ class Following:
         put = self._put()
         if put is None:
             return
-        settings = {name: getattr(self._editor, name) for name in _SETTINGS}
-        settings["softness"] = sum(self._editor.raster["spacing"]) / 2
-        self._moving = (points, settings) if phase == "move" else None
-        put(partial(self._refit, points, settings))
+        how = self._editor.fitting()
+        self._moving = (points, how) if phase == "move" else None
+        put(partial(self._refit, points, how))
 
     def _changed(self, change: Any) -> None:
         self._tell(self._editor.points, "end")

@@ -21,7 +21,6 @@ from deformnb.volume.volume import Grid
 QUICK_SIZE = 32
 
 _REST = 1.5  # seconds after the last movement, if no end of it is heard: a pointer may rest, and a kernel be slow
-_SETTINGS = ("kernel", "support", "trend", "smoothing", "strength", "stages")
 
 FieldOf = Callable[[ControlPoints], AbstractField]
 
@@ -99,7 +98,7 @@ def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -
         if phase == "move":  # its end is heard as a change of the points
             tell(points, phase)
 
-    names = ["points", *_SETTINGS, "revision"]
+    names = ["points", "settings", "revision"]
     editor.on_edit(moved)
     editor.observe(changed, names)
 

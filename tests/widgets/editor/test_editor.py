@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import project
@@ -136,10 +137,39 @@ def test_settings_that_make_no_sense_are_refused(picture: Picture, name: str, va
     with pytest.raises(DeformError, match=words):
         Editor(picture, **{name: value})
     editor = Editor(picture)
-    before = getattr(editor, name)
+    before, settings = getattr(editor, name), editor.settings
     with pytest.raises(DeformError, match=words):
         setattr(editor, name, value)
-    assert getattr(editor, name) == before
+    assert (getattr(editor, name), editor.settings) == (before, settings)
+
+
+def test_settings_are_changed_together_and_told_once(picture: Picture, points: ControlPoints) -> None:
+    editor = Editor(picture, points, kernel="gaussian")
+    seen: list[Any] = []
+    editor.observe(lambda change: seen.append(change["new"]), "settings")
+    editor.change(strength=0.5, stages=3)
+    assert [(s.kernel, s.strength, s.stages) for s in seen] == [("gaussian", 0.5, 3)]
+    editor.strength = 2.0
+    assert (editor.settings.strength, editor.get_state("settings")["settings"]["strength"]) == (2.0, 2.0)
+    with pytest.raises(DeformError, match="no setting 'colour'"):
+        editor.change(colour="red")
+    with pytest.raises(DeformError, match=r"change\(strength"):
+        editor.settings = {"strength": 2.0}
+
+
+@pytest.mark.parametrize("view", ["+x", "+y", "-z"])
+def test_a_lone_point_reaches_as_far_as_in_its_own_step(view: str) -> None:
+    volume = PHANTOMS["bar"].make((48, 48, 48))
+    picture = project(volume, view)
+    a0, a1, b0, b1 = picture.raster.box
+    middle = np.array([(a0 + a1) / 2, (b0 + b1) / 2])
+    points = ControlPoints.from_arrays([middle], [middle + np.array([6.0, 0.0])])
+    editor = Editor(picture, points, trend="none")
+    x = middle + np.random.default_rng(0).uniform(-20, 20, (50, 2))
+    field = editor.step().field(volume.grid)
+    in_space = picture.plane.from_plane(x)
+    np.testing.assert_allclose(editor.fit().displacement(x),
+                               field.displacement(in_space) @ picture.plane.frame[:2].T, atol=1e-12)
 
 
 # ---- messages --------------------------------------------------------------------------------------------------------
@@ -329,8 +359,8 @@ def test_as_many_points_as_a_fit_takes_come_in_one_edit(picture: Picture, sent: 
 def test_the_page_changes_only_what_is_its_own(picture: Picture, points: ControlPoints,
                                                caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor(picture, points)
-    editor.set_state({"kernel": "gaussian", "raster": {}, "image": "", "uid": "other", "live": True, "next_id": 2,
-                      "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True,
+    editor.set_state({"settings": {"kernel": "gaussian"}, "raster": {}, "image": "", "uid": "other", "live": True,
+                      "next_id": 2, "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True,
                       "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}, "waiting": "x"})
     assert editor.waiting == ""
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
@@ -362,7 +392,7 @@ def test_an_editor_without_picture_has_no_plane(points: ControlPoints) -> None:
 
 def test_a_lone_point_without_trend_is_a_bump(picture: Picture) -> None:
     editor = Editor(picture, ControlPoints.from_arrays([[20, 15]], [[25, 15]]), trend="none")
-    assert editor.fit().support == pytest.approx(picture.raster.diagonal / 4)
+    assert editor.fit().support == pytest.approx(picture.grid.diagonal / 4)  # type: ignore[union-attr]
 
 
 def test_the_fit_that_cannot_be_is_refused_as_by_the_core(picture: Picture) -> None:
@@ -396,7 +426,7 @@ def test_another_picture_brings_its_raster_and_keeps_the_points(volume: Volume, 
     editor = Editor(project(volume, "+z"), points)
     editor.picture = project(volume, "+x")
     assert editor.raster["shape"] == [20, 30]
-    assert editor.lone_support == pytest.approx(project(volume, "+x").raster.diagonal / 4)
+    assert editor.lone_support == volume.grid.diagonal / 4
     assert editor.points == points
 
 

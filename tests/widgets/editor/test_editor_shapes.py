@@ -54,18 +54,18 @@ def said(editor: Editor, **changes: Any) -> list[Any]:
 # ---- traits ---------------------------------------------------------------------------------------------------------
 
 
-def test_traits_hold_plain_data_of_whatever_they_were_given(points: ControlPoints) -> None:
+def test_traits_hold_shapes_and_the_page_gets_plain_data(points: ControlPoints) -> None:
     mask = Mask(np.eye(5, dtype=bool), Raster((5, 5), (1.0, 1.0), (0.0, 0.0)))
     cut, part = Cut(Line(LINE["vertices"]), "mouth"), RigidPart(mask, RigidMotion.turn(30, (2, 2)), reach=4.0)
     editor = Editor(None, points, cuts=[cut], parts=(part, {"region": SQUARE}), cut_rule="paper")
-    assert editor.cuts == [cut_to_data(cut)]
-    assert editor.parts == [part_to_data(part), part_to_data(RigidPart(Polygon(SQUARE["vertices"])))]
+    square = RigidPart(Polygon(SQUARE["vertices"]))
+    assert (editor.cuts, editor.parts) == ((cut,), (part, square))
     assert editor.get_state(["cuts", "parts", "cut_rule"]) == {
-        "cuts": editor.cuts, "parts": editor.parts, "cut_rule": "paper"}
+        "cuts": [cut_to_data(cut)], "parts": [part_to_data(part), part_to_data(square)], "cut_rule": "paper"}
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
-    ("cuts", [{"region": LINE}] * 9, "at most 8"), ("cuts", "line", "an object"), ("parts", [3], "parts"),
+    ("cuts", [{"region": LINE}] * 9, "at most 8"), ("cuts", "line", "must be a list"), ("parts", [3], "parts"),
     ("cuts", [{"region": {"kind": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}}], "lies in space"),
     ("parts", [{"region": LINE}], "no inside"), ("cuts", [{"region": {"kind": "blob"}}], "blob"),
     ("cuts", [{"region": {"kind": "polygon", "vertices": [[0, 0], [9, 9], [9, 0], [0, 9]]}}], "crosses itself"),
@@ -75,7 +75,7 @@ def test_what_is_no_shape_is_refused(points: ControlPoints, name: str, value: An
     editor = Editor(None, points)
     with pytest.raises(DeformError, match=words):
         setattr(editor, name, value)
-    assert getattr(editor, name) == []
+    assert getattr(editor, name) == ()
 
 
 # ---- what the core makes of them ------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
     editor.on_shapes(heard.append)
     editor.observe(lambda change: seen.append(editor.edit_under_way), "cuts")
     assert said(editor) == [{"type": "done", "sender": "page", "seq": 1}]
-    assert editor.cuts == [cut_to_data(Cut(Line(LINE["vertices"])))]
+    assert editor.cuts == (Cut(Line(LINE["vertices"])),)
     assert [(m.what, m.kind, m.shapes) for m in heard] == [("cuts", "add cut", editor.cuts)]
     assert (seen, editor.edit_under_way) == (heard, None)
     assert editor.seen == {"page": 1}
@@ -145,7 +145,7 @@ def test_what_is_wrong_in_a_message_of_shapes_is_said_and_changes_nothing(points
     error, done = said(editor, **changes)
     assert error["message"].startswith("Python did not take these shapes: ")
     assert done["type"] == "done"
-    assert (editor.cuts, editor.parts, editor.seen) == (before, [], {"page": 1})
+    assert (editor.cuts, editor.parts, editor.seen) == (before, (), {"page": 1})
 
 
 @pytest.mark.parametrize("content", [{"sender": ""}, {"sender": 3}, {"seq": -1}, {"seq": "1"}])
@@ -153,7 +153,7 @@ def test_a_message_of_nobody_is_dropped(points: ControlPoints, content: Any, cap
     editor = Editor(None, points)
     assert said(editor, **content) == []
     assert "was dropped" in caplog.text
-    assert editor.cuts == []
+    assert editor.cuts == ()
 
 
 def test_shapes_that_an_observer_refuses_are_put_back(points: ControlPoints) -> None:
@@ -166,7 +166,7 @@ def test_shapes_that_an_observer_refuses_are_put_back(points: ControlPoints) -> 
     editor.observe(refuse, "cuts")
     error, _ = said(editor)
     assert error["message"] == "Python did not take these cuts: not here."
-    assert (editor.cuts, editor.seen, editor.edit_under_way) == ([], {"page": 1}, None)
+    assert (editor.cuts, editor.seen, editor.edit_under_way) == ((), {"page": 1}, None)
 
 
 def test_a_callback_that_fails_is_said(points: ControlPoints, caplog: Any) -> None:

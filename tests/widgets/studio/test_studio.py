@@ -212,8 +212,8 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     found = controls(studio)
     found["Strength"].value = 2.5
     assert studio.editor.strength == studio.session.step.strength == 2.5
-    found["automatic"].value = False
-    found["Support"].value = 12.0
+    found["Automatic"].value = False
+    found["Support radius"].value = 12.0
     assert studio.editor.support == pytest.approx(12.0)
     found["Smoothing"].value = 0.5
     assert studio.editor.smoothing == 0.5
@@ -229,12 +229,12 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     drag(studio, a_drag(studio, -3.0))
     assert studio.session.step.maps[2] != studio.session.step.maps[0]
     assert studio.view.editor_map == 2
-    found["automatic"].value = True
+    found["Automatic"].value = True
     assert studio.session.step.support is None
 
 
 def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -> None:
-    support = controls(studio)["Support"]
+    support = controls(studio)["Support radius"]
     exact = support.value
     rounded = 10 ** (support.min + round((np.log10(exact) - support.min) / support.step) * support.step)
     assert rounded != exact
@@ -262,7 +262,7 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
 def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
-    for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support", "support")):
+    for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support radius", "support")):
         first = getattr(studio.session.step, field)
         for value in (0.5, 1.0, 1.5):
             controls(studio)[name].value = value * (20 if field == "support" else 1)

@@ -13,6 +13,7 @@ from driven_studio import a_drag, a_volume, act, controls, drag, page_says, pane
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
+from deformnb.document.json_format import part_to_data
 from deformnb.errors import DeformError
 from deformnb.io.formats import read_volume
 from deformnb.rbf.cuts import Cut
@@ -20,7 +21,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Polygon
 from deformnb.rbf.rigid import RigidPart
 from deformnb.widgets import Studio
-from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.protocol import points_to_json, shapes_to_json
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def a_line(studio: Studio) -> dict[str, Any]:
 def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> None:
     draws(studio, "cuts", "add cut", a_line(studio))
     assert studio.session.history["undo"] == "add cut"
-    assert studio.editor.cuts == [a_line(studio)]
+    assert shapes_to_json("cuts", studio.editor.cuts) == [a_line(studio)]
     middle = studio.editor.points.source.mean(axis=0)
     near, far = np.array([2.0, 0.0]), np.array([5.0, 0.0])
     drag(studio, studio.editor.points.add(middle - near, middle - far).add(middle + near, middle + far))
@@ -65,10 +66,10 @@ def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> No
     assert [(row["title"], row["facts"][:2]) for row in items.rows] == [("cut 1", ["cut", "line"])]
     act(items, "switch", 0, False)
     assert (studio.result().values.max(axis=(0, 1))[11:13] > 0).all()
-    assert not studio.editor.cuts[0]["enabled"]
+    assert not studio.editor.cuts[0].enabled
     for _ in range(3):
         page_says(studio, {"type": "history", "way": "undo"})
-    assert studio.editor.cuts == []
+    assert studio.editor.cuts == ()
     assert_array_equal(studio.result().values, studio.volume.values)
 
 
@@ -80,7 +81,7 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
               "region": {"kind": "polygon", "vertices": corners}}
     draws(studio, "parts", "add part", around)
     assert "stone" in studio._words.notice.value
-    assert studio.editor.parts == []
+    assert studio.editor.parts == ()
     assert studio.session.step.parts == ()
     assert studio.stats()["refused"] == 1
     points = studio.editor.points
@@ -97,15 +98,15 @@ def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
     studio.session.edit_cuts([cut])
     studio.session.edit_parts([part])
     studio.session.set_cut_rule("paper")
-    assert studio.editor.cuts[0]["name"] == "half"
-    assert studio.editor.parts[0]["name"] == "floor"
+    assert studio.editor.cuts[0].name == "half"
+    assert studio.editor.parts[0].name == "floor"
     assert studio.editor.cut_rule == "paper"
     assert (studio.editor.step().cuts, studio.editor.step().parts) == ((cut,), (part,))
-    controls(studio)["Show matter"].value = "source"
+    controls(studio)["Visible at a cut"].value = "source"
     assert studio.editor.cut_rule == studio.session.step.cut_rule == "source"
     studio.session.add_step()
     studio.wait()
-    assert studio.editor.cuts == studio.editor.parts == []
+    assert studio.editor.cuts == studio.editor.parts == ()
 
 
 def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
@@ -119,7 +120,7 @@ def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
     part = studio.session.step.parts[0]
     np.testing.assert_allclose(part.motion([[10.0, 6.0]]), [[9.0, 9.0]], atol=1e-9)  # turned about (7, 6), and 2 on
     assert shapes.items.rows[0]["facts"] == ["rigid part", "closed line", "turned 90\N{DEGREE SIGN}, shifted 2.0, 0.0"]
-    assert studio.editor.parts[0]["motion"] is not None
+    assert studio.editor.parts[0].motion is not None
     x = studio.session.plane.from_plane(np.array([[9.0, 9.0, 3.0]]))
     came_from = studio.session.plane.to_plane(x + studio.session.field().displacement(x))
     np.testing.assert_allclose(came_from[0, :2], [10, 6], atol=1e-6)
@@ -147,9 +148,9 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
         chosen, row = studio.editor.chosen_shape, shapes.items.chosen
         moved = shapes.part.part.name if shapes.part.part else ""
         assert moved == (shapes.items.rows[row]["name"] if row >= 0 else "")
-        return moved, studio.editor.parts[chosen["index"]]["name"] if chosen else ""
+        return moved, studio.editor.parts[chosen["index"]].name if chosen else ""
 
-    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
     assert names() == ("b", "b")
     act(shapes.items, "choose", 2)
     assert names() == ("c", "c")
@@ -159,19 +160,19 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
     studio.session.edit_parts(studio.session.step.parts[::-1], "reorder")
     assert names() == ("c", "c")
     studio.session.edit_parts(studio.session.step.parts[:-1], "remove a")
-    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": studio.editor.parts[1]})
+    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
     studio.undo()
     assert names() == ("b", "b")
     studio.undo()
     assert names() == ("b", "b")
     # The page says its choice before it hears that the list is another one: the shape counts, not its place.
-    page_says(studio, {"type": "choose", "what": "parts", "index": 2, "shape": studio.editor.parts[0]})
+    page_says(studio, {"type": "choose", "what": "parts", "index": 2, "shape": part_to_data(studio.editor.parts[0])})
     assert names() == ("a", "a")
     act(shapes.items, "remove", 0)
     assert names() == ("", "")  # and not the next one, which was not meant
     page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": {"name": "a"}})
     assert names() == ("", "")
-    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": studio.editor.parts[0]})
+    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": part_to_data(studio.editor.parts[0])})
     page_says(studio, {"type": "choose", "what": None})
     assert names() == ("b", "")  # a point is selected in the picture: the controls stay
 
@@ -278,7 +279,7 @@ def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> Non
     assert [row["name"] for row in items.rows] == ["", "bend"]
     assert items.chosen == 0
     assert_array_equal(studio.result().values, Deformation((b, a)).apply(studio.volume).values)
-    controls(studio)["Done"].value = "blend"
+    controls(studio)["Steps"].value = "blend"
     assert_array_equal(studio.result().values, Deformation((b, a), mode="blend").apply(studio.volume).values)
     assert studio.view.editor is None  # a sum is not followed in the page
     stale = {"type": "act", "what": "remove", "index": 0, "value": None, "version": items.version - 1}

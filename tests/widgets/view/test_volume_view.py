@@ -13,6 +13,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,13 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import Composed, Identity
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.protocol import EditMessage
-from deformnb.widgets.view.base import AbstractView, Refit
+from deformnb.widgets.view.base import AbstractView, PlanarFit, Refit
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.view.volume_view import TRANSPORTS, VolumeView
 
@@ -265,18 +267,17 @@ def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:
     maps = (points(), points(1.0))
     field = Deformation((Step(maps, PLANE, extrusion="interpolate", knots=(0.0, 1.0)),)).field(GRID)
     assert isinstance(field, Extrusion)
-    settings = {"kernel": "wendland_c2", "support": None, "trend": "affine", "smoothing": 0.0, "strength": 1.0,
-                "lone_support": 5.0}
+    how = PlanarFit(FitSettings(), lone=5.0)
     refit = Refit(Composed(Identity(), field), 1)
-    made = refit(points(2.0), settings)
+    made = refit(points(2.0), how)
     assert isinstance(made, Composed)
     assert isinstance(made.then, Extrusion)
     assert made.then.maps[0] is field.maps[0]
     np.testing.assert_allclose(made.then.maps[1].displacement([9.0, 9.0]), [-2.0, 0.0], atol=1e-9)
     clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
-    assert refit(clash, settings) is made
-    np.testing.assert_allclose(refit(points(1.0), settings | {"strength": 2.0}).then.maps[1].displacement([9.0, 9.0]),
-                               [-2.0, 0.0], atol=1e-9)
+    assert refit(clash, how) is made
+    twice = replace(how, settings=FitSettings(strength=2.0))
+    np.testing.assert_allclose(refit(points(1.0), twice).then.maps[1].displacement([9.0, 9.0]), [-2.0, 0.0], atol=1e-9)
     for wrong in (Identity(), None):
         with pytest.raises(DeformError, match="does not end with one"):
             Refit(wrong, 0)

@@ -17,8 +17,6 @@ import { Gestures } from "./pointer.js";
 import { ShapeHandles } from "./shape_handles.js";
 import { Pen, PEN_WORDS } from "./shape_tools.js";
 
-export const SETTINGS = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];
-
 const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
   switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };
 
@@ -95,7 +93,7 @@ class EditorPage extends EditorHand {
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
     on("change:label", () => this.layout());
-    for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
+    for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => this.changed());
     const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
     for (const name of shown) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));

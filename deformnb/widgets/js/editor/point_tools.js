@@ -12,6 +12,7 @@ import { RbfError, rbfLabel } from "../maths/rbf.js";
 import { heldPoints, partLabel } from "../maths/rigid_stages.js";
 import { placeSeen } from "../maths/warp_map.js";
 import { LONGEST_EDIT } from "../sync/edits.js";
+import { settingsOf } from "../sync/bus.js";
 import { pointLabel } from "./handles.js";
 import { NEAR } from "./pointer.js";
 import { EditorShapes } from "./shape_tools.js";
@@ -163,7 +164,7 @@ class EditorEdits extends EditorShapes {
   // What is seen at places of the picture, as the source of a point there; null in a gap. Dragged `strength` times, a
   // feature must come from target + D to be seen at the target.
   sourcesOf(layered) {
-    const strength = this.model.get("strength") || 1;
+    const strength = settingsOf(this.model).strength || 1;
     return (target) => {
       const [da, db, opacity] = layered ? placeOf(layered, ...target, 1e-9) : [0, 0, 1];
       return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];

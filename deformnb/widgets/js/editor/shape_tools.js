@@ -177,7 +177,7 @@ export class EditorShapes extends EditorDrawing {
   // The settings of a fit, with the shapes as they are under the hand.
   get settings() { return { ...settingsOf(this.model), ...this.shapes }; }
 
-  get strength() { return this.model.get("strength") ?? 1; }
+  get strength() { return settingsOf(this.model).strength ?? 1; }
 
   // How far the two places lie apart that turn a half plane, in units of the picture.
   get shapeReach() {

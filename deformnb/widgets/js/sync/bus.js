@@ -32,11 +32,13 @@ export function publishPoints(bus, detail) {
   bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));
 }
 
-// The settings of a fit as the traits of an editor hold them.
+// Traits of an editor that its fit depends on, besides the points.
+export const FIT_TRAITS = ["settings", "lone_support", "cuts", "cut_rule", "parts"];
+
+// The settings of a fit with the shapes, as the traits of an editor hold them.
 export function settingsOf(model) {
-  const names = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts",
-    "cut_rule", "parts", "stages"];
-  return Object.fromEntries(names.map((name) => [name, model.get(name)]));
+  const { settings, ...others } = Object.fromEntries(FIT_TRAITS.map((name) => [name, model.get(name)]));
+  return { ...settings, ...others };
 }
 
 // A bus lives as long as someone holds it: the editor's model and whoever follows it. Views come and go in between.

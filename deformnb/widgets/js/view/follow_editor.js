@@ -3,7 +3,7 @@
 
 import { layeredFit, layersOnRaster } from "../maths/cuts.js";
 import { RbfError } from "../maths/rbf.js";
-import { busOf, holdBus, pointsOf, releaseBus, settingsOf } from "../sync/bus.js";
+import { FIT_TRAITS, busOf, holdBus, pointsOf, releaseBus, settingsOf } from "../sync/bus.js";
 import { MOST_REGIONS } from "../webgl/displacement_shader.js";
 import { bytesOf, floatsOf } from "./volume_loader.js";
 
@@ -99,7 +99,7 @@ function cutDistances(regions, { shape: [rows, columns], origin, spacing }) {
 // something else; they give way where the editor has gone on since, so that no old picture flashes up.
 
 export const SHAPES = ["cuts", "cut_rule", "parts"];
-const FOLLOWED = ["points", "kernel", "support", "chosen_support", "trend", "smoothing", "strength", "stages", ...SHAPES];
+const FOLLOWED = ["points", ...FIT_TRAITS];
 
 export class FieldLink {
   /**

@@ -9,13 +9,11 @@ from typing import Any
 import ipywidgets as ipw
 
 from deformnb.document.deformation import Step
-from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.curve_editor import CurveEditor
 from deformnb.widgets.inputs.depth_keys import DepthKeys
-from deformnb.widgets.studio.controls import Guard, Panel, menu, row
+from deformnb.widgets.studio.controls import Guard, Panel, row, widget_of
 
-_RULES = {"replicate": "the same at every depth", "modulate": "times f(z)", "interpolate": "between key pictures"}
 HINTS = {
     "replicate": "Every slice behind the picture is deformed like the picture.",
     "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
@@ -47,8 +45,7 @@ class DepthPanel(Panel):
     def __init__(self, session: Session, guard: Guard, preview: Preview | None = None) -> None:
         super().__init__(session, guard)
         self._preview = preview
-        self._rule = self.of_step(menu("Extrusion", [(f"{name}: {_RULES.get(name, name)}", name)
-                                                     for name in EXTRUSIONS]), "extrusion")
+        self._rule = self.of_step(widget_of("extrusion"), "extrusion")
         self.curve = CurveEditor(session.step.curve)
         self.keys = DepthKeys(session.step.knots or (0.0, 1.0))
         self.curve.observe(self._curve_changed, "curve")

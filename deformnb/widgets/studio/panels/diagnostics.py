@@ -16,9 +16,9 @@ from deformnb._weak import weakly
 from deformnb.document.step_checks import LEAST
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
-from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row
+from deformnb.widgets.parameters import ACTIONS
+from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, row, widget_of
 from deformnb.widgets.studio.diagnostics import (
-    OVERLAY_WORDS,
     HazeKeeper,
     Judgement,
     Safety,
@@ -28,7 +28,7 @@ from deformnb.widgets.studio.diagnostics import (
 )
 from deformnb.widgets.worker import Worker, close_all
 
-_WAITING = "<i>Looking at the map ...</i>"
+_WAITING = "<i>Computing diagnostics ...</i>"
 
 
 class TrustPanel(Panel):
@@ -65,29 +65,21 @@ class TrustPanel(Panel):
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _safety(self) -> list[Any]:
-        least = f"the smallest det J is {LEAST:g}"
-        self.back = button("Largest safe drag", "Take the last drag, or else the strength, back to where " + least,
-                           lambda: self._soon(lambda panel: panel._safer.take_back()))
-        self.unfold = button("Unfold by stages", "The same drag in as many stages as leave no fold; every point still "
-                             "comes to its target", lambda: self._soon(lambda panel: panel._safer.unfold()))
-        self.stages = self.of_step(
-            ipw.BoundedIntText(min=1, max=64, description="Stages", style={"description_width": "48px"},
-                               tooltip="Small maps done one after the other; more fold later and take longer",
-                               layout=ipw.Layout(width="120px")), "stages")
-        self.keep = ipw.Checkbox(False, description="keep fold-free", indent=False, layout=ipw.Layout(width="auto"),
-                                 tooltip="After every edit, choose the stages that leave no fold")
+        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._safer.take_back()))
+        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._safer.unfold()))
+        self.stages = self.of_step(widget_of("stages", layout=ipw.Layout(width="240px")), "stages")
+        self.stages.style.description_width = "48px"
+        self.keep = widget_of("keep_free")
         self.keep.observe(weakly(self, TrustPanel._keep_changed, _is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]
 
     def _overlays(self) -> list[Any]:
-        overlay = menu("On the picture", OVERLAY_WORDS, "What is laid over the picture; V goes through them there")
-        overlay.style.description_width = "96px"
+        overlay = widget_of("overlay")
         self._links = [traitlets.link((self._editors.plane, "overlay"), (overlay, "value"))]
         self.overlay = overlay
         if not self._view.has_trait("show_folds"):
             return [overlay]
-        in_volume = ipw.Checkbox(description="folds in the volume", indent=False, layout=ipw.Layout(width="auto"),
-                                 tooltip="Red stripes on matter that is shown twice")
+        in_volume = widget_of("show_folds")
         self._links.append(traitlets.link((self._view, "show_folds"), (in_volume, "value")))
         return [overlay, in_volume]
 
@@ -122,8 +114,8 @@ class TrustPanel(Panel):
             close_all(widget)
 
     def _suspect(self, points: ControlPoints, point: int) -> ipw.Button:
-        return button(point_name(points, point), "Show it: a wrong place, two points swapped, or a drag that its "
-                      "neighbours do not follow", lambda: self.guard(lambda: self._look_at(point)))
+        return button(point_name(points, point), ACTIONS["look_at"].tooltip,
+                      lambda: self.guard(lambda: self._look_at(point)))
 
     def _look_at(self, point: int) -> None:
         editor = self._editors.current

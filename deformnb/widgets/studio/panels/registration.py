@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.document.deformation import Deformation, lone_support
+from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.picture import project
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration.optimise import Fitted, GreyImage, Pictured, fit_targets, snap_to_match
 from deformnb.registration.outlines import fit_outline, outline, slide
@@ -344,8 +345,7 @@ class FitPanel(Panel):
         if step.strength != 1:
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
         editor = self._editors.current
-        support = step.support_for(session.points) or lone_support(session.volume.grid)
-        options = {"kernel": step.kernel, "support": support, "trend": step.trend, "smoothing": step.smoothing}
+        options = step.settings.arguments(session.points, lone_support(session.volume.grid))
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
         return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
                      editor.fit(), options, settings)

@@ -23,7 +23,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.protocol import followed
-from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider, widget_of
 
 _STATES = {"fixed": "stays where it is", "moved": "is moved"}
 _WEIGHTS = {"saturated": "smooth step", "distance": "distance (the paper's)"}
@@ -209,7 +209,6 @@ _CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
 _PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
 
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
-_RULES = {"source": "wherever its piece has moved to", "paper": "on its own side only (the paper's)"}
 _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
           "point on each side. A rigid part keeps its form: draw around it.")
 _EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label (Studio(volume, labels=...)), or made in "
@@ -238,9 +237,7 @@ class ShapesPanel(Panel):
         self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # what the chosen row is a row of
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
-        self._rule = self.of_step(menu("Show matter", [(text, name) for name, text in _RULES.items()],
-                                       "What is seen where the two sides of a cut have been moved over each other"),
-                                  "cut_rule")
+        self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
         self.part = PartControls(session, guard, self._part_index)
         self._drawing = self._draw_buttons()
         ground = button("Ground", "A fixed part: everything below a level stays",

@@ -19,10 +19,9 @@ from deformnb.session.session import Session
 from deformnb.session.store import SavedSession
 from deformnb.widgets.camera import SIDES
 from deformnb.widgets.inputs.item_list import ItemList
-from deformnb.widgets.studio.controls import Guard, Panel, button, prose, row
+from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, prose, row, widget_of
 from deformnb.widgets.studio.labels import go_to, history_rows
 
-MODES = {"compose": "one after the other", "blend": "added up"}
 """Labels of the compositions of steps."""
 
 _HINTS = {
@@ -41,15 +40,12 @@ class StepsPanel(Panel):
         super().__init__(session, guard)
         self.items = ItemList(label="Steps", columns=["Step", "Side", "Points", "On it"])
         self.items.on_act(self._act)
-        here = button("Add step", "Deform once more from this side, after all other steps",
-                      lambda: guard(session.add_step))
+        here = action_button("add_step", lambda: guard(session.add_step))
         space = button("Add step in space", "Deform with points in the volume itself instead of on a picture of it",
                        lambda: guard(lambda: session.add_step(in_space=True)))
-        modes = [(text, name) for name, text in MODES.items()]
-        mode = self.add(ipw.Dropdown(options=modes, description="Done", style={"description_width": "40px"},
-                                     layout=ipw.Layout(width="210px"),
-                                     tooltip="One after the other is what hands would do; added up blends them"),
-                        lambda: session.deformation.mode, session.set_mode)
+        mode = self.add(widget_of("mode", layout=ipw.Layout(width="210px")), lambda: session.deformation.mode,
+                        session.set_mode)
+        mode.style.description_width = "40px"
         self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()

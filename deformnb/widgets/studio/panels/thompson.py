@@ -25,7 +25,6 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import HandOver
-from deformnb.widgets.protocol import checked_shapes, shapes_of
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
 from deformnb.widgets.studio.labels import edit_label
@@ -222,9 +221,9 @@ class ThompsonPanel(Panel):
 
     def _shapes_changed(self, change: Any) -> None:
         what = change["name"]
-        if checked_shapes(what, getattr(self.session.step, what)) != change["new"]:
+        if getattr(self.session.step, what) != change["new"]:
             edit = self.session.edit_cuts if what == "cuts" else self.session.edit_parts
-            self._taken(lambda: edit(shapes_of(what, change["new"])))
+            self._taken(lambda: edit(change["new"]))
 
     def _taken(self, edit: Callable[[], None]) -> None:
         """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""

@@ -1,0 +1,207 @@
+"""Settings of a fit of control points, and the fit that they make.
+
+One value holds all that a step of a document, an editor and a view that follows it say of a fit besides points, rigid
+parts and cuts. To copy, store or send settings go through :data:`SETTINGS`: a new one is then a field here, and one of
+:class:`~deformnb.document.deformation.Step`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+from deformnb.checks import is_finite, shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import box_diagonal, usual_support
+from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import choose_support
+from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import AbstractRegion
+from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.stages import Fit, check_stages, fit_points
+from deformnb.rbf.trends import trend_named
+from deformnb.volume.volume import Grid
+
+SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
+"""Supports by rule instead of by number: what each makes of a set of control points."""
+
+
+def lone_support(grid: Grid) -> float:
+    """The support radius of points that say nothing of it themselves, such as one point without trend.
+
+    A quarter of the volume's diagonal is a bump that one can see and grab.
+    """
+    return 0.25 * grid.diagonal
+
+
+class ChosenSupport(NamedTuple):
+    """A support radius in physical units, and the name of the kernel that it was chosen for."""
+
+    radius: float
+    kernel: str
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Settings of the fit of a set of control points.
+
+    Parameters
+    ----------
+    kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`.
+    support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
+        takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
+        before 2.0 do.
+    smoothing : lambda of the fit, 0 interpolates.
+    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
+        way.
+    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
+    chosen_support : what :func:`~deformnb.rbf.interpolant.choose_support` found while ``support`` is None, and for
+        which kernel; that of another kernel is dropped.
+
+    Raises
+    ------
+    DeformError
+        Naming the setting that is wrong.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[1, 0], [9, 2], [0, 9]])
+    >>> FitSettings(strength=0.5).fit(points).displacement([0.5, 0.0]).round(9).tolist()
+    [-0.5, 0.0]
+    """
+
+    kernel: str = "wendland_c2"
+    support: float | str | None = None
+    trend: str = "affine"
+    smoothing: float = 0.0
+    strength: float = 1.0
+    stages: int = 1
+    chosen_support: ChosenSupport | None = None
+
+    def __post_init__(self) -> None:
+        kernel_named(self.kernel)
+        trend_named(self.trend)
+        if not is_finite(self.strength):
+            raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
+        _check_support(self.support)
+        if not (is_finite(self.smoothing) and self.smoothing >= 0):
+            raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
+        check_stages(self.stages, ())
+        if self.chosen_support is not None:
+            object.__setattr__(self, "chosen_support", self._kept_support(self.chosen_support))
+
+    def _kept_support(self, given: Any) -> ChosenSupport | None:
+        try:
+            kept = ChosenSupport(*given)
+        except TypeError:
+            raise DeformError("the chosen support of a step must be a radius and the name of a kernel, got "
+                              f"{given!r:.60}.") from None
+        _check_support(kept.radius)
+        return kept if self.support is None and kept.kernel == self.kernel else None
+
+    @classmethod
+    def of(cls, holder: Any) -> FitSettings:
+        """The settings of what has them as attributes, such as a step."""
+        return cls(**{name: getattr(holder, name) for name in SETTINGS})
+
+    def as_dict(self) -> dict[str, Any]:
+        """The settings by their names, such as a step takes them."""
+        return {name: getattr(self, name) for name in SETTINGS}
+
+    def choosing(self, sets: Sequence[ControlPoints], current: float | None = None) -> FitSettings:
+        """The same settings with the support that these sets of points choose; as they are where ``support`` is given.
+
+        Parameters
+        ----------
+        current : the radius so far, which stays unless another one is clearly better.
+        """
+        if self.support is not None:
+            return self
+        radius = choose_support(sets, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
+        return replace(self, chosen_support=None if radius is None else ChosenSupport(radius, self.kernel))
+
+    def support_for(self, points: ControlPoints) -> float | None:
+        """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
+        chosen, or the usual one. None for points at one place that say nothing of it.
+        """
+        if isinstance(self.support, str):
+            return SUPPORT_RULES[self.support](points)
+        chosen = self.chosen_support and self.chosen_support.radius
+        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
+
+    def arguments(self, points: ControlPoints, lone: float | None = None) -> dict[str, Any]:
+        """Keyword arguments of :func:`~deformnb.rbf.interpolant.fit_rbf` for a set of points.
+
+        Parameters
+        ----------
+        lone : support radius where the points say nothing of it, such as :func:`lone_support`.
+        """
+        return {"kernel": self.kernel, "support": self.support_for(points) or lone, "trend": self.trend,
+                "smoothing": self.smoothing}
+
+    def fits(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
+             lone: float | None = None, previous: Mapping[Sides, Fit] | None = None) -> dict[Sides, Fit]:
+        """Fit control points in each region between cuts that has some; without cuts there is one region.
+
+        Parameters
+        ----------
+        points : as they were dragged; ``strength`` is applied here, to the parts too.
+        parts : of which those that are switched on count.
+        cuts : regions of the cuts that are switched on.
+        lone : support radius where the points say nothing of it.
+        previous : the fits before these, by the same regions, while points are dragged.
+
+        Raises
+        ------
+        DeformError
+            As :func:`~deformnb.rbf.stages.fit_points` does.
+        """
+        moved = [part.scaled(self.strength) for part in parts if part.enabled]
+        before = dict(previous or {})
+
+        def fit(sides: Sides, own: ControlPoints) -> Fit:
+            dragged = own if self.strength == 1 else own.blended(self.strength)
+            return fit_points(dragged, moved, stages=self.stages, previous=before.get(sides),
+                              **self.arguments(own, lone))
+
+        every = points_of_regions(points, cuts) if cuts else {(): points}
+        return {sides: fit(sides, own) for sides, own in every.items()}
+
+    def fit(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
+            cut_rule: str = "source", softness: float = 0.0, lone: float | None = None,
+            previous: AbstractField | None = None) -> AbstractField:
+        """As :meth:`fits`, joined to one displacement.
+
+        Parameters
+        ----------
+        cut_rule, softness : of :class:`~deformnb.rbf.cuts.Decoupled`.
+        previous : the displacement before this one.
+
+        Returns
+        -------
+        The only fit, or with cuts a :class:`~deformnb.rbf.cuts.Decoupled`.
+        """
+        before: Any = (dict(zip(previous.sides, previous.fields, strict=True)) if isinstance(previous, Decoupled)
+                       else {(): previous})
+        found = self.fits(points, parts, cuts, lone=lone, previous=before)
+        if not cuts:
+            return found[()]
+        return Decoupled(tuple(found.values()), tuple(found), tuple(cuts), rule=cut_rule, softness=softness)
+
+
+SETTINGS = tuple(field.name for field in fields(FitSettings))
+"""Names of the settings of a fit."""
+
+CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support"})
+"""Settings that the chosen support depends on, besides the points."""
+
+
+def _check_support(support: Any) -> None:
+    if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
+        return
+    if not (is_finite(support) and support > 0):
+        raise DeformError("the support radius must be a positive length, None or one of "
+                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")

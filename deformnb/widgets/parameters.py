@@ -1,0 +1,253 @@
+"""Parameters that a user sets: label, tooltip, range and choices of each, in one table for all front ends.
+
+The studio makes ipywidgets of it, the application Vuetify controls, the exported page plain HTML controls (it gets the
+table as JSON), and ``docs/parameters.md`` is written from it: ``python -m deformnb.widgets.parameters``.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from deformnb.document.deformation import MODES
+from deformnb.errors import DeformError
+from deformnb.imaging.picture import PROJECTIONS
+from deformnb.rbf.cuts import CUT_RULES
+from deformnb.rbf.extrusion import EXTRUSIONS
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.stages import MOST_STAGES
+from deformnb.rbf.trends import TRENDS
+from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.widgets.protocol import OVERLAYS
+
+_ROUNDING = 1e-9  # of a number that a front end has turned into a logarithm and back
+
+
+@dataclass(frozen=True)
+class AbstractParameter(ABC):
+    """One thing to set.
+
+    Parameters
+    ----------
+    label : shown beside it.
+    tooltip : one sentence for who does not know it.
+    """
+
+    label: str
+    tooltip: str = ""
+
+    @abstractmethod
+    def checked(self, value: Any) -> Any:
+        """The value as Python wants it.
+
+        Raises
+        ------
+        DeformError
+            If it cannot be set to that.
+        """
+
+    @property
+    @abstractmethod
+    def values(self) -> str:
+        """The values that it takes, in words."""
+
+
+@dataclass(frozen=True)
+class Choice(AbstractParameter):
+    """One of several names.
+
+    Parameters
+    ----------
+    registry : the names; those that are registered later are offered too.
+    labels : of the names; a name without one has the title of what it names, or itself.
+    """
+
+    registry: Iterable[str] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def options(self) -> list[tuple[str, str]]:
+        """Pairs of name and label."""
+        return [(name, self._label(name)) for name in self.registry]
+
+    def _label(self, name: str) -> str:
+        if name in self.labels:
+            return self.labels[name]
+        title = getattr(self.registry[name], "title", None) if isinstance(self.registry, Mapping) else None
+        words = title if isinstance(title, str) else name.replace("_", " ")
+        return words[:1].upper() + words[1:]
+
+    def checked(self, value: Any) -> str:
+        if not isinstance(value, str) or value not in self.registry:
+            raise DeformError(f"{self.label} is one of {', '.join(self.registry)}.")
+        return value
+
+    @property
+    def values(self) -> str:
+        return ", ".join(label for _, label in self.options)
+
+    @property
+    def menu(self) -> list[tuple[str, str]]:
+        """The options as ipywidgets takes them: label before name."""
+        return [(label, name) for name, label in self.options]
+
+
+@dataclass(frozen=True)
+class Number(AbstractParameter):
+    """A number between two others.
+
+    Parameters
+    ----------
+    low, high, step : range and step of a slider; of the decimal logarithm, if ``is_log``.
+    unit : of the number, in words; "diagonal" means shares of the volume's diagonal, which :func:`parameters` makes
+        lengths.
+    digits : behind the point.
+    """
+
+    low: float = 0.0
+    high: float = 1.0
+    step: float = 0.01
+    unit: str = ""
+    digits: int = 2
+    is_log: bool = False
+
+    def checked(self, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise DeformError(f"{self.label} is a number.")
+        slack = _ROUNDING * max(abs(self.low), abs(self.high))
+        if not self.low - slack <= value <= self.high + slack:
+            raise DeformError(f"{self.label} lies between {self.low:g} and {self.high:g}.")
+        return float(min(max(value, self.low), self.high))
+
+    @property
+    def values(self) -> str:
+        unit = {"diagonal": " times the volume's diagonal", "": ""}.get(self.unit, f" {self.unit}")
+        return f"{self.low:g} to {self.high:g}{unit}" + (", on a logarithmic scale" if self.is_log else "")
+
+
+@dataclass(frozen=True)
+class Switch(AbstractParameter):
+    """On or off."""
+
+    def checked(self, value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise DeformError(f"{self.label} is on or off.")
+        return value
+
+    @property
+    def values(self) -> str:
+        return "on, off"
+
+
+@dataclass(frozen=True)
+class Action:
+    """A button: its label, and what it does."""
+
+    label: str
+    tooltip: str
+
+
+PARAMETERS: dict[str, AbstractParameter] = {
+    # Picture
+    "view": Choice("Side", "Where the picture is seen from; another side of a picture on which something was dragged "
+                   "begins a new step", SIDES, SIDES),
+    "method": Choice("Projection", "How depth becomes a picture", PROJECTIONS),
+    "depth": Number("Slice", "Where the slice lies: 0 in front, 1 at the back", 0.0, 1.0, 0.005),
+    "density": Number("Grid", "Cells of the grid along the longer side of the picture; 0 for none", 0, 64, 1, "cells",
+                      0),
+    "show_net": Switch("Grid", "A grid that bends with the picture"),
+    "drag_net": Switch("Drag the grid", "Its nodes can be dragged: each becomes a point"),
+    "show_radius": Switch("Support radii", "How far each point reaches"),
+    "overlay": Choice("Overlay", "What is laid over the picture; the key V goes through them", OVERLAYS,
+                      {"folds": "Folds (red)", "area": "Area (green grows, purple shrinks)",
+                       "strain": "Principal strains"}),
+    # Interpolation
+    "kernel": Choice("Kernel", "How the influence of a point fades with distance; Wendland kernels end at the support "
+                     "radius", KERNELS),
+    "trend": Choice("Trend", "What all points do together (shift, turn, stretch), before the rest bends", TRENDS),
+    "support": Number("Support radius", "How far a point reaches", 0.02, 4.0, 0.01, "diagonal", 3, is_log=True),
+    "automatic_support": Switch("Automatic", "The points choose the support radius"),
+    "smoothing": Number("Smoothing", "0 meets every point; more is smoother and lets them miss", 0.0, 2.0, 0.01),
+    "strength": Number("Strength", "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
+                       -1.0, 3.0, 0.01),
+    "stages": Number("Stages", "Small maps done one after the other; more fold later and take longer", 1,
+                     MOST_STAGES, 1, digits=0),
+    "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
+    # In space
+    "extrusion": Choice("Extrusion", "What the displacement of the picture becomes in the depth", EXTRUSIONS,
+                        {"replicate": "Replicate: the same at every depth", "modulate": "Modulate: times a curve f(z)",
+                         "interpolate": "Interpolate: between key pictures"}),
+    "mode": Choice("Steps", "Composed in order each step deforms the result of those before; added up their "
+                   "displacements are summed", MODES, {"compose": "Compose in order", "blend": "Add up"}),
+    "cut_rule": Choice("Visible at a cut", "What is seen where the two sides of a cut have been moved over each other",
+                       CUT_RULES, {"source": "Each side wherever it has moved to",
+                                   "paper": "Each side on its own side only (as in the paper)"}),
+    # Volume
+    "projection": Choice("Rendering", "How the volume is drawn", ("shaded", "composite", "mip"),
+                         {"mip": "Maximum (MIP)"}),
+    "shows": Choice("Show", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()), SHOWS),
+    "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
+}
+"""All parameters by name; lengths are shares of the volume's diagonal."""
+
+ACTIONS: dict[str, Action] = {
+    "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
+    "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
+    "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
+    "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "
+                     "its target"),
+    "fit_box": Action("As large as needed", "So that nothing is cut off that was dragged out of the volume's box"),
+    "own_box": Action("The volume's own", "What lies outside of it is cut off"),
+    "look_at": Action("", "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"),
+}
+"""Buttons that several front ends have, by the name of what they do."""
+
+
+def parameters(diagonal: float) -> dict[str, AbstractParameter]:
+    """The table for a volume, lengths in its unit.
+
+    Parameters
+    ----------
+    diagonal : of the volume.
+
+    Examples
+    --------
+    >>> parameters(100.0)["support"].checked(250)
+    250.0
+    """
+    return {name: replace(p, low=p.low * diagonal, high=p.high * diagonal, unit="")
+            if isinstance(p, Number) and p.unit == "diagonal" else p for name, p in PARAMETERS.items()}
+
+
+def as_json(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """Some parameters as a front end without Python gets them.
+
+    Examples
+    --------
+    >>> as_json(("smoothing",))["smoothing"]["high"]
+    2.0
+    """
+    def plain(parameter: AbstractParameter) -> dict[str, Any]:
+        if isinstance(parameter, Choice):
+            return {"label": parameter.label, "tooltip": parameter.tooltip, "options": parameter.options}
+        return dict(vars(parameter))
+
+    return {name: plain(PARAMETERS[name]) for name in names}
+
+
+def as_markdown() -> str:
+    """The page of the documentation."""
+    rows = [f"| `{name}` | {p.label} | {p.values} | {p.tooltip}. |" for name, p in PARAMETERS.items()]
+    buttons = [f"| `{name}` | {a.label} | {a.tooltip}. |" for name, a in ACTIONS.items() if a.label]
+    about = ("What can be set in the studio, in the application and, partly, in an exported page, by the names that "
+             "code uses. This page is written by `python -m deformnb.widgets.parameters`.")
+    lines = ["# Parameters", "", about, "", "| name | label | values | |", "|---|---|---|---|", *rows, "",
+             "## Buttons", "", "| name | label | |", "|---|---|---|", *buttons]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(as_markdown(), end="")  # noqa: T201
