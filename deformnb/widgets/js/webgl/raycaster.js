@@ -1,7 +1,7 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It knows no widget and no pointer; all that comes in is arrays and numbers.
 
-/** @import { Sides, Vector2, Vector3 } from "../types.d.ts" */
+/** @import { Sides, Vector3 } from "../types.d.ts" */
 /**
  * @import { CastPlanar, CastSpace, CastVolume, ColorTable, FramePlane, Picture, PlanarField, PlaneCut, RayCamera,
  *   SpaceField, ToTexture, VolumeData } from "./types.d.ts"
@@ -148,7 +148,7 @@ export class RayCaster {
     this.projection = "shaded";
     this.background = "dark";
     this.showFolds = true;
-    /** @type {Vector2[] | null} */
+    /** @type {number[][] | null} */
     this.clip = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
