@@ -14,7 +14,7 @@ import { APP_PAGE, callPython } from "./session.js";
 
 /** @typedef {Record<string, unknown>} State values of traits by their names */
 /** @typedef {PlainModel & {isInitialized?: boolean}} AppModel */
-/** @typedef {{state: State, models: Record<string, string>}} Answer the state of a widget, and names of others by their ids */
+/** @typedef {{state: State, models: Record<string, string>}} Answer names of widgets by their ids */
 
 /**
  * @typedef {object} WidgetMessage Python's message to a widget
@@ -137,7 +137,7 @@ const AppWidget = {
   inject: ["trame"],
   template: `<div ref="place" :class="fills ? 'dnb-app-widget' : 'dnb-app-inline'"></div>`,
   methods: {
-    /** Volumes look best on black. The others take the colours around them, and look again when the body says so. */
+    /** Volumes look best on black. The others take the colours around them, again when the body's data change. */
     paint() {
       if (this.name === "editor") this.model?.update({ theme: this.theme });
       document.body.dataset.jpThemeLight = String(this.theme !== "dark");
@@ -188,8 +188,8 @@ const AppWidget = {
 };
 
 /**
- * Lets a picture or a volume, which have sizes of their own, fill the place they are given. Returns a function that ends
- * that.
+ * Lets a picture or a volume, which have sizes of their own, fill the place they are given. Returns a function that
+ * ends that.
  * @param {string} name
  * @param {PlainModel} model
  * @param {HTMLElement} place

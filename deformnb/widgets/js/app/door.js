@@ -9,13 +9,14 @@
   const given = searchParams.get("secret"), kept = window.sessionStorage.getItem(KEY);
   if (given) window.sessionStorage.setItem(KEY, given);
   else if (kept) searchParams.set("secret", kept);
-  searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client asks a launcher, which we are not
+  searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client needs a launcher
   window.history.replaceState({}, document.title, `${address.pathname}${address.search}${address.hash}`);
 
   // A client that is refused writes a bare line of its own into the page.
   document.addEventListener("DOMContentLoaded", () => {
-    const app = document.getElementById("app"), text = "There is no session for this page. Start \"deformnb app\" and " +
-      "open the address that it prints: its password is another one at each start.";
+    const app = document.getElementById("app");
+    const text = "There is no session for this page. Start \"deformnb app\" and open the address that it prints: " +
+      "its password is another one at each start.";
     if (!app) return;
     new MutationObserver(() => {
       if (app.childElementCount || !app.textContent) return;

@@ -1,5 +1,5 @@
 // Files between the application and this computer: what Python has written for this window goes to the browser's
-// downloads, and a saved session is read and sent to Python. The slot of this component gets `write(kind)` and `open()`.
+// downloads, and a saved session is read and sent to Python. The component's slot gets `write(kind)` and `open()`.
 
 import { APP_PAGE, callPython } from "./session.js";
 
@@ -28,7 +28,7 @@ export const AppFiles = {
      * @param {WrittenFile} [before]
      */
     files(now, before) {
-      if (!now.key || now.key === before?.key || now.page !== APP_PAGE) return; // another window has asked for it
+      if (!now.key || now.key === before?.key || now.page !== APP_PAGE) return; // of another window
       const link = document.createElement("a");
       Object.assign(link, { href: `deformnb/file/${now.key}`, download: now.name });
       link.click();
@@ -39,7 +39,7 @@ export const AppFiles = {
     write(kind) { this.call("deformnb.write", kind, APP_PAGE); },
     open() { this.$refs.input.click(); },
     async take() {
-      const { input } = this.$refs, file = input.files?.[0], isTooLong = file !== undefined && file.size > LONGEST_SESSION;
+      const { input } = this.$refs, file = input.files?.[0], isTooLong = (file?.size ?? 0) > LONGEST_SESSION;
       const text = isTooLong ? undefined : await file?.text();
       input.value = ""; // the same file can be chosen again
       if (isTooLong) this.trame.state.set("error", "This file is too long for a session of this page.");

@@ -5,7 +5,7 @@
 export const APP_PAGE = Math.random().toString(36).slice(2); // identifies this window among others
 
 /**
- * Calls a procedure of Python. One that fails because the connection has gone is no news: the page says so by itself.
+ * Calls a procedure of Python. If it fails because the connection has gone, the page shows that by itself.
  * @param {Session} session
  * @param {string} method
  * @param {unknown[]} given

@@ -7,7 +7,9 @@ import { busOf, holdBus, pointsOf, releaseBus, settingsOf } from "../sync/bus.js
 import { bitsOf, MOST_REGIONS } from "../webgl/displacement_shader.js";
 import { bytesOf, floatsOf } from "./volume_loader.js";
 
-/** @import { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.d.ts" */
+/**
+ * @import { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.d.ts"
+ */
 /** @import { PlanarField, PlaneCut } from "../webgl/types.d.ts" */
 /** @import { Bytes, Field } from "./types.d.ts" */
 /** @import { Message } from "./volume_loader.js" */
@@ -55,14 +57,15 @@ export function withLayers(base, layered, { cuts = [] }, index) {
   const [layers, rows, columns] = base.shape, size = rows * columns * 2, before = base.cut ? base.cut.sides.length : 1;
   const count = layers / before, cut = layered.regions.length ? cutOf(base, layered, cuts) : null;
   const isSame = cut ? cut.sides === base.cut?.sides : !base.cut;
-  if (index >= count || (!isSame && count > 1)) return null; // other maps would have to be divided too: Python does that
+  if (index >= count || (!isSame && count > 1)) return null; // Python must divide the other maps too
   const keys = cut ? cut.sides.map(bitsOf) : [0];
   /** @type {Raster} */
   const raster = { shape: [rows, columns], origin: base.origin, spacing: base.spacing };
   const maps = isSame ? base.maps.slice() : new Float32Array(keys.length * size);
   const values = layersOnRaster(layered, raster);
   keys.forEach((key, r) => {
-    const k = layered.regions.length ? layered.fits.findIndex((f) => f.key === key) : 0, at = (r * count + index) * size;
+    const k = layered.regions.length ? layered.fits.findIndex((f) => f.key === key) : 0;
+    const at = (r * count + index) * size;
     if (k >= 0) maps.set(values[k], at); else maps.fill(0, at, at + size); // a region without points stays
   });
   return { ...base, maps, shape: [keys.length * count, rows, columns], cut: cut && { ...cut, rule: layered.rule } };
@@ -135,14 +138,15 @@ function cutDistances(regions, { shape: [rows, columns], origin, spacing }) {
   return out;
 }
 
-// Follows an Editor in the same window: what it has fitted is sampled here, by maths/cuts.js, and nothing goes to Python.
+// Following an Editor in the same window: its fits are sampled here, by maths/cuts.js, and nothing goes to Python.
 //
 // Python's maps and the editor's points reach the view by different ways. Python's maps are shown as they are where
 // they are of the points that the editor has now, where another map begins to be followed, or where Python shows
 // something else; they give way where the editor has gone on since, so that no old picture flashes up.
 
 export const SHAPES = ["cuts", "cut_rule", "parts"];
-const FOLLOWED = ["points", "kernel", "support", "chosen_support", "trend", "smoothing", "strength", "stages", ...SHAPES];
+const FOLLOWED = ["points", "kernel", "support", "chosen_support", "trend", "smoothing", "strength", "stages",
+  ...SHAPES];
 
 export class FieldLink {
   /**
@@ -211,8 +215,8 @@ export class FieldLink {
   /**
    * Python's maps, with what the editor has shown since in place of one of them.
    * @param {PlanarField | null} planar
-   * @param {{index: number, points: Point[], shapes?: Shapes} | null} follow if Python follows the editor: the map of the
-   *   editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
+   * @param {{index: number, points: Point[], shapes?: Shapes} | null} follow if Python follows the editor: the map of
+   *   the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
    */
   merged(planar, follow) {
     const { bus, editor } = this, isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
@@ -269,7 +273,7 @@ export class FieldLink {
       const fits = layered === undefined ? layeredFit(points, settings) : layered;
       found = fits && withLayers(this.base, fits, settings, this.index ?? this.model.get("editor_map") ?? 0);
     } catch (error) {
-      if (!(error instanceof RbfError)) throw error; // the editor says what is wrong
+      if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
     }
     if (!found) return null; // the last good picture stays
     this.base = found;
@@ -310,7 +314,8 @@ function traitsOf(bus, editor) { return { points: pointsOf(bus, editor), setting
  */
 function newestOf(bus, editor) {
   const { latest } = bus, traits = traitsOf(bus, editor);
-  return latest && (latest.phase === "move" || pointsKey(latest.points) === pointsKey(traits.points || [])) ? latest : traits;
+  const isNewest = latest?.phase === "move" || (latest && pointsKey(latest.points) === pointsKey(traits.points || []));
+  return latest && isNewest ? latest : traits;
 }
 
 /**
@@ -318,7 +323,8 @@ function newestOf(bus, editor) {
  * @param {Point[]} points
  */
 function pointsKey(points) {
-  return JSON.stringify(points.map((p) => [p.id, p.source, p.target, p.active !== false, p.weight ?? 1, p.radius ?? null]));
+  return JSON.stringify(points.map(({ id, source, target, active, weight, radius }) => (
+    [id, source, target, active !== false, weight ?? 1, radius ?? null])));
 }
 
 /**

@@ -66,7 +66,8 @@ class LiveViewPage {
     this.frames = new Frames(this.root);
     this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.badge = pageElement("div", "dnb-badge", this.root);
-    this.progress = pageElement("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
+    this.progress = pageElement("div", "dnb-progress", this.root,
+      { role: "progressbar", "aria-label": "loading the volume" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new PageTheme(this.root, () => this.setBackground());
     this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
@@ -76,7 +77,8 @@ class LiveViewPage {
     this.observer.observe(this.root);
 
     this.#listen();
-    this.link = new FieldLink(model, (...maps) => this.planarFromLink(...maps), (isMoving) => this.movedByLink(isMoving));
+    this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
+      (isMoving) => this.movedByLink(isMoving));
     this.times = new TimeLink(this);
     for (const [link, name] of /** @type {const} */ ([[this.link, "editor"], [this.times, "player"]])) {
       this.on(`change:${name}`, () => link.follow(model.get(name)));
@@ -141,7 +143,7 @@ class LiveViewPage {
   }
 
   /**
-   * What is seen in a canvas of this size.
+   * The pictures that fill a canvas of this size.
    * @param {number} width
    * @param {number} height
    * @returns {Picture[]}
@@ -282,7 +284,7 @@ class LiveViewPage {
     else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
-  // -- what comes from Python ----------------------------------------------------------------------------------------
+  // -- messages and traits -------------------------------------------------------------------------------------------
 
   /** @param {Message} content */
   send(content) { this.model.send({ view: this.id, ...content }); }
@@ -304,7 +306,10 @@ class LiveViewPage {
     this.on("change:volume_info", () => this.setInfo());
     this.on("change:table", () => this.setTable());
     this.on("change:camera", () => this.readCamera());
-    this.on("change:projection", () => { if (this.caster) this.caster.projection = this.model.get("projection"); this.touch(); });
+    this.on("change:projection", () => {
+      if (this.caster) this.caster.projection = this.model.get("projection");
+      this.touch();
+    });
     this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
@@ -363,7 +368,7 @@ class LiveViewPage {
 
   /** @param {Bytes} png */
   receiveStill(png) {
-    if (!this.still) this.fall(NOT_HELD); // nobody here can make the volume smaller
+    if (!this.still) this.fall(NOT_HELD); // no Python that could make the volume smaller
     this.still?.receive(png);
   }
 

@@ -1,5 +1,5 @@
-// The page of a volume that Python draws: its pictures and its camera. The volume view's own, and that of a live view
-// where a browser cannot draw.
+// The front end of a volume that Python draws: its pictures and its camera. The volume view's own, and that of a live
+// view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
@@ -33,8 +33,8 @@ export class PicturesPage {
     this.info = null;
     /** @type {ImageBitmap[]} */
     this.layers = []; // the pictures that came last
-    this.drawn = 0; // their number
-    this.count = 0; // of those that have been drawn
+    this.drawn = 0; // their number in Python
+    this.count = 0; // of pictures that have been drawn
     this.isFull = false;
     this.number = 0; // of the camera that was sent last
     this.answered = 0; // and of the one that was drawn last
@@ -70,7 +70,9 @@ export class PicturesPage {
     this.readInfo();
     this.size();
     this.setShows();
-    this.ask = setTimeout(() => { if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?"); }, LONG);
+    this.ask = setTimeout(() => {
+      if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
+    }, LONG);
   }
 
   #listen() {
@@ -119,17 +121,18 @@ export class PicturesPage {
     this.touchParts();
     clearTimeout(this.resizing);
     const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
-    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger says it once
+    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger sends it once
   }
 
-  /** Whether the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
+  /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
   get isFramed() { return this.model.get("transport") === "trame"; }
 
   /** @param {Message} content */
   frame({ view, url }) {
     if (view !== this.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
-    this.inner = pageElement("iframe", "dnb-inner", this.root, { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
+    this.inner = pageElement("iframe", "dnb-inner", this.root,
+      { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
     this.root.classList.add("dnb-framed");
     this.drawn = this.drawn || 1;
     this.wait("");
@@ -169,7 +172,8 @@ export class PicturesPage {
   async receiveFrame({ seq, full, camera, by }, buffers) {
     if (by === this.id) this.#answer(camera);
     try {
-      const made = await Promise.all(buffers.map((b) => createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" }))));
+      const made = await Promise.all(buffers.map((b) => (
+        createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" })))));
       const isOld = this.closed || seq < this.drawn; // a newer one was faster
       for (const bitmap of isOld ? made : this.layers) bitmap.close();
       if (isOld) return;
@@ -204,7 +208,7 @@ export class PicturesPage {
 
   readCamera(isForced = false) { if (this.camera.read(isForced)) this.touchParts(); }
 
-  /** Only when a movement has ended: a trait is more than a message. */
+  /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
   writeCamera() { this.camera.write(); }
 
   touchParts() {
@@ -217,7 +221,8 @@ export class PicturesPage {
   /** Requests a picture from the camera, which has moved. */
   touch() {
     this.touchParts();
-    if (this.number - this.answered < CAMERAS_IN_FLIGHT || performance.now() - this.sentAt > PATIENCE) this.#sendCamera();
+    const isGivenUp = performance.now() - this.sentAt > PATIENCE;
+    if (this.number - this.answered < CAMERAS_IN_FLIGHT || isGivenUp) this.#sendCamera();
     else this.isLate = true;
     clearTimeout(this.retry);
     this.retry = setTimeout(() => { if (this.isLate && !this.closed) this.#sendCamera(); }, PATIENCE);
@@ -266,7 +271,7 @@ export class PicturesPage {
 }
 
 /**
- * @typedef {object} UndrawnPage a page that cannot draw
+ * @typedef {object} UndrawnPage a front end that cannot draw
  * @property {Model} model
  * @property {string} id
  * @property {HTMLElement} host
@@ -275,7 +280,7 @@ export class PicturesPage {
  * @property {(content: Message) => void} send
  */
 
-/** A picture in place of a page that cannot draw: pictures by Python, or without Python the one that is there. */
+/** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
 export class StillPicture {
   /**
    * @param {UndrawnPage} page
@@ -299,7 +304,7 @@ export class StillPicture {
   }
 
   /**
-   * Calls `tell` when what is shown now has a picture; Python's own pictures are no business of a field's.
+   * Calls `tell` when there is a picture of what is shown now; with Python's own pictures at once.
    * @param {() => void} tell
    */
   whenShown(tell) {
@@ -316,7 +321,7 @@ export class StillPicture {
   }
 
   /**
-   * Puts Python's pictures in the place of the page that cannot draw.
+   * Puts Python's pictures in the place of the front end that cannot draw.
    * @param {VolumeInfo | null} info
    */
   drawn(info) {

@@ -1,4 +1,4 @@
-// The moments of an animation in a live view: all maps came at once, and a player in the same window chooses the moment.
+// The moments of an animation in a live view: all maps came at once, and a player in the same window chooses one.
 //
 // The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
@@ -14,7 +14,7 @@ import { floatsOf } from "./volume_loader.js";
 /** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
 
 /**
- * @typedef {object} PlayedPage the page whose field this changes
+ * @typedef {object} PlayedPage the live view whose field this changes
  * @property {Model} model
  * @property {Field | null} field
  * @property {{ask(): void} | null} still
@@ -68,7 +68,7 @@ export class TimeLink {
   }
 
   /**
-   * The moment that is seen now.
+   * The moment that is shown now.
    * @returns {number}
    */
   get time() { return this.bus?.moment?.time ?? this.player?.get("time") ?? 0; }
@@ -84,7 +84,7 @@ export class TimeLink {
     return { box, planar: planarAt(this.frames, this.time), space: null };
   }
 
-  /** Something else is shown. */
+  /** Forgets the moments: something else is shown. */
   drop() { this.frames = null; }
 
   /** @param {TimeDetail} moment */
@@ -119,7 +119,8 @@ function planarAt({ planar, maps, count, duration }, time) {
  * @param {number} position
  */
 function mapAt(maps, count, position) {
-  const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position)), k = Math.min(Math.floor(p), count - 2);
+  const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position));
+  const k = Math.min(Math.floor(p), count - 2);
   if (count === 1 || p === k) return maps.subarray((count === 1 ? 0 : k) * size, (count === 1 ? 1 : k + 1) * size);
   const share = p - k, result = new Float32Array(size), first = k * size, next = first + size;
   for (let i = 0; i < size; i++) result[i] = (1 - share) * maps[first + i] + share * maps[next + i];

@@ -17,7 +17,11 @@ export class PointerControls {
     this.rest = 0;
     this.closed = new AbortController();
     const { canvas } = page, { signal } = this.closed;
-    /** @type {<K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) => void} */
+    /**
+     * @template {keyof HTMLElementEventMap} K
+     * @param {K} name
+     * @param {(event: HTMLElementEventMap[K]) => void} handler
+     */
     const add = (name, handler) => canvas.addEventListener(name, (event) => { if (page.info) handler(event); },
       { passive: false, signal });
     add("pointerdown", (e) => this.down(e));

@@ -250,7 +250,7 @@ export class FrameLoop {
     const far = (/** @type {WorkTile} */ { picture, at: [x, y, tw, th] }) => (
       Math.hypot(x + tw / 2 - picture.x - picture.width / 2, y + th / 2 - h / 2));
     const hidden = (/** @type {WorkTile} */ { picture }) => (picture.layer === this.layer ? 0 : 1);
-    tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // taken from the end: what is seen, and its middle first
+    tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // from the end: what is seen, and its middle first
     /** @type {Work} */
     const work = { pass, tiles, pictures, size: [w, h], spent: last?.spent ?? 0, passes: last?.passes ?? 1, unseen: 0 };
     this.work = work;
@@ -300,7 +300,8 @@ export class FrameLoop {
     for (const { layer } of work.pictures) this.drawn[layer] = "full";
     if (work.pass === 0) {
       this.times.full = work.spent;
-      work.passes = ((this.caster.isSoftware ? SOFTWARE_PASSES : PASSES).find(([limit]) => work.spent < limit) || [0, 1])[1];
+      const passes = this.caster.isSoftware ? SOFTWARE_PASSES : PASSES;
+      work.passes = (passes.find(([limit]) => work.spent < limit) ?? [0, 1])[1];
     }
     this.times.passes = work.pass + 1;
     if (work.pass + 1 < work.passes) this.#begin(work);

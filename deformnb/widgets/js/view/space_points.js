@@ -1,6 +1,6 @@
-// Control points in space over a view of the volume: shown, dragged, and put on what is seen. A page that has the voxels
-// as well (values, field, caster) knows which points lie behind the body and where a ray meets it. Points go to Python by
-// the sender of their own editor (sync/edits.js).
+// Control points in space over a view of the volume: shown, dragged, and put on what is seen. A view that has the
+// voxels as well (values, field, caster) knows which points lie behind the body and where a ray meets it. Points go to
+// Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.js";
 import { added, dot, scaled, unitVector } from "../maths/camera.js";
@@ -36,7 +36,7 @@ import { opacityOfByte } from "../webgl/volume_blocks.js";
 const LATER = 120; // milliseconds between two computations of what is hidden
 const HALF_SEEN = 0.5; // a surface is where half of the light is stopped
 
-// ---- rays between a view and the volume in it; no DOM ----------------------------------------------------------------
+// ---- rays between a view and the volume in it; no DOM ---------------------------------------------------------------
 
 /** The projection of space on one picture: from places to pixels and back. */
 export class SpaceCamera {
@@ -92,7 +92,8 @@ export class SpaceCamera {
     const { at, scale } = this.see(place), unit = [0, 1, 2].map((k) => (k === axis ? 1 : 0));
     const there = this.see(added(place, scaled(unit, scale))).at, [u, v] = [there[0] - at[0], there[1] - at[1]];
     const steep = u * u + v * v;
-    return steep < 0.01 ? [0, 0, 0] : scaled(unit, (scale * (dx * u + dy * v)) / steep); // seen from its end it stands still
+    if (steep < 0.01) return [0, 0, 0]; // seen from its end it stands still
+    return scaled(unit, (scale * (dx * u + dy * v)) / steep);
   }
 
   /**
@@ -101,7 +102,8 @@ export class SpaceCamera {
    * @returns {{start: number[], ray: number[]}}
    */
   ray([x, y]) {
-    const { box, half, bend } = this, a = ((x - box.left) / box.width) * 2 - 1, b = 1 - ((y - box.top) / box.height) * 2;
+    const { box, half, bend } = this;
+    const a = ((x - box.left) / box.width) * 2 - 1, b = 1 - ((y - box.top) / box.height) * 2;
     const aside = added(scaled(this.right, a * half[0]), scaled(this.up, b * half[1]));
     if (!(bend > 0)) return { start: added(this.eye, aside), ray: this.ahead };
     const ray = normalized(added(aside, scaled(this.ahead, 1 / bend)));
@@ -126,7 +128,7 @@ export class SpaceCamera {
  */
 function normalized(vector) { return unitVector(vector) ?? vector; }
 
-/** The deformed body as the ray caster sees it, for a few rays: lengths are along the index axes, from the first voxel. */
+/** The deformed body as the ray caster sees it, for a few rays; lengths along the index axes, from the first voxel. */
 export class Body {
   /**
    * @param {object} seen
@@ -141,8 +143,9 @@ export class Body {
     const box = field?.box ?? info.box;
     this.values = values;
     this.info = info;
-    this.space = field?.space ?? null;
-    this.planar = field?.planar ?? null;
+    // Cuts are left out: a place at one would need the choice of the shader.
+    this.space = field?.space && !field.space.cut ? field.space : null;
+    this.planar = field?.planar && !field.planar.cut ? field.planar : null;
     this.table = table;
     this.unit = unit;
     /** @type {Sides} */
@@ -167,8 +170,7 @@ export class Body {
    * @param {number[]} x
    */
   origin(x) {
-    const { planar, space } = this;
-    const moved = planar && !planar.cut ? added(x, planarAt(planar, x)) : x;
+    const { planar, space } = this, moved = planar ? added(x, planarAt(planar, x)) : x;
     return space ? added(moved, sampleAt(space, moved)) : moved;
   }
 
@@ -188,7 +190,8 @@ export class Body {
     const { low, high } = this.box;
     let first = from, last = Infinity;
     for (let k = 0; k < 3; k++) {
-      const slope = Math.abs(ray[k]) < 1e-9 ? 1e-9 : ray[k], a = (low[k] - start[k]) / slope, b = (high[k] - start[k]) / slope;
+      const slope = Math.abs(ray[k]) < 1e-9 ? 1e-9 : ray[k];
+      const a = (low[k] - start[k]) / slope, b = (high[k] - start[k]) / slope;
       first = Math.max(first, Math.min(a, b));
       last = Math.min(last, Math.max(a, b));
     }
@@ -205,7 +208,9 @@ export class Body {
    * @param {number[]} place
    * @param {number[]} toViewer
    */
-  hides(place, toViewer) { return this.meet(this.toFrame(place), normalized(this.turned(toViewer)), 2 * this.step) !== null; }
+  hides(place, toViewer) {
+    return this.meet(this.toFrame(place), normalized(this.turned(toViewer)), 2 * this.step) !== null;
+  }
 
   /**
    * The place in space where a ray in space meets the body, or null.
@@ -224,10 +229,12 @@ export class Body {
  */
 function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }, x) {
   const n = [nx, ny, nz], q = x.map((l, k) => Math.max(0, Math.min(n[k] - 1, (l - origin[k]) / spacing[k])));
-  const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))), f = q.map((v, k) => v - i[k]), sum = [0, 0, 0];
+  const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))), f = q.map((v, k) => v - i[k]);
+  const sum = [0, 0, 0];
   for (let corner = 0; corner < 8; corner++) {
     const at = i.map((v, k) => Math.min(n[k] - 1, v + ((corner >> k) & 1)));
-    const weight = f.reduce((w, v, k) => w * ((corner >> k) & 1 ? v : 1 - v), 1), j = 3 * ((at[2] * ny + at[1]) * nx + at[0]);
+    const weight = f.reduce((w, v, k) => w * ((corner >> k) & 1 ? v : 1 - v), 1);
+    const j = 3 * ((at[2] * ny + at[1]) * nx + at[0]);
     if (weight) for (let m = 0; m < 3; m++) sum[m] += weight * values[j + m];
   }
   return sum;
@@ -238,11 +245,12 @@ function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }, x) {
  * @param {PlanarField} field
  * @param {number[]} x
  */
-function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane: { origin: o, u, v, n }, maps, weights }, x) {
-  const from = x.map((l, k) => l - o[k]), knots = weights.length / count;
+function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }, x) {
+  const { origin: o, u, v, n } = plane, from = x.map((l, k) => l - o[k]), knots = weights.length / count;
   /** @type {(value: number, most: number) => number} */
   const clamp = (value, most) => Math.max(0, Math.min(most, value));
-  const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1), q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
+  const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1);
+  const q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
   const z = depth[1] > depth[0] ? clamp((dot(from, n) - depth[0]) / (depth[1] - depth[0]), 1) * (knots - 1) : 0;
   const [i, j, k] = [[p, columns], [q, rows], [z, knots]].map(([w, m]) => Math.max(0, Math.min(m - 2, Math.floor(w))));
   const s = p - i, t = q - j, w = z - k, sum = [0, 0];
@@ -259,7 +267,7 @@ function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane
   return added(scaled(u, sum[0]), scaled(v, sum[1]));
 }
 
-// ---- points over the view --------------------------------------------------------------------------------------------
+// ---- points over the view -------------------------------------------------------------------------------------------
 
 export class SpacePoints {
   /** @param {ViewPage} page */
@@ -343,7 +351,8 @@ export class SpacePoints {
     bus.addEventListener("deformnb:points", moved);
     editor.on("change:selected", chosen);
     const unlisten = sender.listen((/** @type {string} */ what) => { if (what === "points") this.receive(); });
-    this.undo.push(unlisten, () => bus.removeEventListener("deformnb:points", moved), () => editor.off("change:selected", chosen), () => releaseBus(bus, uid));
+    this.undo.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
+      () => editor.off("change:selected", chosen), () => releaseBus(bus, uid));
     sender.receive();
     this.points = sender.points;
     chosen();
@@ -389,8 +398,8 @@ export class SpacePoints {
 
   /** The projection of the picture in which points are seen: of two side by side the deformed one. */
   get camera() {
-    const { page } = this, { camera } = page, { info } = camera, { clientWidth, clientHeight } = page.canvas;
-    const place = info.origin.map((o, row) => o + dot(info.axes[row], camera.middle));
+    const { page } = this, { camera } = page, { info, middle } = camera, { clientWidth, clientHeight } = page.canvas;
+    const place = info.origin.map((o, row) => o + dot(info.axes[row], middle));
     const width = Math.max(1, clientWidth / camera.parts);
     return new SpaceCamera(camera, camera.bend, place,
       { left: clientWidth - width, top: 0, width, height: Math.max(1, clientHeight) });
@@ -404,10 +413,10 @@ export class SpacePoints {
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
     const flat = this.points.map((p) => {
       const target = camera.see(p.target);
-      return { id: p.id, name: p.name, active: p.active, target: target.at, source: camera.see(p.source).at, depth: target.depth,
-        away: 0, isFar: false, whole: p };
+      return { id: p.id, name: p.name, active: p.active, target: target.at, source: camera.see(p.source).at,
+        depth: target.depth, away: 0, isFar: false, whole: p };
     });
-    if (!this.drag0) flat.sort((p, q) => q.depth - p.depth); // nearer ones in front, but nothing jumps under the pointer
+    if (!this.drag0) flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { k: 1, x: 0, y: 0, width, height }, 0, 0);
@@ -436,7 +445,8 @@ export class SpacePoints {
     const body = this.body, { camera } = this;
     for (const p of this.points) {
       const isHidden = body?.hides(p.target, camera.toViewer(p.target)) ?? false, parts = this.handles.byId.get(p.id);
-      for (const part of [parts?.target, parts?.source, parts?.arrow]) part?.classList.toggle("dnb-sp-hidden", isHidden);
+      if (!parts) continue;
+      for (const part of [parts.target, parts.source, parts.arrow]) part.classList.toggle("dnb-sp-hidden", isHidden);
     }
   }
 
@@ -488,8 +498,8 @@ export class SpacePoints {
     const adds = event.shiftKey || event.ctrlKey || event.metaKey;
     if (!this.selected.has(hit.id)) this.select(adds ? [...this.selected, hit.id] : [hit.id]);
     this.handles.focus(hit.id);
-    this.held = { ...hit, what: event.altKey ? "both" : hit.what, pointer: event.pointerId, from: this.place(event), isPress: true,
-      ids: [...this.selected] };
+    this.held = { ...hit, what: event.altKey ? "both" : hit.what, pointer: event.pointerId, from: this.place(event),
+      isPress: true, ids: [...this.selected] };
   }
 
   /** @param {PointerEvent} event */
@@ -507,9 +517,11 @@ export class SpacePoints {
    * @param {Vector2} at
    */
   #dragTo(held, at) {
-    const { drag0 } = this, place = drag0?.find((p) => p.id === held.id)?.[held.what === "source" ? "source" : "target"];
-    if (!drag0 || !place) return;
-    this.points = movedInSpace(drag0, held.ids, this.#way(place, [at[0] - held.from[0], at[1] - held.from[1]]), held.what);
+    const { drag0 } = this, point = drag0?.find((p) => p.id === held.id);
+    if (!drag0 || !point) return;
+    const place = held.what === "source" ? point.source : point.target;
+    const way = this.#way(place, [at[0] - held.from[0], at[1] - held.from[1]]);
+    this.points = movedInSpace(drag0, held.ids, way, held.what);
     this.#publish("move");
     this.edited.sender.move(this.points);
     this.draw();
@@ -519,7 +531,10 @@ export class SpacePoints {
    * @param {number[]} place
    * @param {Vector2} by
    */
-  #way(place, by) { return this.axis === null ? this.camera.way(place, by) : this.camera.wayAlong(this.axis, place, by); }
+  #way(place, by) {
+    const { axis, camera } = this;
+    return axis === null ? camera.way(place, by) : camera.wayAlong(axis, place, by);
+  }
 
   /** @param {PointerEvent} event */
   up(event, isCancelled = false) {

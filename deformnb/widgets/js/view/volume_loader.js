@@ -10,13 +10,15 @@ const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which tho
 const LOADER_TRIES = 3; // each waits twice as long as the one before
 
 /** @param {Bytes} b */
-export const bytesOf = (b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b));
+export function bytesOf(b) {
+  return b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b);
+}
 
 /**
  * A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses.
  * @param {Bytes} b
  */
-export const floatsOf = (b) => new Float32Array(bytesOf(b).slice().buffer);
+export function floatsOf(b) { return new Float32Array(bytesOf(b).slice().buffer); }
 
 /** @param {Uint8Array<ArrayBuffer>} bytes */
 async function unpacked(bytes) {
@@ -56,9 +58,9 @@ export class VolumeLoader {
    * @param {Bytes} packed
    */
   async receive({ id, index, start }, packed) {
-    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or for the second time
+    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
-    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again when patience ends */ }
+    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again after a while */ }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
     this.values.set(voxels, start);

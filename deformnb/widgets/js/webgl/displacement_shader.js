@@ -44,7 +44,7 @@ const int chosen = 0;
 #endif
 
 #ifdef CUT
-// Found by origin() for the place asked for last. Of a region's coverage half lies on each side of its edge.
+// Found by origin() for the last place. Of a region's coverage half lies on each side of its edge.
 float seen;    // share of what is there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
 float firm;    // how far one may go until another region may count, or what counts may begin or end
@@ -83,7 +83,7 @@ void closeByPlace(inout Choice choice, float edge) {
   choice.wide /= covered(max(edge, 0.), faceWidth);
 }
 
-// A half and a half are one: as nearly as the digits of the textures say.
+// A half and a half are one, nearly, as far as the digits of the textures go.
 float whole(float cover, float nearly) { return cover > nearly ? 1. : cover; }
 #endif
 
@@ -224,7 +224,8 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
   return axisU * r.x + axisV * r.y + axisN * r.z;
 #else
   vec3 d = at - x;
-  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g), n = 0.;
+  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g);
+  float n = 0.;
 #ifdef WEIGHTED
   n = dot(along(x + slopeStep * axisN, chosen) - d, g);
 #endif

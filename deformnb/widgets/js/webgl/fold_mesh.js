@@ -7,7 +7,8 @@ export const FOLDS_GLSL = `
 #ifdef FOLDS
 // Whether tissue is turned over at x, which comes from there: the sign of the determinant of what lies around it.
 bool folded(vec3 x, vec3 at) {
-  vec3 u = onward(x + slopeStep * axisU) - at, v = onward(x + slopeStep * axisV) - at, n = onward(x + slopeStep * axisN) - at;
+  vec3 u = onward(x + slopeStep * axisU) - at, v = onward(x + slopeStep * axisV) - at;
+  vec3 n = onward(x + slopeStep * axisN) - at;
   return dot(cross(u, v), n) * dot(cross(axisU, axisV), axisN) <= 0.;
 }
 
@@ -29,13 +30,15 @@ vec3 foldRed(vec3 rgb) {
 export function planarFolds({ maps, shape: [layers, rows, columns], spacing: [da, db], weights }, count, steep) {
   const knots = weights.length / count;
   if (count > 1) {
-    return Array.from({ length: knots * (layers / count) }, (_, n) => [n % knots, Math.floor(n / knots)]).some(([i, r]) => {
+    const regions = layers / count;
+    return Array.from({ length: knots * regions }, (_, n) => [n % knots, Math.floor(n / knots)]).some(([i, r]) => {
       let sum = 0;
       for (let k = 0; k < count; k++) sum += Math.abs(weights[k * knots + i]) * steep[r * count + k];
       return sum >= 1;
     });
   }
-  const low = weights.reduce((a, b) => Math.min(a, b), Infinity), high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
+  const low = weights.reduce((a, b) => Math.min(a, b), Infinity);
+  const high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
   /** @type {(a: number, b: number, c: number, d: number) => boolean} */
   const turned = (a, b, c, d) => { // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
     const trace = a + d, det = a * d - b * c, top = -trace / (2 * det);
@@ -69,9 +72,12 @@ export function spaceFolds(values, [nx, ny, nz], spacing) {
       for (let x = 0, i = 3 * (z * ny + y) * nx; x + 1 < nx; x++, i += 3) {
         for (let axis = 0; axis < 3; axis++) {
           const j = i + strides[axis];
-          for (let c = 0; c < 3; c++) m[3 * c + axis] = (c === axis ? 1 : 0) + (values[j + c] - values[i + c]) / spacing[axis];
+          for (let c = 0; c < 3; c++) {
+            m[3 * c + axis] = (c === axis ? 1 : 0) + (values[j + c] - values[i + c]) / spacing[axis];
+          }
         }
-        const det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+        const det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6])
+          + m[2] * (m[3] * m[7] - m[4] * m[6]);
         if (det <= 0) return true;
       }
     }

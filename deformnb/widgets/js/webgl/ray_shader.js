@@ -29,8 +29,8 @@ out vec4 color;
 ${DISPLACEMENT}
 ${FOLDS_GLSL}
 
-// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it, and
-// darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
+// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it,
+// and darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
 vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   float size = length(g);
   vec3 n = g / max(size, 1e-6);

@@ -22,7 +22,7 @@ import {
 /** @typedef {{width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer}} Target */
 /** @typedef {keyof typeof UNITS} Unit */
 
-// ---- programs: compiled, and chosen by what is shown -----------------------------------------------------------------
+// ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
 
 /**
  * @param {WebGL2RenderingContext} gl
@@ -95,9 +95,10 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
   return Object.keys(wanted).filter((name) => wanted[name]);
 }
 
-// ---- the ray caster --------------------------------------------------------------------------------------------------
+// ---- the ray caster -------------------------------------------------------------------------------------------------
 
-const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8, depths: 9 };
+const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
+  depths: 9 };
 
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
@@ -159,7 +160,7 @@ export class RayCaster {
     this.#plain();
   }
 
-  /** Whether what is shown folds somewhere, and shows it. */
+  /** True if the map folds somewhere and folds are shown. */
   get folds() { return this.showFolds && Boolean(this.planar?.folds || this.space?.folds); }
 
   get isReady() { return Boolean(this.volume && this.table && this.volume.loaded); }
@@ -194,7 +195,9 @@ export class RayCaster {
     this.textures[name] = texture;
     gl.activeTexture(gl.TEXTURE0 + UNITS[name]);
     gl.bindTexture(target, texture);
-    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(target, side, gl.CLAMP_TO_EDGE);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) {
+      gl.texParameteri(target, side, gl.CLAMP_TO_EDGE);
+    }
     for (const kind of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
       gl.texParameteri(target, kind, linear ? gl.LINEAR : gl.NEAREST);
     }
@@ -242,7 +245,7 @@ export class RayCaster {
   }
 
   /**
-   * Takes colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of layers of thickness `unit`.
+   * Takes colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of a thickness of `unit`.
    * @param {Float32Array} rgba
    * @param {number} unit
    */
@@ -289,12 +292,15 @@ export class RayCaster {
     gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, weights);
     const [c0, c1] = planar.depth;
     const lengths = [spacing[0] * columns, spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
-    const starts = [origin[0] - spacing[0] / 2, origin[1] - spacing[1] / 2, c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
-    const { steep, far } = planarBounds(maps, shape, spacing), each = Array.from({ length: regions }, (_, r) => r);
-    this.planar = { ...planar, count, toMap: toTextures(plane, starts, lengths), folds: planarFolds(planar, count, steep),
-      slope: Math.max(...each.map((r) => extrusionSlope({ steep: steep.subarray(r * count, (r + 1) * count),
-        far: far.subarray(r * count, (r + 1) * count) }, weights, count, knots, c1 - c0))),
-      cut: planar.cut && this.#castCut(planar.cut, plane) };
+    const starts = [origin[0] - spacing[0] / 2, origin[1] - spacing[1] / 2,
+      c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
+    const { steep, far } = planarBounds(maps, shape, spacing);
+    const slopes = Array.from({ length: regions }, (_, r) => {
+      const own = { steep: steep.subarray(r * count, (r + 1) * count), far: far.subarray(r * count, (r + 1) * count) };
+      return extrusionSlope(own, weights, count, knots, c1 - c0);
+    });
+    this.planar = { ...planar, count, slope: Math.max(...slopes), folds: planarFolds(planar, count, steep),
+      toMap: toTextures(plane, starts, lengths), cut: planar.cut && this.#castCut(planar.cut, plane) };
   }
 
   /**
@@ -316,9 +322,9 @@ export class RayCaster {
   }
 
   /**
-   * Takes a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a cut
-   * they are numbers of half precision: values [region][z][y][x][4] with the depth of where the sample leads to, and
-   * depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
+   * Takes a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a
+   * cut they are numbers of half precision: values [region][z][y][x][4] with the depth of the place that the sample
+   * leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
    * @param {SpaceField | null} given
    */
   setSpace(given) {
@@ -497,9 +503,9 @@ export class RayCaster {
     const plane = planar ? planar.slope : 0, rest = space ? space.slope * (1 + plane) : 0;
     // Of a composition: (1 + a)(1 + b) - 1, and nothing of a along the normal; a little more, because GPUs interpolate
     // with few digits.
-    const slope = [0, 1, 2].map((i) => 1.02 * (rest + (planar ? plane * Math.hypot(planar.plane.u[i], planar.plane.v[i]) : 0)));
-    gl.uniform3fv(at.slope, slope);
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
+    const slope = [0, 1, 2].map((i) => 1.02 * (rest + plane * Math.hypot(axes.u[i], axes.v[i])));
+    gl.uniform3fv(at.slope, slope);
     gl.uniform3fv(at.axisU, axes.u);
     gl.uniform3fv(at.axisV, axes.v);
     gl.uniform3fv(at.axisN, axes.n);
@@ -514,7 +520,7 @@ export class RayCaster {
       const softness = Math.max(wanted, finest);
       gl.uniform1f(at.softness, softness);
       gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
-      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: distances between samples are not quite such
+      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: sampled distances are not quite such
     }
     if (space?.cut) {
       gl.uniform1i(at.spaceRegions, space.cut.regions);

@@ -4,11 +4,12 @@
 /** @import { Vector2, Vector3 } from "../types.d.ts" */
 /** @import { Extremes } from "./types.d.ts" */
 
-export const BLOCK = 8; // voxels along the edge of a block: 256^3 gives 32^3 blocks, and a ray that skips one saves 8 samples
+export const BLOCK = 8; // voxels along the edge of a block: a ray that skips one saves 8 samples
 export const AMBIENT_CELL = 4; // finer cells show the noise of the voxels as shadow
 
-// Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one voxel
-// is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint ones.
+// Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one
+// voxel is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint
+// ones.
 export const STEEPEST = 64;
 
 /**
@@ -117,7 +118,8 @@ function sweep(size, axis, visit) {
  */
 export function emptyRings({ size, low, high }, alphas) {
   const before = new Int32Array(alphas.length + 1), each = entriesOfByte(alphas.length);
-  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0); // entries below that stop light
+  // before[i]: the number of entries below i that stop light
+  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0);
   const total = low.length, out = new Uint8Array(2 * total);
   // The maximum norm is separable for a threshold only: so grow the filled blocks ring by ring, axis after axis.
   /** @type {Uint8Array} */
