@@ -225,3 +225,11 @@ export interface Bus extends EventTarget {
   removeEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
   removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | EventListenerOptions): void;
 }
+
+/** The cuts and the rigid parts of an editor. */
+export interface Shapes {
+  cuts: CutData[];
+  parts: PartData[];
+}
+
+export type ShapeKind = keyof Shapes;
