@@ -68,8 +68,6 @@ export interface FitSettings {
   cuts?: CutData[];
   parts?: PartData[];
   cut_rule?: string;
-  /** The fit before this one. */
-  previous?: any;
 }
 
 /** Pixels of a picture: [rows, columns], and the distances between and the place of the first. */
