@@ -175,7 +175,7 @@ export interface FlatPoint {
   whole: Point;
 }
 
-/** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; the plane lies at `at`. */
+/** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; `at` along that. */
 export interface Mirror {
   on: boolean;
   axis?: string;
@@ -218,10 +218,12 @@ export interface Bus extends EventTarget {
   moment?: TimeDetail;
   addEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   addEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | AddEventListenerOptions): void;
+  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | AddEventListenerOptions): void;
   removeEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   removeEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | EventListenerOptions): void;
+  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | EventListenerOptions): void;
 }
 
 /** The cuts and the rigid parts of an editor. */

@@ -2,8 +2,8 @@
 //
 // A brush is a circle of a radius with a smooth falloff. The tissue in it moves as in a flow that is strongest in the
 // middle and at rest on the rim: such a flow never folds. Points represent it: those that are there already move with
-// it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around the
-// brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
+// it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
+// the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
 import { newPoint } from "./points.js";
 
@@ -11,7 +11,7 @@ import { newPoint } from "./points.js";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
 const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are set anew around the brush
-const BRUSH_CARRIES = 0.6, BRUSH_SLIPS = 0.5; // radii for which the middle is carried; then it is left behind bit by bit
+const BRUSH_CARRIES = 0.6, BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
 const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is taken instead of a new one
 const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to another
 const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
@@ -71,7 +71,7 @@ export class Stroke {
     this.held = null;
     this.isBegun = false;
     this.lead = 0; // the side of a mirror that decides, for mirroredEdit
-    const active = points.filter((p) => p.active), taken = active.filter((p) => distanceTo(p, middle) < BRUSH_TAKES * radius)
+    const taken = points.filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
       .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle)).at(0);
     this.lockedBy = taken?.locked ? taken : null;
     /** @type {(place: number[]) => number[] | null} */
@@ -137,8 +137,8 @@ export class Stroke {
   }
 
   /**
-   * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold: after
-   * a while the brush moves faster than what it holds, which stays behind.
+   * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold:
+   * after a while the brush moves faster than what it holds, which stays behind.
    * @param {number[]} place
    */
   smudge(place) {

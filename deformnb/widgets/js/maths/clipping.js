@@ -34,7 +34,9 @@ export function clipSides({ low, high }, clip) {
  * @param {Sides} sides
  */
 export function leftOf(box, sides) {
-  const low = box.low.map((l, i) => Math.max(l, sides.low[i])), high = box.high.map((h, i) => Math.min(h, sides.high[i]));
+  const low = box.low.map((l, i) => Math.max(l, sides.low[i]));
+  const high = box.high.map((h, i) => Math.min(h, sides.high[i]));
   return { low, high: high.map((h, i) => Math.max(h, low[i])),
-    openLow: box.low.map((l, i) => Number(sides.low[i] > l)), openHigh: box.high.map((h, i) => Number(sides.high[i] < h)) };
+    openLow: box.low.map((l, i) => Number(sides.low[i] > l)),
+    openHigh: box.high.map((h, i) => Number(sides.high[i] < h)) };
 }

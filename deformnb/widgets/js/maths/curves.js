@@ -1,4 +1,4 @@
-// Curves through nodes [x, y], x not falling: their values and edits. Pure functions; no edit changes the list it is given.
+// Curves through nodes [x, y], x not falling: their values and edits. No edit changes the list it is given.
 
 /** @typedef {number[]} Node  [x, y] */
 
@@ -119,7 +119,12 @@ export function addedNode(nodes, [x, y], rules) {
   return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
 }
 
-/** The nodes without node k; null where it must stay. @param {Node[]} nodes @param {number} k @param {NodeRules} rules */
+/**
+ * The nodes without node k; null where it must stay.
+ * @param {Node[]} nodes
+ * @param {number} k
+ * @param {NodeRules} rules
+ */
 export function removedNode(nodes, k, rules) {
   if (nodes.length <= 2 || (rules.isPinned && (k === 0 || k === nodes.length - 1))) return null;
   return nodes.filter((_, j) => j !== k);

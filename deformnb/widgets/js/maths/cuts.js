@@ -73,7 +73,11 @@ export function marginOf(regions, key, a, b) {
   return least;
 }
 
-/** The share of a pixel within a region, for an edge of this softness. @param {number} margin @param {number} softness */
+/**
+ * The share of a pixel within a region, for an edge of this softness.
+ * @param {number} margin
+ * @param {number} softness
+ */
 export function coverage(margin, softness) {
   return Math.max(0, Math.min(1, 0.5 + margin / softness));
 }

@@ -42,7 +42,9 @@ export function detsOnRaster(layered, raster, out = null) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
   if (one && !one.rigid && !one.stages) return rbfDetsOnRaster(one, raster, dets);
-  for (let i = 0, n = 0; i < nv; i++) for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  }
   return dets;
 }
 
@@ -116,8 +118,8 @@ export function probesOf(layered, most = 2e5) {
 }
 
 /**
- * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and the
- * share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points.
+ * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and
+ * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points.
  * @param {LayeredFit} layered
  * @param {number[]} box  [a0, a1, b0, b1]
  * @param {number} nodes  of each side of the lattice
@@ -165,8 +167,8 @@ function downhill(layered, [a0, a1, b0, b1], start, step) {
 // ---- outlines -------------------------------------------------------------------------------------------------------
 
 /**
- * The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides, are
- * below a level: adds its polygon to `fill`, and the piece of the level's line in it to `edge`.
+ * The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides,
+ * are below a level: adds its polygon to `fill`, and the piece of the level's line in it to `edge`.
  * @param {number} x
  * @param {number} y
  * @param {number} s
@@ -317,7 +319,8 @@ export function contourOf(values, [rows, columns], level) {
   for (let i = 0; i + 1 < rows; i++) {
     for (let j = 0; j + 1 < columns; j++) {
       const n = i * columns + j;
-      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null, edge);
+      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null,
+        edge);
     }
   }
   return edge;

@@ -1,4 +1,4 @@
-// Edits of a list of control points and their undo. Pure functions of plain lists; no edit changes an object it was given.
+// Edits of a list of control points and their undo. No edit changes an object it was given.
 
 /** @import { Mirror, Point, RegionData, ShapeKind, Shapes, Vector2 } from "../types.d.ts" */
 
@@ -109,11 +109,11 @@ export function nextId(points, least) {
   return points.reduce((id, p) => Math.max(id, p.id + 1), least);
 }
 
-// ---- cuts and rigid parts in the form in which they are sent (maths/shapes.js edits them) ---------------------------------
+// ---- cuts and rigid parts in the form in which they are sent (maths/shapes.js edits them) --------------------------
 
 /**
- * Any lists as full shapes, in one order of their fields. Regions that are in `old` already are kept as the same objects:
- * their distances are known (maths/regions.js).
+ * Any lists as full shapes, in one order of their fields. Regions that are in `old` already are kept as the same
+ * objects: their distances are known (maths/regions.js).
  * @template {ShapeKind} K
  * @param {any} list
  * @param {K} what
@@ -194,7 +194,7 @@ export class History {
   }
 }
 
-// ---- points rotated and scaled about their middle, and the rim of a single one -----------------------------------------
+// ---- points rotated and scaled about their middle, and the rim of a single one -------------------------------------
 // A point alone has nothing to rotate; three still ones around it, its rim, are rotated instead.
 
 /**
@@ -242,7 +242,7 @@ export function turnOfKey(way, { isLarge, isScale }) {
 }
 
 /**
- * The angle and the factor of a drag from one place, relative to the middle, to another: Alt scales, Shift goes in steps.
+ * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift goes in steps.
  * @param {number[]} from
  * @param {number[]} to
  * @param {{ altKey: boolean, shiftKey: boolean }} event
@@ -260,7 +260,11 @@ export function turnOfHand([x, y], to, event) {
 /** @param {Point} pin */
 function rimName(pin) { return `${pin.name || `point ${pin.id}`} rim`; }
 
-/** The rim that a point has already, three at most: the nearest ones of that name. @param {Point[]} points @param {Point} pin */
+/**
+ * The rim that a point has already, three at most: the nearest ones of that name.
+ * @param {Point[]} points
+ * @param {Point} pin
+ */
 export function rimOf(points, pin) {
   const name = rimName(pin), [x, y] = pin.source;
   /** @type {(p: Point) => number} */
@@ -293,7 +297,8 @@ export function rimmedPoints(points, pin, distance, id, sourceAt) {
   /** @type {(places: number[][]) => number} */
   const room = (places) => Math.min(...places.flatMap(([a, b]) => others.map(
     (p) => Math.hypot(p.target[0] - a, p.target[1] - b))), distance);
-  const tried = Array.from({ length: RIM_ANGLES }, (_, k) => placesFrom(-Math.PI / 2 + k * 2 * Math.PI / 3 / RIM_ANGLES));
+  const tried = Array.from({ length: RIM_ANGLES },
+    (_, k) => placesFrom(-Math.PI / 2 + k * 2 * Math.PI / 3 / RIM_ANGLES));
   const best = tried.reduce((p, q) => (room(q) > room(p) + 1e-9 * distance ? q : p)), made = [...points];
   for (const target of best) {
     const source = sourceAt(target);
@@ -302,7 +307,7 @@ export function rimmedPoints(points, pin, distance, id, sourceAt) {
   return made;
 }
 
-// ---- mirror symmetry: an edit of a point is also done to its partner on the other side of an axis -----------------------
+// ---- mirror symmetry: an edit of a point is also done to its partner on the other side of an axis ------------------
 
 /** @param {Mirror} mirror */
 function mirrorNormal({ normal, axis }) { return normal ?? (axis === "a" ? [1, 0] : [0, 1]); }
@@ -367,9 +372,9 @@ function keptOnSide(mirror, place, side, near) {
 /**
  * An edit (`before` to `after`) and the same on the other side.
  *
- * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the side
- * that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a new point
- * takes hold of it there, and moves nothing, also where the two sides have been deformed in different ways.
+ * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the
+ * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
+ * new point takes hold of it there, and moves nothing, also where the two sides have been deformed in different ways.
  * @param {Mirror} mirror
  * @param {Point[]} before
  * @param {Point[]} after

@@ -1,13 +1,13 @@
-// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. All arithmetic is in
-// float64, as in the package; a test compares the two for every kernel and trend.
+// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. All arithmetic is
+// in float64, as in the package; a test compares the two for every kernel and trend.
 
 /** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
 /**
  * share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps;
  * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
- * @typedef {{ title: string, order: number, compact: boolean, share: number, gaps: number, profile: (s: number) => number,
- *   slope: (s: number) => number }} Kernel
+ * @typedef {{ title: string, order: number, compact: boolean, share: number, gaps: number,
+ *   profile: (s: number) => number, slope: (s: number) => number }} Kernel
  *
  * The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span.
  * @typedef {{ basis: number[][], ridge: number[][] | null }} Span
@@ -20,7 +20,7 @@
  *   ids: number[] }} Ready
  */
 
-// ---- linear algebra: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, dense -----------------------------------
+// ---- linear algebra: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, dense ---------------------------------
 // Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
 
 /**
@@ -131,7 +131,13 @@ function rbfFactored(matrix, n) {
   };
 }
 
-/** [Phi P; P^T 0] with the n x r matrix P. @param {Float64Array} phi @param {Float64Array} p @param {number} n @param {number} r */
+/**
+ * [Phi P; P^T 0] with the n x r matrix P.
+ * @param {Float64Array} phi
+ * @param {Float64Array} p
+ * @param {number} n
+ * @param {number} r
+ */
 function rbfBordered(phi, p, n, r) {
   const size = n + r, out = new Float64Array(size * size);
   for (let i = 0; i < n; i++) {
@@ -258,7 +264,9 @@ function rbfLeastSquares(phi, x, d, span, turn, trend) {
 function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
   if (trend === "translation") return [[1, 0], [0, 1]];
   const size = s[0][0] + s[1][1];
-  if (trend === "affine_exact" || (trend === "affine" && !ridge)) return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  if (trend === "affine_exact" || (trend === "affine" && !ridge)) {
+    return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  }
   const rotation = rbfNearestRotation(h, size, turn);
   if (trend === "rigid") return rotation;
   let scale = 0;
@@ -362,7 +370,8 @@ function rbfSpan(rows) {
 }
 
 /**
- * Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to rounding.
+ * Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to
+ * rounding.
  * @param {number[][]} rows
  */
 function rbfPrincipal(rows) {
@@ -447,7 +456,7 @@ function rbfRotationOf(fit) {
   return [[c / length, -s / length], [s / length, c / length]];
 }
 
-// ---- remarks on a fit, as deformnb.rbf.conditioning makes them --------------------------------------------------------
+// ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
 
 /**
  * The distances and indices of the neighbours of a point, nearest first, itself left out.
@@ -488,8 +497,8 @@ function rbfWarnings(ready, kernel, map) {
   const notes = [];
   const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
   if (isPlain && rbfSpectralNorm(map) > RBF_STEEP) {
-    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
-      "in one plane; the trend similarity would not");
+    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line ` +
+      "or in one plane; the trend similarity would not");
   }
   /** @type {(place: (q: Place) => number[]) => number} */
   const spread = (place) => Math.max(...[0, 1].map((k) => {
@@ -527,7 +536,12 @@ function rbfTornPairs({ merged, n, ids }, most = 3) {
   return found;
 }
 
-/** Ids of points that are pulled past each other. @param {Ready} ready @param {number[][]} map @param {number} [most] */
+/**
+ * Ids of points that are pulled past each other.
+ * @param {Ready} ready
+ * @param {number[][]} map
+ * @param {number} [most]
+ */
 function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
@@ -539,7 +553,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
       const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
       const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
-      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes who is named.
+      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
       const degree = Math.round(4 * Math.log2(beside / along));
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
@@ -643,8 +657,8 @@ export function rbfFit(points, settings = {}) {
   rbfCheckPoints(points);
   const active = points.filter((p) => p.active !== false);
   if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
-    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, knows ` +
-      "none; choose a Wendland kernel or the Gaussian, or clear their radii.");
+    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
+      "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.");
   }
   if (active.length > RBF_LARGEST_SET) {
     throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
@@ -716,7 +730,10 @@ export function rbfCheckPoints(points) {
 
 /** @typedef {{ source: number[], target: number[], active?: boolean }} Ends */
 
-/** The places that do not move during a drag: the active sources, or the targets if the sources coincide. @param {Ends[]} points */
+/**
+ * The places that do not move during a drag: the active sources, or the targets if the sources coincide.
+ * @param {Ends[]} points
+ */
 function rbfAtRest(points) {
   const active = points.filter((p) => p.active !== false);
   const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
@@ -748,7 +765,8 @@ function rbfUsualSupport(points, kernel) {
 }
 
 /**
- * The support radius of a set of points: as given, by a rule, as Python chose it, the usual one, or that of a lone point.
+ * The support radius of a set of points: as given, by a rule, as Python chose it, the usual one, or that of a lone
+ * point.
  * @param {Point[]} points
  * @param {FitSettings} settings
  */
@@ -787,8 +805,8 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   let radius = given;
   if (RBF_KERNELS[kernel].compact && given > RBF_LONGEST_SHARE * box) {
     radius = RBF_LONGEST_SHARE * box;
-    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond that ` +
-      "the map hardly changes");
+    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond ` +
+      "that the map hardly changes");
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
   const n = merged.length;
@@ -901,8 +919,8 @@ function rbfBearable(trend, kernel, n, rank, where) {
   if (!where || !trend.startsWith("affine")) return [trend, []];
   const lie = `the control points lie nearly ${where}: across it`;
   if (trend === "affine" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
-  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel ` +
-    "with the trend affine stays calm"]];
+  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland ` +
+    "kernel with the trend affine stays calm"]];
 }
 
 /** @param {Ready} ready @param {string} kernel @param {string} trend @param {number} support @returns {RbfFit} */
@@ -918,7 +936,13 @@ function rbfIdentity(ready, kernel, trend, support) {
     constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
 }
 
-/** @param {Ready} ready @param {string} kernel @param {number} smoothing @param {RbfFit | null} previous @returns {RbfFit} */
+/**
+ * @param {Ready} ready
+ * @param {string} kernel
+ * @param {number} smoothing
+ * @param {RbfFit | null} previous
+ * @returns {RbfFit}
+ */
 function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const { n, radius: r } = ready;
   const fit = rbfIdentity(ready, kernel, ready.trend, r);
@@ -933,8 +957,8 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);
   if (fit.scales && !(largest(alpha) <= RBF_MOST_GAIN * largest(d))) {
-    throw new RbfError("the support radii that these control points have of their own do not go together: the system is " +
-      `nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
+    throw new RbfError("the support radii that these control points have of their own do not go together: the system " +
+      `is nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
   }
   if (!(largest(miss) <= RBF_RESIDUAL * largest(d) + RBF_ROUNDING * largest(fit.centers))) {
     throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
@@ -950,8 +974,8 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair)).map(
     ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
   return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)],
-    doubts: crossed };
+    constant: constant.map((value) => value * r), doubts: crossed,
+    notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 // Regions of a picture, equal to deformnb.rbf.regions in the plane.
 //
 // data: {kind: "half_space", point, normal}, {kind: "polygon" | "line", vertices: [[a, b], ...]}, or
-// {kind: "mask", shape: [nv, nu], spacing, origin, bits}, where bits is base64 of zlib of the pixels, eight to a byte, the
-// first in the highest bit.
+// {kind: "mask", shape: [nv, nu], spacing, origin, bits}, where bits is base64 of zlib of the pixels, eight to a byte,
+// the first in the highest bit.
 //
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
@@ -90,10 +90,10 @@ function boxDistances(isSet, nv, nu, du, dv) {
 
 // ---- zlib: a browser inflates only in promises, and a picture is drawn now ------------------------------------------
 
-const INFLATE_LENGTHS = [3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131, 163,
-  195, 227, 258];
-const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537, 2049,
-  3073, 4097, 6145, 8193, 12289, 16385, 24577];
+const INFLATE_LENGTHS = [3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131,
+  163, 195, 227, 258];
+const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537,
+  2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577];
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
 /** The data in a stream of zlib (RFC 1950, 1951). @param {Uint8Array} bytes */
@@ -174,7 +174,8 @@ function sentCodes(take) {
     const symbol = read(take);
     if (symbol < 16) lengths.push(symbol);
     else {
-      const [bits, least] = [[2, 3], [3, 3], [7, 11]][symbol - 16], value = symbol === 16 ? lengths[lengths.length - 1] : 0;
+      const [bits, least] = [[2, 3], [3, 3], [7, 11]][symbol - 16];
+      const value = symbol === 16 ? lengths[lengths.length - 1] : 0;
       for (let n = take(bits) + least; n > 0; n--) lengths.push(value);
     }
   }
@@ -216,8 +217,8 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
 
 /**
  * The edges of an outline, twelve numbers each: from (x, y) by (dx, dy), where t in [low, high] belongs to it, the unit
- * normal to the outside, and its sums with those of the edges before and behind, which decide the side where a corner is
- * nearest.
+ * normal to the outside, and its sums with those of the edges before and behind, which decide the side where a corner
+ * is nearest.
  * @param {RegionData} data
  */
 function outlineEdges({ kind, vertices }) {
@@ -345,7 +346,8 @@ function reachOf(j, isClosed, count) {
 function edgesMeet(corners, i, j, isClosed, count) {
   const n = corners.length, [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [s[0] - r[0], s[1] - r[1]], g = [r[0] - p[0], r[1] - p[1]];
-  const det = d[0] * e[1] - d[1] * e[0], [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
+  const [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
+  const det = d[0] * e[1] - d[1] * e[0];
   if (Math.abs(det) > 1e-9 * Math.hypot(...d) * Math.hypot(...e)) { // rounding lets parallel ends meet far away
     const t = (g[0] * e[1] - g[1] * e[0]) / det, u = (g[0] * d[1] - g[1] * d[0]) / det;
     return t >= low && t <= high && u >= from && u <= to;

@@ -1,5 +1,5 @@
-// Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and the
-// evaluation of any fit.
+// Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
+// the evaluation of any fit.
 
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
@@ -127,7 +127,8 @@ function sortedPoints(points, ready) {
       free.push(p);
       const torn = ready.find((r) => r.distance(p.source[0], p.source[1]) < 0);
       if (torn) {
-        notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its matter is seen twice`);
+        notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its matter is seen ` +
+          "twice");
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {
       notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0].r.part)}, which holds it already`);
@@ -261,7 +262,8 @@ export function stagedFit(points, parts, settings = {}) {
   const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
     { ...settings, strength: 1, support, previous: null }, k + 1, count));
   return { ...stages[count - 1], stages, count: stages.reduce((sum, fit) => sum + fit.count, 0),
-    notes: [...new Set(stages.flatMap((fit) => fit.notes))], doubts: [...new Set(stages.flatMap((fit) => fit.doubts))] };
+    notes: [...new Set(stages.flatMap((fit) => fit.notes))],
+    doubts: [...new Set(stages.flatMap((fit) => fit.doubts))] };
 }
 
 /** @param {number} count @param {PartData[] | undefined} parts */
@@ -271,8 +273,8 @@ function checkStages(count, parts) {
   }
   const moving = (parts ?? []).find((part) => part.enabled !== false && (part.motion ?? null) !== null);
   if (moving) {
-    throw new RbfError(`${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, switch ` +
-      "it off, or set the stages of the step back to 1.");
+    throw new RbfError(`${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, ` +
+      "switch it off, or set the stages of the step back to 1.");
   }
 }
 

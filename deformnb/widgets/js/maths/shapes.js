@@ -41,7 +41,8 @@ export function toldShape(shape) {
 // ---- the corners that the user drags --------------------------------------------------------------------------------
 
 /**
- * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has none.
+ * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has
+ * none.
  * @param {RegionData} region
  * @param {number} reach
  * @returns {number[][]}
@@ -70,7 +71,8 @@ export function movedCorner(region, k, place, reach) {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]);
   if (length === 0) return region;
   const along = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], way = k === 0 ? reach : -reach;
-  return { kind: "half_space", point: [place[0] + way * along[0], place[1] + way * along[1]], normal: [-along[1], along[0]] };
+  return { kind: "half_space", point: [place[0] + way * along[0], place[1] + way * along[1]],
+    normal: [-along[1], along[0]] };
 }
 
 /**
@@ -104,7 +106,10 @@ export function movedRegion(region, da, db) {
   return { ...region, vertices: region.vertices.map(by) };
 }
 
-/** The other side of a straight or open line; null for closed ones, which have only one inside. @param {RegionData} region */
+/**
+ * The other side of a straight or open line; null for closed ones, which have only one inside.
+ * @param {RegionData} region
+ */
 export function turnedRegion(region) {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
   return region.kind === "line" ? { ...region, vertices: [...region.vertices].reverse() } : null;
@@ -121,7 +126,8 @@ export function turnedRegion(region) {
 export function groundThrough(p, q, middle) {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (middle[0] - p[0]) * n[0] + (middle[1] - p[1]) * n[1] >= 0;
-  return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2], normal: n.map((v) => (isTowards ? v : -v) + 0) };
+  return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
+    normal: n.map((v) => (isTowards ? v : -v) + 0) };
 }
 
 /**

@@ -87,7 +87,8 @@ export function withSources(points, known) {
  */
 export function flatPoint(p, pane, depth) {
   const target = inPane(pane, p.target), source = inPane(pane, p.source);
-  const away = depth === null ? 0 : target[2] - depth, isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
+  const away = depth === null ? 0 : target[2] - depth;
+  const isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
   const name = isFar ? `${p.name || p.id} ${away > 0 ? "+" : "\u2212"}${shownLength(Math.abs(away))}` : p.name;
   return { id: p.id, name, active: p.active, locked: p.locked, source: source.slice(0, 2), target: target.slice(0, 2),
     away, isFar, whole: p };
@@ -111,7 +112,8 @@ function wayInWords(way) {
 
 /** The label of a point in a picture for screen readers. @param {FlatPoint} point */
 export function spaceLabel({ whole: p, isFar, away }) {
-  const way = p.target.map((x, k) => x - p.source[k]), far = isFar ? `, ${shownLength(Math.abs(away))} off the slice` : "";
+  const way = p.target.map((x, k) => x - p.source[k]);
+  const far = isFar ? `, ${shownLength(Math.abs(away))} off the slice` : "";
   return `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(shownLength).join(", ")}, ${wayInWords(way)}` +
     `${far}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
 }
@@ -120,5 +122,6 @@ export function spaceLabel({ whole: p, isFar, away }) {
 export function spaceTip({ whole: p, isFar, away }) {
   const way = p.target.map((x, k) => x - p.source[k]);
   const far = isFar ? `; ${shownLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
-  return `${p.name || `point ${p.id}`}: ${wayInWords(way)}${p.active ? "" : "; switched off"}${p.locked ? "; locked" : ""}${far}`;
+  return `${p.name || `point ${p.id}`}: ${wayInWords(way)}${p.active ? "" : "; switched off"}` +
+    `${p.locked ? "; locked" : ""}${far}`;
 }

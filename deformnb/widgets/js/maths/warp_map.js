@@ -7,8 +7,8 @@ import { fieldAt, partsAt } from "./rigid_stages.js";
 /** @import { Fit, LayeredFit, RbfFit } from "../types.d.ts" */
 
 /** @type {LayeredFit} */
-export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [], doubts: [], count: 0,
-  hasRest: false };
+export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [], doubts: [],
+  count: 0, hasRest: false };
 
 const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
 
@@ -96,8 +96,9 @@ function mapWithSlope(fit, a, b, out) {
 }
 
 /**
- * The place where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton steps; in stages,
- * where these do not converge, one after the other. Returns false where none was found; a fold may have no such place.
+ * The place where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton steps; in
+ * stages, where these do not converge, one after the other. Returns false where none was found; a fold may have no such
+ * place.
  * @param {Fit} fit
  * @param {number} a
  * @param {number} b
@@ -310,7 +311,7 @@ function isSeenFrom(layered, k, a, b) {
   return marginOf(layered.regions, own, a + da, b + db) < 0;
 }
 
-// ---- the nodes of the grid on the deformed picture, and the strains there -----------------------------------------------
+// ---- the nodes of the grid on the deformed picture, and the strains there ------------------------------------------
 
 export const LONGEST_ARM = 0.9; // of a cell, tip to tip of a cross
 
@@ -388,8 +389,8 @@ function startFrom(fit, x, y, at) {
 }
 
 /**
- * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where the
- * map folds or the node is not seen.
+ * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where
+ * the map folds or the node is not seen.
  * @param {LayeredFit | null} layered
  * @param {{ source: Float64Array, target: Float64Array, isSeen: Uint8Array }} places
  */

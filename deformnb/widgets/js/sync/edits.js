@@ -1,14 +1,15 @@
-// The edits of this window on their way to Python: a Sender for the points, cuts and parts of an editor, an EditLink for a
-// single value such as a curve.
+// The edits of this window on their way to Python: a Sender for the points, cuts and parts of an editor, an EditLink
+// for a single value such as a curve.
 //
 // Edits are sent as numbered messages only, never as a trait: a front end holds trait updates back while the kernel
 // works, and they would overtake each other. At most two are in flight, and the newest waits; ends of edits are always
-// sent, and do not wait behind movements. Python sends with its values (the trait `seen`) the number of the last message
-// it has received from each sender. While one of ours is still on its way, Python's values are an echo of what we had
-// before, and it will have ours in the end: they are left alone. Otherwise they are new. So Python's order decides, and
-// all windows and views end with what Python has.
+// sent, and do not wait behind movements. Python sends with its values (the trait `seen`) the number of the last
+// message it has received from each sender. While one of ours is still on its way, Python's values are an echo of what
+// we had before, and it will have ours in the end: they are left alone. Otherwise they are new. So Python's order
+// decides, and all windows and views end with what Python has.
 //
-// There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share it.
+// There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
+// it.
 
 import { cleanPoints, cleanShapes, History, nextId, samePoints, sameShapes } from "../maths/points.js";
 
@@ -31,7 +32,8 @@ const SHAPE_KINDS = ["cuts", "parts"];
 const newId = () => Math.random().toString(36).slice(2, 12);
 
 /** @type {Clock} */
-export const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms), cancel: (id) => clearTimeout(id) };
+export const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms),
+  cancel: (id) => clearTimeout(id) };
 
 export class Sender {
   #isFilled = false; // whether points have been received

@@ -4,7 +4,7 @@
 //   const close = await widget.render({ model, el });
 //   model.receive(content, buffers)      a custom message from the other side
 //   model.update(state)                  traits that the other side has changed
-//   model.answered(state)                its values of traits that we have saved: where `isAnswered`, once for each save
+//   model.answered(state)                its values of traits that we have saved; with `isAnswered` once for each save
 //
 // `deliver` gets the messages of model.send; `save` gets the traits that the front end has changed. Until our last
 // save of a trait is answered, values of that trait from the other side are old.

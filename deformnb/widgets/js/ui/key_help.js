@@ -1,4 +1,4 @@
-// The keys and gestures of the editors: one table for what they do, for the list on "?", and for the tips of the buttons.
+// The keys and gestures of the editors: one table for the handlers, the list on "?", and the tips of the buttons.
 
 import { OWN_KEYS, pageElement } from "./dom.js";
 
@@ -176,8 +176,8 @@ export function tipOf(table, command, text) {
  */
 export function shortcutsOf(table, command) {
   const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2]?.keys ?? [];
-  return keys.map((key) => (key.length === 1 ? key.toUpperCase() : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`)))
-    .join(" ");
+  return keys.map((key) => (key.length === 1 ? key.toUpperCase()
+    : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`))).join(" ");
 }
 
 /**
@@ -186,8 +186,8 @@ export function shortcutsOf(table, command) {
  * @param {KeyTable} [table]
  */
 export function helpPanel(parent, table = EDITOR_KEYS) {
-  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
-    "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
+  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
+    hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
   const list = pageElement("div", "dnb-ed-entries", panel);
   for (const [title, rows] of table) {
     const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });

@@ -51,7 +51,8 @@ export class OrientationCube {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
     /** @type {(text: string, title: string, label: string, action: () => void, parent: Element) => void} */
     const add = (text, title, label, action, parent) => {
-      const button = pageElement("button", "dnb-button", parent, { type: "button", title, "aria-label": label, ...OWN_KEYS });
+      const button = pageElement("button", "dnb-button", parent,
+        { type: "button", title, "aria-label": label, ...OWN_KEYS });
       button.textContent = text;
       button.addEventListener("click", action);
     };

@@ -40,7 +40,8 @@ const ICONS = {
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   go: "M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4M8 8h.01",
   smudge: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
-  size: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
+  size: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
+    "M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
   lock: "M4 7.5h8v6H4zM5.5 7.5V5a2.5 2.5 0 0 1 5 0v2.5",
   mirror: "M8 1.5v13M6 4L2 12h4zM10 4l4 8h-4z",
   "mirror-axis": "M1.5 8h13M4 6l8-4v4zM4 10l8 4v-4z",
@@ -81,8 +82,8 @@ const MORE = [
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
     ["stop", "Stop at folds", "Hold points back before the picture folds", true],
     ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"]],
-  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it", false,
-    "points_selected"],
+  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it",
+    false, "points_selected"],
     ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right", false, "points_selected"],
     ["turn", "Turn a line over", "Turn the chosen line over to its other side", false, "turns"]],
   [["radius", "Reach of points", "Show how far points reach", true],
@@ -158,8 +159,8 @@ export class Toolbar {
 
   /**
    * Enable and press the buttons by the state of the editor. `steps` are the words for the next undo and redo.
-   * @param {{ count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean, future: boolean,
-   *   steps: Record<string, string>, pressed: string[], readOnly: boolean }} state
+   * @param {{ count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean,
+   *   future: boolean, steps: Record<string, string>, pressed: string[], readOnly: boolean }} state
    */
   update({ count, selected, pointsSelected = selected, turns = false, past, future, steps, pressed, readOnly }) {
     const met = { points: count > 0, selection: selected > 0, points_selected: pointsSelected > 0, one: selected === 1,
@@ -219,7 +220,8 @@ class MoreMenu {
     /** @type {HTMLElement[]} */
     this.items = [];
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
-    this.root = pageElement("div", "dnb-ed-more", toolbar.parent, { role: "menu", "aria-label": "More tools", hidden: "" });
+    this.root = pageElement("div", "dnb-ed-more", toolbar.parent,
+      { role: "menu", "aria-label": "More tools", hidden: "" });
     this.isOverAll = typeof this.root.showPopover === "function"; // older browsers show it inside the editor
     if (this.isOverAll) this.root.popover = "manual";
     groups.forEach((group, k) => {
@@ -252,7 +254,8 @@ class MoreMenu {
   #place() {
     const box = this.opener.getBoundingClientRect(), around = this.toolbar.parent.getBoundingClientRect();
     const frame = this.isOverAll ? { left: 0, top: 0, width: window.innerWidth } : around;
-    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8), top = box.bottom - frame.top + 2;
+    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8);
+    const top = box.bottom - frame.top + 2;
     const room = this.isOverAll ? window.innerHeight - this.root.offsetHeight - 8 : top;
     Object.assign(this.root.style, { left: `${Math.max(4, left)}px`, top: `${Math.max(4, Math.min(top, room))}px` });
   }

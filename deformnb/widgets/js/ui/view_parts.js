@@ -50,8 +50,8 @@ class ScaleBar {
     this.element.classList.toggle("dnb-scale-none", bend > 0);
     this.element.title = bend > 0 ? NO_SCALE : "";
     if (bend > 0) { setText(this.text, "perspective"); return; }
-    const pixel = height / clientHeight, most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * clientWidth) / parts));
-    const length = roundLength(most * pixel);
+    const most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * clientWidth) / parts));
+    const pixel = height / clientHeight, length = roundLength(most * pixel);
     this.bar.style.width = `${(length / pixel).toFixed(1)}px`;
     setText(this.text, lengthText(length, unit));
   }
@@ -60,8 +60,8 @@ class ScaleBar {
 /** @type {Record<string, string>} */
 export const VIEW_NAMES = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
 /** @type {Record<string, string>} */
-export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right", S: "from above",
-  I: "from below" };
+export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right",
+  S: "from above", I: "from below" };
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
@@ -217,7 +217,7 @@ export class Frames {
   }
 }
 
-/** The theme of the document around: by Jupyter's attribute, by the colours of VS Code, else by the browser's preference. */
+/** The theme of the document around: from Jupyter's attribute, the colours of VS Code, or the browser's preference. */
 export class PageTheme {
   /** @param {Element} root @param {() => void} changed */
   constructor(root, changed) {
@@ -279,7 +279,7 @@ export class Flicker {
   }
 
   /**
-   * A press: with reduced motion it shows the other layer; else the space key stops and continues, and a click does nothing.
+   * A press: with reduced motion it shows the other layer; else the space key stops and continues.
    * @param {boolean} isKey
    */
   press(isKey) {
