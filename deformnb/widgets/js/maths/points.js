@@ -138,9 +138,12 @@ export function cleanShapes(list, what, old = []) {
  * @param {RegionData} region
  * @returns {RegionData}
  */
-function plainRegion({ kind, vertices, point, normal, shape, spacing, origin, bits }) {
-  if (kind === "half_space") return { kind, point, normal };
-  return kind === "mask" ? { kind, shape, spacing, origin, bits } : { kind, vertices };
+function plainRegion(region) {
+  const { kind } = region;
+  if (kind === "half_space") return { kind, point: region.point, normal: region.normal };
+  if (kind !== "mask") return { kind, vertices: region.vertices };
+  const { shape, spacing, origin, bits } = region;
+  return { kind, shape, spacing, origin, bits };
 }
 
 /** @param {unknown} p @param {unknown} q */

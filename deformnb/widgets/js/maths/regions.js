@@ -7,11 +7,11 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
-/** @import { Region, RegionData } from "../types.d.ts" */
+/** @import { HalfSpaceData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
 
-/** @param {RegionData} data @returns {Region} */
+/** @param {MaskData} data @returns {Region} */
 function maskRegion(data) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = data, isSet = maskPixels(data);
   const outside = boxDistances(isSet, nv, nu, du, dv), inside = boxDistances(isSet.map((v) => 1 - v), nv, nu, du, dv);
@@ -29,7 +29,7 @@ function maskRegion(data) {
   return { kind: "mask", distance, near: () => distance, isSet };
 }
 
-/** The pixels of a mask, 0 or 1. @param {RegionData} mask */
+/** The pixels of a mask, 0 or 1. @param {MaskData} mask */
 export function maskPixels({ shape: [nv, nu], bits }) {
   const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))), out = new Uint8Array(nv * nu);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3] >> (7 - (k & 7))) & 1;
@@ -189,9 +189,6 @@ export const REGION_MOST_VERTICES = 512;
 /** @type {WeakMap<RegionData, Region>} */
 const regionsMade = new WeakMap();
 
-/** @type {Record<string, (data: RegionData) => Region>} */
-const MAKERS = { half_space: halfSpaceRegion, polygon: outlineRegion, line: outlineRegion, mask: maskRegion };
-
 /** The signed distance to a region's boundary, negative inside. @param {RegionData} data */
 export function regionDistance(data) { return regionOf(data).distance; }
 
@@ -199,13 +196,20 @@ export function regionDistance(data) { return regionOf(data).distance; }
 export function regionOf(data) {
   const made = regionsMade.get(data);
   if (made) return made;
-  if (!Object.hasOwn(MAKERS, data.kind)) throw new Error(`unknown region '${data.kind}'`);
-  const region = MAKERS[data.kind](data);
+  const region = newRegion(data);
   regionsMade.set(data, region);
   return region;
 }
 
-/** @param {RegionData} data @returns {Region} */
+/** @param {RegionData} data */
+function newRegion(data) {
+  if (data.kind === "half_space") return halfSpaceRegion(data);
+  if (data.kind === "mask") return maskRegion(data);
+  if (data.kind === "polygon" || data.kind === "line") return outlineRegion(data);
+  throw new Error(`unknown region '${/** @type {{ kind: string }} */ (data).kind}'`);
+}
+
+/** @param {HalfSpaceData} data @returns {Region} */
 function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
   const length = Math.hypot(na, nb), u = na / length, v = nb / length;
   /** @type {(a: number, b: number) => number} */
@@ -219,7 +223,7 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
  * The edges of an outline, twelve numbers each: from (x, y) by (dx, dy), where t in [low, high] belongs to it, the unit
  * normal to the outside, and its sums with those of the edges before and behind, which decide the side where a corner
  * is nearest.
- * @param {RegionData} data
+ * @param {OutlineData} data
  */
 function outlineEdges({ kind, vertices }) {
   const isClosed = kind === "polygon", corners = withoutTwins(vertices, isClosed), n = corners.length;
@@ -259,7 +263,7 @@ function signedArea(corners) {
   }, 0);
 }
 
-/** @param {RegionData} data @returns {Region} */
+/** @param {OutlineData} data @returns {Region} */
 function outlineRegion(data) {
   const edges = outlineEdges(data), all = Int32Array.from({ length: edges.count }, (_, k) => k);
   /** @type {(some: Int32Array) => Region["distance"]} */

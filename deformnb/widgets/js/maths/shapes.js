@@ -1,6 +1,6 @@
 // Edits of cuts and rigid parts as plain data. Pure functions; no edit changes an object it was given.
 
-/** @import { RegionData, ShapeData, ShapeKind } from "../types.d.ts" */
+/** @import { HalfSpaceData, OutlineData, RegionData, ShapeData, ShapeKind } from "../types.d.ts" */
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
@@ -34,6 +34,7 @@ export function followedShape(before, after, index) {
 
 /** A shape in a message that need only identify it: a mask without its pixels. @param {ShapeData} shape */
 export function toldShape(shape) {
+  if (shape.region.kind !== "mask") return shape;
   const { bits, ...region } = shape.region;
   return { ...shape, region };
 }
@@ -64,8 +65,9 @@ export function cornersOf(region, reach) {
  * @returns {RegionData}
  */
 export function movedCorner(region, k, place, reach) {
+  if (region.kind === "mask") return region;
   if (region.kind !== "half_space") {
-    return { ...region, vertices: cornersOf(region, reach).map((v, i) => (i === k ? [...place] : v)) };
+    return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
   }
   const other = cornersOf(region, reach)[1 - k], [p, q] = k === 0 ? [place, other] : [other, place];
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]);
@@ -80,8 +82,10 @@ export function movedCorner(region, k, place, reach) {
  * @param {RegionData} region
  * @param {number} k
  * @param {number[]} place
+ * @returns {RegionData}
  */
 export function insertedCorner(region, k, place) {
+  if (!region.vertices) return region;
   return { ...region, vertices: [...region.vertices.slice(0, k + 1), [...place], ...region.vertices.slice(k + 1)] };
 }
 
@@ -89,15 +93,14 @@ export function insertedCorner(region, k, place) {
  * The region without corner k; null where too few would be left.
  * @param {RegionData} region
  * @param {number} k
+ * @returns {OutlineData | null}
  */
 export function removedCorner(region, k) {
-  /** @type {number[][] | undefined} */
-  const corners = region.vertices;
-  if (!corners || corners.length <= (region.kind === "polygon" ? 3 : 2)) return null;
-  return { ...region, vertices: corners.filter((_, i) => i !== k) };
+  if (!region.vertices || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
+  return { ...region, vertices: region.vertices.filter((_, i) => i !== k) };
 }
 
-/** @param {RegionData} region @param {number} da @param {number} db */
+/** @param {RegionData} region @param {number} da @param {number} db @returns {RegionData} */
 export function movedRegion(region, da, db) {
   /** @type {(place: number[]) => number[]} */
   const by = ([a, b]) => [a + da, b + db];
@@ -109,6 +112,7 @@ export function movedRegion(region, da, db) {
 /**
  * The other side of a straight or open line; null for closed ones, which have only one inside.
  * @param {RegionData} region
+ * @returns {RegionData | null}
  */
 export function turnedRegion(region) {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
@@ -122,6 +126,7 @@ export function turnedRegion(region) {
  * @param {number[]} p
  * @param {number[]} q
  * @param {number[]} middle
+ * @returns {HalfSpaceData}
  */
 export function groundThrough(p, q, middle) {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
