@@ -34,6 +34,7 @@ import { opacityOfByte } from "../webgl/volume_blocks.js";
  */
 
 const LATER = 120; // milliseconds between two computations of what is hidden
+const PIXELS = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }; // a view of handles whose places are CSS pixels
 const HALF_SEEN = 0.5; // a surface is where half of the light is stopped
 
 // ---- rays between a view and the volume in it; no DOM ---------------------------------------------------------------
@@ -408,7 +409,7 @@ export class SpacePoints {
   draw() {
     const { page, svg } = this, isShown = Boolean(this.editor && page.info?.origin && page.shown !== "original");
     svg.setAttribute("visibility", isShown ? "visible" : "hidden");
-    if (!isShown) { this.handles.update([], this.selected, { k: 1, x: 0, y: 0, width: 1, height: 1 }, 0, 0); return; }
+    if (!isShown) { this.handles.update([], this.selected, PIXELS, 0, 0); return; }
     const { camera } = this, { clientWidth: width, clientHeight: height } = page.canvas;
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
     const flat = this.points.map((p) => {
@@ -419,7 +420,7 @@ export class SpacePoints {
     if (!this.drag0) flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
-    const isFocusLost = this.handles.update(flat, this.selected, { k: 1, x: 0, y: 0, width, height }, 0, 0);
+    const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
     if (isFocusLost) page.canvas.focus({ preventScroll: true });
     this.#drawAxis(camera);
     this.#lookLater();
