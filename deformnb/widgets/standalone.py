@@ -33,9 +33,9 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.packed_volume import ShownVolume, shown_volume
+from deformnb.widgets.parameters import as_json
 from deformnb.widgets.textures import MOST_MAPS, CardMaps, card_maps, cut_plane
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView
@@ -49,7 +49,6 @@ _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
 _STILL = (640, 480)
-_SHOWN = [[name, name.replace("_", " ").capitalize(), text] for name, text in SHOWS.items()]
 _LEVEL = 9  # of gzip: packed once and read often
 
 # Displacements are rounded to this share of a voxel, which nobody sees and which packs far better.
@@ -97,9 +96,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None, "still_background": part.background if part else None,
-        "kernels": [[k.name, k.title, k.order] for k in KERNELS.values()],
-        "trends": {t.name: t.order for t in TRENDS.values()},
-        "shows": _SHOWN, "document": _document(editor, part, name),
+        "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
+        "parameters": as_json(("strength", "kernel", "shows", "density")), "document": _document(editor, part, name),
     }
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
                bundle("standalone.js")]

@@ -10,12 +10,14 @@ import { build } from "esbuild";
 const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
 const isDebug = process.argv.includes("--debug");
 
+const VIEW = ["view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"];
+
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
   editor: ["editor/editor.js", "editor/editor.css", "editor/hand.css", "editor/grid_nodes.css"],
   space_editor: ["space_editor/editor.js", "editor/editor.css", "editor/hand.css", "space_editor/editor.css"],
-  live_view: ["view/live_view.js", "view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"],
-  volume_view: ["view/volume_view.js", "view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"],
+  live_view: ["view/live_view.js", ...VIEW],
+  volume_view: ["view/volume_view.js", ...VIEW],
   curve_editor: ["inputs/curve_editor.js", "inputs/curve_editor.css"],
   transfer_editor: ["inputs/transfer_editor.js", "inputs/curve_editor.css", "inputs/transfer_editor.css"],
   depth_keys: ["inputs/depth_keys.js", "inputs/curve_editor.css"],
@@ -48,7 +50,8 @@ async function bundled(name, paths, format) {
     if (!first) continue;
     const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
       : format === "esm" ? `export { default } from "./${first}";` : `import "./${first}";`;
-    await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin: { contents, resolveDir: here, loader } });
+    const stdin = { contents, resolveDir: here, loader };
+    await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin });
   }
 }
 

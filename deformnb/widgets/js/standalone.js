@@ -1,16 +1,38 @@
-// A page without a kernel: says to the pages of an editor and a live view what Python would have said.
-// Joined behind sync/host_model.js; the modules of the widgets stand before it and have left what they export.
-// The data is what deformnb/widgets/standalone.py writes: traits, packed voxels, the message "field", the document.
+// A page without a kernel: it sends to the front ends of an editor and a live view the messages of Python. The scripts
+// of these widgets run before this one and leave their exports under a symbol. The data is written by
+// deformnb/widgets/standalone.py: traits, packed voxels, the message "field", the document.
 
 import { ClipSliders } from "./inputs/clip_sliders.js";
 import { clipOf, isClipped } from "./maths/clipping.js";
 import { PlainModel } from "./sync/host_model.js";
+import { OWN_KEYS, pageElement } from "./ui/dom.js";
 
-const STRENGTHS = { min: -1, max: 3, step: 0.05 };
-export const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
-const CONTROLS = { "data-lm-suppress-shortcuts": "true" }; // should the page be shown in a notebook
+/** @import { Point } from "./types.d.ts" */
+/** @import { Attributes } from "./ui/dom.js" */
 
-// Everything binary in the data as DataView, as Jupyter hands it over; the rest as it is.
+/** @typedef {Record<string, any>} Open values by their names */
+/** @typedef {[Open, DataView<ArrayBuffer>[]]} Packet the content of a message and its buffers */
+
+/**
+ * @typedef {object} PageData
+ * @property {Open} editor traits
+ * @property {Open | null} view traits
+ * @property {{start: number, packed: DataView<ArrayBuffer>}[]} chunks
+ * @property {{content: Open, buffers: DataView<ArrayBuffer>[]}} field
+ * @property {string} still_background
+ * @property {Record<string, number>} kernels their orders by their names
+ * @property {Record<string, number>} trends likewise
+ * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
+ * @property {Open | null} document
+ */
+
+const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
+
+/**
+ * Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is.
+ * @param {any} value
+ * @returns {Promise<any>}
+ */
 async function decodedData(value) {
   if (Array.isArray(value)) return Promise.all(value.map(decodedData));
   if (!value || typeof value !== "object") return value;
@@ -19,17 +41,28 @@ async function decodedData(value) {
   return Object.fromEntries(await Promise.all(pairs));
 }
 
+/**
+ * @param {string} text in base64
+ * @param {boolean} isPacked whether by gzip
+ */
 async function decodedBytes(text, isPacked = false) {
-  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const bytes = bytesOfText(text);
   if (!isPacked) return new DataView(bytes.buffer);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new DataView(await new Response(stream).arrayBuffer());
 }
 
-// ---- what Python would have said ------------------------------------------------------------------------------------
+/** @param {string} text in base64 */
+function bytesOfText(text) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
 
-// Answers come later, as those of a kernel do: a page asks while it is still being built. An editor hears of its points
-// first, then which of its messages they include, then that the message is done.
+// ---- answers in place of Python's -----------------------------------------------------------------------------------
+
+/**
+ * Answers to an editor. They come later, as those of a kernel do: a front end sends while it is still being built. An
+ * editor gets its points first, then which of its messages they include, then that the message is done.
+ * @param {() => PlainModel} model
+ * @returns {(message: Open) => void}
+ */
 function editorAnswers(model) {
   return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) => queueMicrotask(() => {
     const m = model();
@@ -40,36 +73,52 @@ function editorAnswers(model) {
   });
 }
 
+/**
+ * Answers to a live view.
+ * @param {() => PlainModel | null} model
+ * @param {Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void}} given
+ * @returns {(message: Open) => void}
+ */
 function viewAnswers(model, { chunks, field, still, falls }) {
+  /** @type {() => Packet} */
+  const picture = () => [{ type: "still" }, [still]];
+  /** @type {Record<string, (message: Open) => Packet>} */
   const answers = {
     hello: ({ largest, voxels }) => {
-      if (!largest || voxels) falls(); // no card, no volume; and no Python that could make it smaller
-      if (voxels) return answers.still();
-      return [field.content, field.buffers];
+      if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller
+      return voxels ? picture() : [field.content, field.buffers];
     },
     chunk: ({ id, index }) => [{ type: "chunk", id, index, start: chunks[index].start }, [chunks[index].packed]],
-    still: () => [{ type: "still" }, [still]],
+    still: picture,
   };
   return (message) => queueMicrotask(() => {
     if (!Object.hasOwn(answers, message.type)) return;
     const [content, buffers] = answers[message.type](message);
-    model().receive({ ...content, view: message.view }, buffers);
+    model()?.receive({ ...content, view: message.view }, buffers);
   });
 }
 
 // ---- the page -------------------------------------------------------------------------------------------------------
 
-function pageNode(tag, className, parent, attributes = {}, text = "") {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+/**
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} tag
+ * @param {string} className
+ * @param {Element | null} parent
+ * @param {Attributes} attributes
+ * @param {string} text
+ * @returns {HTMLElementTagNameMap[K]}
+ */
+function textElement(tag, className, parent, attributes, text) {
+  const made = pageElement(tag, className, parent, attributes);
   made.textContent = text;
-  parent?.append(made);
   return made;
 }
 
-const pagePart = (name) => document.querySelector(`.dnb-page-${name}`);
+/** @param {string} name */
+function pagePart(name) { return /** @type {HTMLElement} */ (document.querySelector(`.dnb-page-${name}`)); }
 
+/** @param {string} text */
 function sayOnPage(text) {
   const alert = pagePart("alert");
   alert.textContent = text;
@@ -77,11 +126,20 @@ function sayOnPage(text) {
 }
 
 class StandalonePage {
+  /**
+   * @param {PageData} data
+   * @param {Open} widgets their exports
+   */
   constructor(data, widgets) {
     this.data = data;
-    this.image = pagePart("still");
-    const still = new DataView(Uint8Array.from(atob(this.image.src.split(",")[1]), (c) => c.charCodeAt(0)).buffer);
+    this.isStill = false;
+    /** @type {HTMLDetailsElement | null} */
+    this.cut = null; // the sliders that cut the volume
+    this.image = /** @type {HTMLImageElement} */ (pagePart("still"));
+    const still = new DataView(bytesOfText(this.image.src.split(",")[1]).buffer);
+    /** @type {PlainModel} */
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
+    /** @type {PlainModel | null} */
     this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
       deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall() }) });
     this.widgets = widgets;
@@ -102,18 +160,18 @@ class StandalonePage {
     window.addEventListener("resize", () => this.fit());
   }
 
-  // Without WebGL2 the volume is the picture that Python has made, and only the editor's picture follows.
+  /** Shows the volume as the picture that Python has made, without WebGL2; only the editor's picture follows. */
   fall() {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
     sayOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be dragged.");
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
-    this.view.update({ background: this.data.still_background });
+    this.view?.update({ background: this.data.still_background });
     this.fit();
   }
 
-  // As large as the window allows: two columns where it is wide, and no more height than is seen at once.
+  /** Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once. */
   fit() {
     const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
     main.classList.toggle("dnb-page-wide", Boolean(isWide));
@@ -132,71 +190,100 @@ class StandalonePage {
 
   #controls() {
     const bar = pagePart("controls");
-    this.#slider(bar, "Strength", setting(this.editor, "strength"), STRENGTHS, (value) => `${Math.round(value * 100)} %`,
-      "how far the points are dragged: 100 % as they are, 0 not at all, below 0 the opposite way");
+    this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
     this.#kernels(bar);
-    if (this.view && this.view.get("shows") !== undefined) this.#shows(bar);
-    this.#slider(bar, "Grid", trait(this.editor, "density"), { min: 0, max: 64, step: 1 }, (value) => (value ? `${value} cells` : "none"),
-      "cells of the grid along the longer side of the picture");
-    const buttons = pageNode("div", "dnb-page-buttons", bar);
+    if (this.view?.get("shows") !== undefined) this.#shows(bar, this.view);
+    this.#slider(bar, trait(this.editor, "density"), (value) => (value ? `${value} cells` : "none"));
+    const buttons = pageElement("div", "dnb-page-buttons", bar);
     this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
       () => this.reset());
     this.#button(buttons, "Download points", "a JSON file that deformnb opens", () => this.download());
-    if (this.view?.get("clip")) this.#clip(bar);
+    if (this.view?.get("clip")) this.#clip(bar, this.view);
   }
 
+  /**
+   * @param {Element} bar
+   * @param {string} label
+   * @param {string} title
+   */
   #field(bar, label, title) {
-    const box = pageNode("label", "dnb-page-field", bar, { title });
-    pageNode("span", "dnb-page-label", box, {}, label);
+    const box = pageElement("label", "dnb-page-field", bar, { title });
+    textElement("span", "dnb-page-label", box, {}, label);
     return box;
   }
 
+  /**
+   * @param {Element} bar
+   * @param {string} text
+   * @param {string} title
+   * @param {() => void} action
+   */
   #button(bar, text, title, action) {
-    const button = pageNode("button", "dnb-page-button", bar, { type: "button", title, ...CONTROLS }, text);
+    const button = textElement("button", "dnb-page-button", bar, { type: "button", title, ...OWN_KEYS }, text);
     button.addEventListener("click", () => guarded(action));
   }
 
-  #slider(bar, label, { name, get: now, set, listen }, { min, max, step }, shown, title) {
-    const box = this.#field(bar, label, title);
-    const input = pageNode("input", "dnb-page-range", box, { type: "range", min: Math.min(min, now()),
-      max: Math.max(max, now()), step, name, ...CONTROLS });
-    const output = pageNode("output", "dnb-page-value", box);
+  /**
+   * @param {Element} bar
+   * @param {Bound} bound
+   * @param {(value: number) => string} shown
+   */
+  #slider(bar, { name, now, set, listen }, shown) {
+    const { label, tooltip, low, high, step } = this.data.parameters[name];
+    const box = this.#field(bar, label, tooltip);
+    const input = pageElement("input", "dnb-page-range", box, { type: "range", min: Math.min(low, now()),
+      max: Math.max(high, now()), step, name, ...OWN_KEYS });
+    const output = pageElement("output", "dnb-page-value", box, {});
     const show = () => { input.value = now(); output.textContent = shown(now()); };
     input.addEventListener("input", () => guarded(() => set(Number(input.value))));
     listen(show);
     show();
   }
 
-  #menu(bar, label, { name, get, set, listen }, choices, title) {
-    const box = this.#field(bar, label, title);
-    const select = pageNode("select", "dnb-page-select", box, { name, ...CONTROLS });
-    for (const [value, text, about = ""] of choices) pageNode("option", "", select, { value, title: about }, text);
-    const show = () => { select.value = get(); };
+  /**
+   * @param {Element} bar
+   * @param {Bound} bound
+   */
+  #menu(bar, { name, now, set, listen }) {
+    const { label, tooltip, options } = this.data.parameters[name];
+    const box = this.#field(bar, label, tooltip);
+    const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
+    for (const [value, text] of options) textElement("option", "", select, { value }, text);
+    const show = () => { select.value = now(); };
     select.addEventListener("change", () => guarded(() => set(select.value)));
     listen(show);
     show();
     return select;
   }
 
+  /** @param {Element} bar */
   #kernels(bar) {
-    const names = this.data.kernels.map(([name, title]) => [name, title]);
-    const select = this.#menu(bar, "Kernel", setting(this.editor, "kernel"), names,
-      "how the influence of a point falls off with distance");
-    const order = this.data.trends[this.editor.get("settings").trend]; // the page changes no trend
-    this.data.kernels.forEach(([, , least], k) => { select.options[k].disabled = order < least; }); // no fit exists
+    const { kernels, trends } = this.data, select = this.#menu(bar, setting(this.editor, "kernel"));
+    const order = trends[this.editor.get("settings").trend]; // the page changes no trend
+    for (const option of select.options) option.disabled = order < kernels[option.value]; // no fit exists
   }
 
-  // In a box of its own under the others, which is opened where one wants to see inside.
-  #clip(bar) {
-    this.cut = pageNode("details", "dnb-page-clip", bar);
-    pageNode("summary", "dnb-page-label", this.cut, { title: "cut away parts of the volume to see inside", ...CONTROLS }, "See inside");
-    this.sliders = new ClipSliders(this.cut, this.view);
-    this.cut.open = isClipped(clipOf(this.view));
-    this.cut.addEventListener("toggle", () => this.fit());
+  /**
+   * Adds the sliders that cut the volume, in a box of their own under the others.
+   * @param {Element} bar
+   * @param {PlainModel} view
+   */
+  #clip(bar, view) {
+    const box = pageElement("details", "dnb-page-clip", bar, {});
+    textElement("summary", "dnb-page-label", box, { title: "cut away parts of the volume to see inside", ...OWN_KEYS },
+      "Clipping");
+    this.cut = box;
+    this.sliders = new ClipSliders(box, view);
+    box.open = isClipped(clipOf(view));
+    box.addEventListener("toggle", () => this.fit());
   }
 
-  #shows(bar) {
-    this.#menu(bar, "Show", trait(this.view, "shows"), this.data.shows, "what of the volume is seen");
+  /**
+   * @param {Element} bar
+   * @param {PlainModel} view
+   */
+  #shows(bar, view) {
+    this.#menu(bar, trait(view, "shows"));
   }
 
   reset() {
@@ -206,7 +293,10 @@ class StandalonePage {
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
 
-  // Locks and radii stand beside the points, as deformnb/document/json_format.py writes them.
+  /**
+   * Locks and radii beside the points, as deformnb/document/json_format.py writes them.
+   * @param {Point[]} points
+   */
   #own(points) {
     const locked = points.filter((p) => p.locked).map((p) => p.id);
     const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);
@@ -216,49 +306,73 @@ class StandalonePage {
   // ---- the points as a file -----------------------------------------------------------------------------------------
 
   document() {
-    const points = this.editor.get("points"), next = this.editor.get("next_id");
+    /** @type {Point[]} */
+    const points = this.editor.get("points");
+    const next = this.editor.get("next_id");
     const { chosen_support: radius, ...settings } = this.editor.get("settings");
     if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
     if (!this.data.document) return { points, ...settings };
     const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
     const plain = points.map(({ locked, radius, ...point }) => point);
-    return { ...this.data.document, steps: [{ ...step, ...settings, ...own, maps: [{ dim: 2, next_id: next, points: plain }] }] };
+    const maps = [{ dim: 2, next_id: next, points: plain }];
+    return { ...this.data.document, steps: [{ ...step, ...settings, ...own, maps }] };
   }
 
   download() {
     const text = `${JSON.stringify(this.document(), null, 1)}\n`;
-    const link = pageNode("a", "", null, { download: "deformation.json" });
+    const link = pageElement("a", "", null, { download: "deformation.json" });
     link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
 }
 
-// A trait of a model, as a control shows and changes it.
+/**
+ * A value that a control shows and changes.
+ * @typedef {{name: string, now: () => any, set: (value: any) => void, listen: (show: () => void) => void}} Bound
+ */
+
+/**
+ * A trait of a model.
+ * @param {PlainModel} model
+ * @param {string} name
+ * @returns {Bound}
+ */
 function trait(model, name) {
-  return { name, get: () => model.get(name), set: (value) => model.update({ [name]: value }),
+  return { name, now: () => model.get(name), set: (value) => model.update({ [name]: value }),
     listen: (show) => model.on(`change:${name}`, show) };
 }
 
-// A setting of an editor's fit, likewise.
+/**
+ * A setting of an editor's fit.
+ * @param {PlainModel} model
+ * @param {string} name
+ * @returns {Bound}
+ */
 function setting(model, name) {
-  return { name, get: () => model.get("settings")[name], set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
+  return { name, now: () => model.get("settings")[name],
+    set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
     listen: (show) => model.on("change:settings", show) };
 }
 
-// What goes wrong is said on the page, which goes on.
+/**
+ * Shows on the page that an action has failed; the page goes on.
+ * @param {() => void} action
+ */
 function guarded(action) {
-  try { return action(); } catch (error) {
+  try { action(); } catch (error) {
     console.error(error);
-    sayOnPage(`This page met an error: ${error.message || error}`);
-    return undefined;
+    sayOnPage(`This page met an error: ${messageOf(error)}`);
   }
 }
 
+/** @param {unknown} error */
+function messageOf(error) { return (error instanceof Error && error.message) || error; }
+
 async function openStandalone() {
-  const data = await decodedData(JSON.parse(document.getElementById("dnb-data").textContent));
-  const page = new StandalonePage(data, globalThis[Symbol.for("deformnb.standalone")]);
-  document.body.deformnb = page; // for tests and for whoever looks into the page
+  const data = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const page = new StandalonePage(data, /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")]);
+  Object.assign(document.body, { deformnb: page }); // for tests and for debugging
   await page.open();
 }
 
@@ -266,5 +380,5 @@ openStandalone().catch((error) => {
   console.error(error);
   const isOld = typeof DecompressionStream === "undefined";
   sayOnPage(isOld ? "This browser is too old to unpack the volume; a still picture is shown."
-    : `This page could not be opened: ${error.message || error}`);
+    : `This page could not be opened: ${messageOf(error)}`);
 });

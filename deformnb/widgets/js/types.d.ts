@@ -1,9 +1,11 @@
 // Shapes of the data that several modules share, as Python sends them and as the documents hold them.
 
 import type { AnyModel } from "@anywidget/types";
+import type { PlayClock } from "./inputs/player.js";
+import type { Sender } from "./sync/edits.js";
 
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
-export type Model = AnyModel<any>;
+export type Model = AnyModel;
 
 /** A place or a displacement: (a, b) in a picture. */
 export type Vector2 = [number, number];
@@ -27,11 +29,40 @@ export interface Point {
   radius: number | null;
 }
 
-/** A region of a picture, by its kind: line, polygon, half space, mask. */
-export interface RegionData {
-  kind: string;
-  [key: string]: any;
+/** The region within a closed outline. */
+export interface PolygonData {
+  kind: "polygon";
+  vertices: number[][];
 }
+
+/** The region on the left of an open line, which continues without end. */
+export interface LineData {
+  kind: "line";
+  vertices: number[][];
+}
+
+/** A half plane; the normal points out of it. */
+export interface HalfSpaceData {
+  kind: "half_space";
+  vertices?: undefined;
+  point: number[];
+  normal: number[];
+}
+
+/** The pixels of a region: base64 of zlib of eight pixels to a byte, the first in the highest bit. */
+export interface MaskData {
+  kind: "mask";
+  vertices?: undefined;
+  shape: number[];
+  spacing: number[];
+  origin: number[];
+  bits: string;
+}
+
+export type OutlineData = PolygonData | LineData;
+
+/** A region of a picture. */
+export type RegionData = OutlineData | HalfSpaceData | MaskData;
 
 /** A cut: what lies in the region is deformed by its own points alone. */
 export interface CutData {
@@ -46,7 +77,7 @@ export type Motion = { matrix: Matrix2; shift: Vector2 } | null;
 /** A rigid part. */
 export interface PartData extends CutData {
   weight: string;
-  reach: number;
+  reach: number | null;
   motion: Motion;
 }
 
@@ -56,17 +87,16 @@ export type ShapeData = CutData | PartData;
 /** Settings of a fit; each may be left out. */
 export interface FitSettings {
   kernel?: string;
-  support?: number | string | null;
+  support?: number | "box_diagonal" | null;
   chosen_support?: number | null;
   trend?: string;
   smoothing?: number;
   strength?: number;
   lone_support?: number | null;
-  stages?: any;
+  stages?: number | null;
   cuts?: CutData[];
   parts?: PartData[];
   cut_rule?: string;
-  previous?: any;
 }
 
 /** Pixels of a picture: [rows, columns], and the distances between and the place of the first. */
@@ -75,3 +105,160 @@ export interface Raster {
   spacing: Vector2;
   origin: Vector2;
 }
+
+/** A region made ready for use. */
+export interface Region {
+  kind: string;
+  /** Signed distance to the boundary, negative inside. */
+  distance: (a: number, b: number) => number;
+  /** A quicker distance for all places not farther than `radius` from (a, b). */
+  near: (a: number, b: number, radius: number) => (a: number, b: number) => number;
+  /** The pixels of a mask. */
+  isSet?: Uint8Array;
+  /** The number of edges of an outline. */
+  edges?: number;
+}
+
+/** A fit of control points; coordinates in it are relative to `origin`, in units of `support`. */
+export interface RbfFit {
+  count: number;
+  /** support / radius of each point, or null where all points share one radius. */
+  scales: Float64Array | null;
+  centers: Float64Array;
+  coefficients: Float64Array;
+  linear: number[][];
+  constant: number[];
+  origin: number[];
+  support: number;
+  kernel: string;
+  trend: string;
+  ids: number[];
+  /** Remarks for the user. */
+  notes: string[];
+  /** Those of the notes that say that the map may fold. */
+  doubts: string[];
+}
+
+/** A rigid part made ready for evaluation. The last three fields are scratch values of the place evaluated last. */
+export interface ReadyPart {
+  part: PartData;
+  scale: number;
+  /** The backward motion: x -> m x + s, m row by row. */
+  back: { m: number[]; s: number[]; isStill: boolean };
+  distance: (a: number, b: number) => number;
+  /** The weight of the smooth displacement as a function of the relative distance. */
+  step: (value: number) => number;
+  pa: number;
+  pb: number;
+  d: number;
+}
+
+/** Any fit: a plain one, one beside rigid parts (`base` and `rigid`), or one in stages. */
+export interface Fit extends RbfFit {
+  base?: RbfFit;
+  rigid?: ReadyPart[];
+  stages?: Fit[];
+}
+
+/** Fits that cuts keep apart. */
+export interface LayeredFit {
+  /** key: the sides of the cuts as one number, bit k is set inside cut k. */
+  fits: { key: number; sides: boolean[]; fit: Fit }[];
+  regions: Region[];
+  rule: string;
+  /** The only fit where there are no cuts, else null. */
+  fit: Fit | null;
+  /** The index in `fits` of each key. */
+  byKey: Map<number, number>;
+  notes: string[];
+  doubts: string[];
+  count: number;
+  /** Whether there are regions without points. */
+  hasRest: boolean;
+}
+
+/** The geometry of a picture of a volume: a and b run to the right and down in it, c into it, in the volume's unit. */
+export interface PaneInfo {
+  name: string;
+  origin: number[];
+  u: number[];
+  v: number[];
+  n: number[];
+  /** [a0, a1, b0, b1, c0, c1] */
+  box: number[];
+  /** The first and the last depth of a slice. */
+  depths: number[];
+  spacing: number[];
+}
+
+/** A point of a volume as it is drawn in a picture; `away` is its distance behind the slice. */
+export interface FlatPoint {
+  id: number;
+  name: string;
+  active: boolean;
+  locked?: boolean;
+  source: number[];
+  target: number[];
+  away: number;
+  isFar: boolean;
+  whole: Point;
+}
+
+/** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; `at` along that. */
+export interface Mirror {
+  on: boolean;
+  axis?: string;
+  normal?: number[];
+  at: number;
+}
+
+/** A box, or the sides of one, along the axes of a volume. */
+export interface Sides {
+  low: number[];
+  high: number[];
+}
+
+/** The detail of the event "deformnb:points" of a bus. */
+export interface PointsDetail {
+  /** The id of the view that published them. */
+  origin: string;
+  points: Point[];
+  settings: FitSettings;
+  /** The result of layeredFit, null where the points cannot be fitted; editors of volumes leave it out. */
+  layered?: LayeredFit | null;
+  fit: Fit | null;
+  phase: "move" | "end";
+}
+
+/** The detail of the event "deformnb:time" of a bus. */
+export interface TimeDetail {
+  time: number;
+  isPlaying: boolean;
+}
+
+/** The event target that all views of one editor or player share in a window. */
+export interface Bus extends EventTarget {
+  latest: PointsDetail | null;
+  owners: number;
+  sender?: Sender | null;
+  /** The number of open views of an editor. */
+  views?: number;
+  clock?: PlayClock;
+  moment?: TimeDetail;
+  addEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
+  addEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
+  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | AddEventListenerOptions): void;
+  removeEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
+  removeEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
+  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | EventListenerOptions): void;
+}
+
+/** The cuts and the rigid parts of an editor. */
+export interface Shapes {
+  cuts: CutData[];
+  parts: PartData[];
+}
+
+export type ShapeKind = keyof Shapes;

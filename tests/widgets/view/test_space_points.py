@@ -243,6 +243,16 @@ def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPo
     np.testing.assert_allclose(result["origins"], expected, atol=0.02)  # between samples a third of a voxel apart
 
 
+def test_a_displacement_with_cuts_is_left_out(volume: Volume) -> None:
+    """Its numbers are of half precision and stand for several regions."""
+    data, places = page_body(volume, None), GRID.index_to_point([[3.0, 4, 5], [8, 9, 7]])
+    data["field"]["space"] = {"shape": [2, 2, 2], "origin": [0, 0, 0], "spacing": [30, 30, 30], "values": [15360] * 64,
+                              "cut": {"regions": 2, "rule": "source", "softness": 1.0, "slope": 0.5}}
+    result = run_script(RAYS, BODY, {**data, "places": places.tolist(), "rays": []})
+    expected = (places - np.asarray(GRID.origin)) @ np.asarray(GRID.direction)
+    np.testing.assert_allclose(result["origins"], expected, atol=1e-9)
+
+
 def test_a_ray_meets_the_front_of_the_body_and_of_a_deformed_one(volume: Volume) -> None:
     to_y = np.asarray(GRID.direction)[:, 1]  # along the second axis of the voxels
     start = GRID.index_to_point([18, -20, 15])

@@ -1,40 +1,71 @@
-// Puts the widgets' own pages into the application's page. Joined behind sync/host_model.js and app/remote.js;
-// a plain script, no module.
+// Puts the widgets into the application's page.
 //
-// trame's client brings Vue and the socket. <deformnb-widget name="editor"> is a Vue component that asks for the state
-// of that widget, gives it to a PlainModel, and draws the widget with it, as a notebook would. What the widget says
-// goes to Python as calls of procedures; what Python says comes under one topic. Picture and volume fill the place they
+// trame's client brings Vue and the socket. <deformnb-widget name="editor"> is a Vue component that requests the state
+// of that widget, gives it to a PlainModel, and draws the widget with it, as a notebook would. The widget's messages
+// go to Python as calls of procedures; those of Python come under one topic. Picture and volume fill the place they
 // are given; the others are as high as they need to be.
 
 import { PlainModel } from "../sync/host_model.js";
 import { AppFiles } from "./files.js";
-import { APP_PAGE, AppRemote } from "./remote.js";
+import { AppRemote } from "./remote.js";
+import { APP_PAGE, callPython } from "./session.js";
+
+/** @import { Component, Session, Trame } from "./types.d.ts" */
+
+/** @typedef {Record<string, unknown>} State values of traits by their names */
+/** @typedef {PlainModel & {isInitialized?: boolean}} AppModel */
+/** @typedef {{state: State, models: Record<string, string>}} Answer names of widgets by their ids */
+
+/**
+ * @typedef {object} WidgetMessage Python's message to a widget
+ * @property {string} widget
+ * @property {unknown} [content]
+ * @property {unknown[]} [buffers]
+ * @property {State} [state]
+ * @property {string} [origin]
+ */
 
 const APP_TOPIC = "deformnb.widget";
+const TEXT = "input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]";
 
-// Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives.
+/**
+ * Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives.
+ * @param {unknown} value
+ */
 function appBytes(value) {
   return value instanceof Uint8Array ? new DataView(value.buffer, value.byteOffset, value.byteLength) : value;
 }
 
+/** @param {State} state */
 function appState(state) {
   return Object.fromEntries(Object.entries(state).map(([name, value]) => [name, appBytes(value)]));
 }
 
-class AppWidgets {
+export class AppWidgets {
+  /** @param {Trame} trame */
   constructor(trame) {
-    Object.assign(this, { trame, models: {}, opening: {}, session: null });
+    this.trame = trame;
+    /** @type {Record<string, AppModel>} */
+    this.models = {};
+    /** @type {Record<string, Promise<AppModel>>} */
+    this.opening = {};
+    /** @type {Session | null} */
+    this.session = null;
   }
 
-  // The socket of now: after a broken connection it is another one, and all state comes anew.
+  /** The session of now: after a broken connection it is another one, and all state comes anew. */
   connect() {
     const session = this.trame.client.getConnection().getSession();
-    if (session === this.session) return;
-    Object.assign(this, { session, models: {}, opening: {} });
-    session.subscribe(APP_TOPIC, ([message]) => this.hear(message));
+    if (session === this.session) return session;
+    this.session = session;
+    this.models = {};
+    this.opening = {};
+    session.subscribe(APP_TOPIC, (/** @type {WidgetMessage[]} */ [message]) => this.receive(message));
+    return session;
   }
 
-  hear({ widget, content, buffers, state, origin }) {
+  /** @param {WidgetMessage} message */
+  receive({ widget, content, buffers, state, origin }) {
     const model = this.models[widget];
     if (!model) return;
     if (state && origin === APP_PAGE) model.answered(appState(state));
@@ -42,30 +73,59 @@ class AppWidgets {
     else model.receive(content, (buffers || []).map(appBytes));
   }
 
+  /**
+   * The model of a widget.
+   * @param {string} name
+   */
   async open(name) {
-    this.connect();
-    this.opening[name] ??= this.#open(name);
+    const session = this.connect();
+    this.opening[name] ??= this.#open(session, name);
     return this.opening[name];
   }
 
-  async #open(name) {
-    const { session } = this, answer = await session.call("deformnb.open", [name]);
+  /**
+   * @param {Session} session
+   * @param {string} name
+   */
+  async #open(session, name) {
+    /** @type {Answer | null} */
+    const answer = await session.call("deformnb.open", [name]);
     if (!answer) throw new Error("the server does not know this part of the page");
     const ids = answer.models;
+    /** @type {AppModel} */
     const model = new PlainModel(appState(answer.state), {
-      deliver: (content) => this.call("deformnb.message", [name, content]),
-      save: (changed) => this.call("deformnb.state", [name, APP_PAGE, changed], () => model.answered(changed)),
+      deliver: (content) => this.#call("deformnb.message", [name, content]),
+      save: (changed) => this.#call("deformnb.state", [name, APP_PAGE, changed], () => model.answered(changed)),
       isAnswered: true,
     });
-    model.widget_manager = { get_model: (id) => this.open(ids[id.replace("IPY_MODEL_", "")]) };
+    model.widget_manager = { get_model: (/** @type {string} */ id) => this.open(ids[id.replace("IPY_MODEL_", "")]) };
     this.models[name] = model;
     return model;
   }
 
-  // A call that fails because the connection has gone is no news: the page says so by itself.
-  call(method, given, failed = () => {}) { this.session.call(method, given).catch(failed); }
+  /**
+   * @param {string} method
+   * @param {unknown[]} given
+   * @param {() => void} [failed]
+   */
+  #call(method, given, failed) { if (this.session) callPython(this.session, method, given, failed); }
 }
 
+/**
+ * @typedef {object} Widget
+ * @property {string} name
+ * @property {string} source
+ * @property {string} theme
+ * @property {boolean} fills
+ * @property {{place: HTMLElement}} $refs
+ * @property {AppModel} [model]
+ * @property {boolean} [isGone]
+ * @property {() => void} [close]
+ * @property {() => void} paint
+ * @property {(event: KeyboardEvent) => void} keyed
+ */
+
+/** @type {Component<Widget>} */
 const AppWidget = {
   props: { name: String, source: String, theme: String },
   computed: {
@@ -77,16 +137,19 @@ const AppWidget = {
   inject: ["trame"],
   template: `<div ref="place" :class="fills ? 'dnb-app-widget' : 'dnb-app-inline'"></div>`,
   methods: {
-    // Volumes look best on black. The others take the colours around them, and look again when the body says so.
+    /** Volumes look best on black. The others take the colours around them, again when the body's data change. */
     paint() {
       if (this.name === "editor") this.model?.update({ theme: this.theme });
       document.body.dataset.jpThemeLight = String(this.theme !== "dark");
     },
-    // Undo and redo wherever the focus is, but where text is written or somebody else has heard the key.
+    /**
+     * Undo and redo wherever the focus is, but where text is written or somebody else has taken the key.
+     * @param {KeyboardEvent} event
+     */
     keyed(event) {
       const { target, key } = event, isUndo = key.toLowerCase() === "z", isRedo = key.toLowerCase() === "y";
       if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
-      if (target.closest?.("input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]")) return;
+      if (target instanceof Element && target.closest(TEXT)) return;
       event.preventDefault();
       this.trame.trigger(isRedo || event.shiftKey ? "redo" : "undo");
     },
@@ -96,7 +159,8 @@ const AppWidget = {
     if (this.name === "editor") document.addEventListener("keydown", this.keyed); // one of the page's widgets for all
     const place = this.$refs.place;
     try {
-      const widgets = (this.trame.deformnb ??= new AppWidgets(this.trame));
+      this.trame.deformnb ??= new AppWidgets(this.trame);
+      const widgets = this.trame.deformnb;
       const [model, page] = await Promise.all([widgets.open(this.name),
         import(new URL(this.source, document.baseURI).href)]);
       if (this.isGone) return;
@@ -113,7 +177,7 @@ const AppWidget = {
       if (this.isGone) this.close();
     } catch (error) {
       console.error(error);
-      place.textContent = `This part of the page could not be shown: ${error.message}`;
+      place.textContent = `This part of the page could not be shown: ${/** @type {Error} */ (error).message}`;
     }
   },
   beforeUnmount() {
@@ -123,7 +187,13 @@ const AppWidget = {
   },
 };
 
-// Picture and volume have sizes of their own; here they fill the place they are given. Returns what ends that.
+/**
+ * Lets a picture or a volume, which have sizes of their own, fill the place they are given. Returns a function that
+ * ends that.
+ * @param {string} name
+ * @param {PlainModel} model
+ * @param {HTMLElement} place
+ */
 function fitted(name, model, place) {
   const apply = () => {
     const { width, height } = place.getBoundingClientRect();
@@ -131,9 +201,10 @@ function fitted(name, model, place) {
     if (name === "live") {
       model.update({ width: Math.min(8192, Math.floor(width)), height: Math.min(8192, Math.floor(height)) });
     } else {
-      // What the editor says around its picture: a bar above and lines below.
+      // The editor has a bar above its picture and lines below.
       const root = place.firstElementChild, stage = root?.querySelector(".dnb-ed-stage");
-      const around = stage ? Math.ceil(root.offsetHeight - stage.offsetHeight) : 0;
+      const around = root instanceof HTMLElement && stage instanceof HTMLElement
+        ? Math.ceil(root.offsetHeight - stage.offsetHeight) : 0;
       model.update({ height: Math.max(120, Math.min(4096, Math.floor(height) - around)) });
     }
   };

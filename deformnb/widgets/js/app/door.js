@@ -1,21 +1,23 @@
-// Before anything else of the application's page: the password comes with the address once, and goes out of sight.
+// Runs before anything else of the application's page: the password comes with the address once, and goes out of sight.
 //
-// trame's client takes it from the address and strikes it out there, so a page that is loaded again would have none.
-// It is kept for this tab. Nothing in the address may name another server to talk to.
+// trame's client takes it from the address and removes it there, so a page that is loaded again would have none. It is
+// kept for this tab. Nothing in the address may name another server to talk to.
 
 (() => {
   const KEY = "deformnb-secret", address = new URL(window.location.href), { searchParams } = address;
   for (const name of ["sessionURL", "sessionManagerURL", "wsProxy", "wsChannel", "iframe"]) searchParams.delete(name);
-  const given = searchParams.get("secret");
+  const given = searchParams.get("secret"), kept = window.sessionStorage.getItem(KEY);
   if (given) window.sessionStorage.setItem(KEY, given);
-  else if (window.sessionStorage.getItem(KEY)) searchParams.set("secret", window.sessionStorage.getItem(KEY));
-  searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client asks a launcher, which we are not
+  else if (kept) searchParams.set("secret", kept);
+  searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client needs a launcher
   window.history.replaceState({}, document.title, `${address.pathname}${address.search}${address.hash}`);
 
   // A client that is refused writes a bare line of its own into the page.
   document.addEventListener("DOMContentLoaded", () => {
-    const app = document.getElementById("app"), text = "There is no session for this page. Start \"deformnb app\" and " +
-      "open the address that it prints: its password is another one at each start.";
+    const app = document.getElementById("app");
+    const text = "There is no session for this page. Start \"deformnb app\" and open the address that it prints: " +
+      "its password is another one at each start.";
+    if (!app) return;
     new MutationObserver(() => {
       if (app.childElementCount || !app.textContent) return;
       const note = document.createElement("p");

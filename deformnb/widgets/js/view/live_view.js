@@ -1,44 +1,73 @@
-// The page of a live view without its volume: canvas, captions, cube, notice, and the camera. view/live_view.js adds the rest.
+// The live view: a volume, turned and deformed in the browser.
+// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
 
-import { Camera } from "../maths/camera.js";
 import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import {
-  aboutShown, boxCorners, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn,
-  sized,
+  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn, sized,
 } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
 import { StillPicture } from "./pictures.js";
 import { TimeLink } from "./playback.js";
-import { Hands } from "./pointer.js";
+import { PointerControls } from "./pointer.js";
 import { FrameLoop } from "./render_loop.js";
 import { SpacePoints } from "./space_points.js";
+import { ViewCamera } from "./view_camera.js";
 import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
-class VolumePage {
+/** @import { Model, Vector3 } from "../types.d.ts" */
+/** @import { Picture, PlanarField, VolumeData } from "../webgl/types.d.ts" */
+/** @import { KnownCuts } from "./follow_editor.js" */
+/** @import { Bytes, Field, VolumeInfo } from "./types.d.ts" */
+/** @import { Message } from "./volume_loader.js" */
+
+const FEWEST = 32 ** 3; // voxels that are still worth a look
+
+class LiveViewPage {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     this.model = model;
     this.id = Math.random().toString(36).slice(2, 12);
-    this.camera = new Camera();
-    this.field = null;
+    this.closed = false;
+    this.shown = this.shows;
+    /** @type {VolumeInfo | null} */
     this.info = null;
-    this.still = null; // a StillPicture, where WebGL is missing
+    /** @type {Field | null} */
+    this.field = null;
+    /** @type {Uint8Array | null} */
+    this.values = null; // the voxels, once all are here
+    /** @type {VolumeLoader | null} */
+    this.loader = null;
+    /** @type {RayCaster | null} */
+    this.caster = null; // null where WebGL is missing
+    /** @type {FrameLoop | null} */
+    this.loop = null;
+    /** @type {StillPicture | null} */
+    this.still = null; // where WebGL is missing
+    this.isScarce = false; // whether the GPU did not hold all voxels
+    this.wasTooMuch = false;
+    this.sent = { received: 0 };
+    /** @type {KnownCuts} */
+    this.cuts = {};
+    /** @type {Record<string, number> | null} */
+    this.stats = null; // measurements of the last full picture
+    /** @type {[string, (...given: any[]) => void][]} */
     this.handlers = [];
-    this.#build(el);
-  }
+    this.camera = new ViewCamera(this);
 
-  // -- the page ------------------------------------------------------------------------------------------------------
-
-  #build(el) {
     this.host = el;
     this.root = pageElement("div", "dnb-view", el);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.badge = pageElement("div", "dnb-badge", this.root);
-    this.progress = pageElement("div", "dnb-progress", this.root, { role: "progressbar", "aria-label": "loading the volume" });
+    this.progress = pageElement("div", "dnb-progress", this.root,
+      { role: "progressbar", "aria-label": "loading the volume" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new PageTheme(this.root, () => this.setBackground());
     this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
@@ -46,15 +75,30 @@ class VolumePage {
     this.size();
     this.observer = new ResizeObserver(() => this.size());
     this.observer.observe(this.root);
+
+    this.#listen();
+    this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
+      (isMoving) => this.movedByLink(isMoving));
+    this.times = new TimeLink(this);
+    for (const [link, name] of /** @type {const} */ ([[this.link, "editor"], [this.times, "player"]])) {
+      this.on(`change:${name}`, () => link.follow(model.get(name)));
+      link.follow(model.get(name)).catch((error) => this.fail(error));
+    }
+    this.pointer = new PointerControls(this);
+    this.spacePoints = new SpacePoints(this);
+    this.#start();
   }
+
+  // -- canvas, captions, notice --------------------------------------------------------------------------------------
 
   size() {
     const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.max(1, n));
     if (this.canvas.width === w && this.canvas.height === h) return;
-    this.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
+    this.camera.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
     if (this.loop) { this.loop.again(); this.touch(); }
   }
 
+  /** @returns {string} */
   get background() {
     const wanted = this.model.get("background");
     return wanted === "auto" ? this.theme.name : wanted;
@@ -68,10 +112,11 @@ class VolumePage {
     this.touch();
   }
 
+  /** @returns {string} */
   get shows() { return this.model.get("shows") || "deformed"; }
 
   setShows() {
-    this.reframed(() => { this.shown = this.shows; });
+    this.camera.reframed(() => { this.shown = this.shows; });
     this.flicker.set(this.shows === "flicker" && Boolean(this.loop));
     this.caption();
     if (this.loop) this.loop.flip(0);
@@ -91,118 +136,64 @@ class VolumePage {
     this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
   }
 
+  /** @param {number} layer */
   flip(layer) {
     this.caption();
     if (this.loop) this.loop.flip(layer);
   }
 
-  /** What is seen in a canvas of this size: see FrameLoop. */
+  /**
+   * The pictures that fill a canvas of this size.
+   * @param {number} width
+   * @param {number} height
+   * @returns {Picture[]}
+   */
   pictures(width, height) {
     return picturesOf(this.shows, width).map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
   }
 
-  /** Width by height of one picture. */
-  get aspect() { return this.canvas.width / (this.shown === "side_by_side" ? 2 : 1) / this.canvas.height; }
-
-  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
-  reframed(change) {
-    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
-    change();
-    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
-  }
-
-  /** again: what a button behind the text does. */
-  say(text, again = null) {
+  /** @param {string} text */
+  say(text) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
-    if (!again) return;
-    const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
-    button.textContent = "Try again";
-    button.addEventListener("click", again);
   }
+
+  mark() { this.badge.textContent = remarksOn(this); }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
-  get box() { return (this.field && this.field.box) || this.info.box; }
-
-  /** The corners of what is shown, from its middle, in space. */
-  corners() {
-    return boxCorners(this.box, this.info.axes);
-  }
-
+  /**
+   * The camera in the volume's own frame, for a picture of this width by height.
+   * @param {number} aspect
+   */
   seen(aspect) {
-    const { low, high } = this.box, middle = low.map((l, i) => (l + high[i]) / 2);
-    return this.camera.inFrame(this.info.to_frame, middle, aspect);
+    const { camera } = this;
+    return camera.inFrame(camera.info.to_frame, camera.middle, aspect);
   }
 
-  readCamera(force = false) {
-    // While a hand turns the picture it goes first; what it has done is said when it lets go.
-    if (!this.info || (!force && (this.writing || this.hands?.isBusy))) return;
-    const wanted = this.model.get("camera") || {};
-    this.camera.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
-    this.camera.pan = [...(wanted.pan || [0, 0])];
-    this.camera.bend = wanted.perspective ? 0.7 : 0;
-    this.camera.height = this.camera.fit(this.corners(), this.aspect) / (wanted.zoom || 1);
-    this.touch();
-  }
+  readCamera(isForced = false) { if (this.camera.read(isForced)) this.touch(); }
 
   writeCamera() {
-    const { direction, up, pan, height } = this.camera;
-    this.writing = true; // our own change must not come back as if Python had made it
-    this.model.set("camera", { ...this.model.get("camera"), direction, up, pan: [...pan],
-      zoom: this.camera.fit(this.corners(), this.aspect) / height });
-    this.model.save_changes();
-    this.writing = false;
+    this.camera.write();
     this.still?.ask();
   }
 
+  /** @param {string} view */
   showView(view) {
-    const { direction, up } = this.info.views[view];
-    this.camera.look(direction, up);
-    this.seeAll();
-  }
-
-  reset() {
-    const { direction, up } = this.info.views.home;
-    this.camera.look(direction, up);
-    this.seeAll();
-  }
-
-  seeAll() {
-    this.camera.pan = [0, 0];
-    this.camera.height = this.camera.fit(this.corners(), this.aspect);
+    if (!this.info) return;
+    this.camera.seeAll(this.info.views[view]);
     this.touch();
     this.writeCamera();
   }
-}
 
-// The live view: a volume, turned and deformed in the browser. Joined behind the files that deformnb/widgets/view/live_view.py
-// names.
-// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
-
-const FEWEST = 32 ** 3; // voxels that are still worth a look
-
-class LiveViewPage extends VolumePage {
-  constructor(model, el) {
-    super(model, el);
-    this.values = null;
-    this.sent = { received: 0 };
-    this.cuts = {}; // distances to the cuts that came last
-    this.#listen();
-    this.#start();
-  }
+  reset() { this.showView("home"); }
 
   // -- start, loss and return of WebGL -------------------------------------------------------------------------------
 
   #start() {
-    try {
-      this.caster = new RayCaster(this.canvas);
-    } catch (error) {
-      this.caster = null;
-      this.fall(`Drawn in Python: ${error.message}.`);
-    }
+    this.caster = this.#newCaster();
     if (this.caster) {
-      this.#prepare();
+      this.#prepare(this.caster);
       this.caster.present(null);
     }
     this.hello();
@@ -211,16 +202,30 @@ class LiveViewPage extends VolumePage {
     this.setInfo();
   }
 
-  /** voxels: how many the card holds at most, where it has been found not to hold all. */
-  hello(voxels = null) {
-    const { largest = 0, name = "", isSoftware = true } = this.caster || {};
-    this.send({ type: "hello", largest, renderer: name, software: isSoftware, background: this.theme.name,
-      ...(voxels && { voxels }) });
+  /** Null without WebGL, and then Python draws. */
+  #newCaster() {
+    try {
+      return new RayCaster(this.canvas);
+    } catch (error) {
+      this.fall(`Drawn in Python: ${/** @type {Error} */ (error).message}.`);
+      return null;
+    }
   }
 
-  /** The card does not hold the volume: Python is asked for half of the voxels, until they are too few to look at. */
-  #askForFewer(why) {
-    const fewer = Math.floor(this.info.shape.reduce((product, n) => product * n, 1) / 2);
+  /** @param {number | null} voxels the most that the GPU holds, where it has been found not to hold all */
+  hello(voxels = null) {
+    const { caster } = this;
+    this.send({ type: "hello", largest: caster?.largest ?? 0, renderer: caster?.name ?? "",
+      software: caster?.isSoftware ?? true, background: this.theme.name, ...(voxels && { voxels }) });
+  }
+
+  /**
+   * Asks Python for half of the voxels, since the GPU does not hold the volume, until they are too few to look at.
+   * @param {MemoryError} why
+   * @param {Vector3} shape
+   */
+  #askForFewer(why, shape) {
+    const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
     this.loader = null;
@@ -228,19 +233,23 @@ class LiveViewPage extends VolumePage {
     this.hello(fewer);
   }
 
-  #prepare() {
-    this.loop = new FrameLoop(this.caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), () => this.tell(),
+  /** @param {RayCaster} caster */
+  #prepare(caster) {
+    this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
       () => this.link.catchUp());
-    this.caster.projection = this.model.get("projection");
-    this.caster.background = this.background;
+    caster.projection = this.model.get("projection");
+    caster.background = this.background;
     this.setFolds();
     this.setClip();
   }
 
   setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
 
-  /** No WebGL: somebody else has to draw. */
+  /**
+   * Lets Python draw, as there is no WebGL.
+   * @param {string} text
+   */
   fall(text) {
     this.say(text);
     this.still ??= new StillPicture(this, text);
@@ -249,6 +258,7 @@ class LiveViewPage extends VolumePage {
     this.still.ask();
   }
 
+  /** @param {Event} event */
   lost(event) {
     event.preventDefault(); // else it never comes back
     if (this.closed) return;
@@ -264,46 +274,56 @@ class LiveViewPage extends VolumePage {
     this.still = null;
     this.say("");
     this.caster = null;
-    try { this.caster = new RayCaster(this.canvas); } catch (error) { this.fall(`Drawn in Python: ${error.message}.`); return; }
-    this.#prepare();
+    this.caster = this.#newCaster();
+    if (!this.caster) return;
+    this.#prepare(this.caster);
     this.setShows();
     this.setTable();
-    if (this.values && this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD));
-    else if (this.values) this.upload().catch((error) => this.fail(error));
+    if (!this.values || !this.info) return;
+    if (this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD), this.info.shape);
+    else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
-  // -- what comes from Python ----------------------------------------------------------------------------------------
+  // -- messages and traits -------------------------------------------------------------------------------------------
 
+  /** @param {Message} content */
   send(content) { this.model.send({ view: this.id, ...content }); }
 
+  /**
+   * @param {string} name
+   * @param {(...given: any[]) => unknown} handler
+   */
   on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
 
-  fail(error) { console.error(error); this.say(`The live view has failed: ${error.message || error}`); }
+  /** @param {unknown} error */
+  fail(error) {
+    console.error(error);
+    this.say(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
+  }
 
   #listen() {
     this.on("msg:custom", (content, buffers) => this.receive(content, buffers || []));
     this.on("change:volume_info", () => this.setInfo());
     this.on("change:table", () => this.setTable());
     this.on("change:camera", () => this.readCamera());
-    this.on("change:projection", () => { if (this.caster) this.caster.projection = this.model.get("projection"); this.touch(); });
+    this.on("change:projection", () => {
+      if (this.caster) this.caster.projection = this.model.get("projection");
+      this.touch();
+    });
     this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
     this.on("change:clip", () => this.setClip());
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
-    this.on("change:editor", () => this.link.follow(this.model.get("editor")));
-    this.link = new FieldLink(this.model, (...maps) => this.planarFromLink(...maps), (isMoving) => this.movedByLink(isMoving));
-    this.link.follow(this.model.get("editor")).catch((error) => this.fail(error));
-    this.times = new TimeLink(this);
-    this.on("change:player", () => this.times.follow(this.model.get("player")));
-    this.times.follow(this.model.get("player")).catch((error) => this.fail(error));
-    this.hands = new Hands(this);
-    this.spacePoints = new SpacePoints(this);
   }
 
+  /**
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   */
   receive(content, buffers) {
-    if (content.view && content.view !== this.id) return undefined; // for another page of the same view
+    if (content.view && content.view !== this.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.receiveStill(buffers[0]);
@@ -314,9 +334,9 @@ class LiveViewPage extends VolumePage {
   }
 
   setInfo() {
-    const info = this.model.get("volume_info") || {};
-    if (!info.shape) return;
-    if (this.info && this.info.id === info.id) return;
+    /** @type {VolumeInfo | null} */
+    const info = this.model.get("volume_info");
+    if (!info?.shape || this.info?.id === info.id) return;
     this.info = info;
     this.values = null;
     this.mark();
@@ -327,50 +347,65 @@ class LiveViewPage extends VolumePage {
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
   }
 
+  /** @param {boolean} isStuck */
   setStuck(isStuck) {
-    if (!isStuck) { this.say(""); return; }
-    this.say("The volume does not come. Is the kernel running?", () => {
+    this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    if (!isStuck) return;
+    const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
+    button.textContent = "Try again";
+    button.addEventListener("click", () => {
       if (!this.field) this.hello();
-      this.loader.again();
+      this.loader?.again();
     });
   }
 
-  mark() { this.badge.textContent = remarksOn(this); }
-
+  /** @param {number} share */
   setProgress(share) {
-    this.progress.style.setProperty("--share", share);
-    this.progress.setAttribute("aria-valuenow", Math.round(100 * share));
+    this.progress.style.setProperty("--share", String(share));
+    this.progress.setAttribute("aria-valuenow", String(Math.round(100 * share)));
     this.progress.hidden = share >= 1;
   }
 
+  /** @param {Bytes} png */
   receiveStill(png) {
-    if (!this.still) this.fall(NOT_HELD); // nobody here can make the volume smaller
-    this.still.receive(png);
+    if (!this.still) this.fall(NOT_HELD); // no Python that could make the volume smaller
+    this.still?.receive(png);
   }
 
+  /**
+   * @param {Message} content
+   * @param {Bytes} packed
+   */
   async receiveChunk(content, packed) {
     const { loader } = this;
     if (!loader || loader.id !== content.id) return;
     this.sent.received += packed.byteLength;
     const values = await loader.receive(content, packed);
-    if (!values) return;
+    if (!values || !this.info) return;
     this.values = values;
-    await this.upload();
+    await this.upload(this.info, values);
   }
 
-  async upload() {
-    const info = this.info, caster = this.caster;
-    const frame = () => new Promise((resolve) => { setTimeout(resolve, 0); });
-    const { low, high } = info.box;
-    const { shape, spacing, outside, grey, share, is_labels: isLabels } = info;
-    const tick = (share) => { this.setProgress(0.8 + 0.19 * share); return frame(); };
+  /**
+   * @param {VolumeInfo} info
+   * @param {Uint8Array} values
+   */
+  async upload(info, values) {
+    const { caster } = this;
+    if (!caster) return;
+    const { shape, spacing, outside, grey, share, is_labels: isLabels, box: { low, high } } = info;
+    const tick = (/** @type {number} */ done) => new Promise((/** @type {(value: void) => void} */ resolve) => {
+      this.setProgress(0.8 + 0.19 * done);
+      setTimeout(resolve, 0);
+    });
+    /** @type {VolumeData} */
     const about = { shape, spacing, outside, isLabels, grey, share, box: { low, high }, ownBox: info.box };
     let done = false;
     try {
-      done = await caster.setVolume(this.values, about, tick);
+      done = await caster.setVolume(values, about, tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
-      if (caster === this.caster && info === this.info) this.#askForFewer(error);
+      if (caster === this.caster && info === this.info) this.#askForFewer(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
@@ -383,19 +418,24 @@ class LiveViewPage extends VolumePage {
   }
 
   setTable() {
+    /** @type {Bytes | null} */
     const bytes = this.model.get("table");
-    if (!this.caster || !bytes || !bytes.byteLength) return;
+    if (!this.caster || !bytes?.byteLength) return;
     if (this.loader && this.caster.volume) return; // of voxels that are on their way: see upload
     this.caster.setTable(floatsOf(bytes), this.model.get("unit"));
     this.touch();
   }
 
+  /**
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   */
   receiveField(content, buffers) {
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
     const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
     if (!field) { this.hello(); return; } // which is answered with all of it
-    this.reframed(() => { // a larger field of view is seen whole
+    this.camera.reframed(() => { // a larger field of view is seen whole
       this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null) };
     });
     this.mark();
@@ -404,58 +444,72 @@ class LiveViewPage extends VolumePage {
     this.confirm(content.seq);
   }
 
-  /** Python sends the next field when this one is on the screen. */
+  /**
+   * Lets Python send the next field when this one is on the screen.
+   * @param {number | undefined} seq
+   */
   confirm(seq) {
     if (!seq) return;
     const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) this.still.then(tell);
-    else if (this.loop && this.caster.isReady) this.loop.after.push(tell);
+    if (this.still) this.still.whenShown(tell);
+    else if (this.loop && this.caster?.isReady) this.loop.after.push(tell);
     else tell();
   }
 
   applyField() {
     const { caster, loop } = this;
-    if (!caster || !caster.volume || !this.field || !loop) return;
-    loop.apply(() => { // the field of then, which may be a newer one
-      if (!caster.volume) return;
-      caster.setPlanar(this.field.planar);
-      if (caster.space !== this.field.space) caster.setSpace(this.field.space); // an editor moves the planar part only
-      caster.volume.box = this.field.box || this.info.box;
+    if (!caster?.volume || !this.field || !loop) return;
+    loop.apply(() => {
+      const { field } = this; // of then, which may be a newer one
+      if (!caster.volume || !field) return;
+      caster.setPlanar(field.planar);
+      caster.setSpace(field.space);
+      caster.volume.box = this.camera.box;
       this.mark();
     });
   }
 
-  /** New maps from the editor in this page: no byte goes to Python. */
+  /**
+   * Shows new maps from the editor in this window: no byte goes to Python.
+   * @param {PlanarField} planar
+   * @param {boolean} isDrawing
+   */
   planarFromLink(planar, isDrawing) {
-    if (!this.field) this.field = { box: null, space: null };
-    this.field.planar = planar;
+    if (this.field) this.field.planar = planar;
+    else this.field = { box: null, planar, space: null };
     this.applyField();
     if (!isDrawing && this.caster?.volume) this.touch(this.link.isMoving);
   }
 
-  /** A point is on its way: its maps are made with the next picture, or now if none is drawn here. */
+  /**
+   * Shows that a point is on its way: its maps are made with the next picture, or now if none is drawn here.
+   * @param {boolean} isMoving
+   */
   movedByLink(isMoving) {
     if (!isMoving && this.loop?.held) this.loop.release();
     if (!isMoving) return;
-    if (this.loop && this.caster.volume) this.touch(true);
+    if (this.loop && this.caster?.volume) this.touch(true);
     else this.link.catchUp();
   }
 
+  /** @param {Message} content */
   async screenshot({ id }) {
-    if (!this.loop || !this.caster.isReady) return;
+    if (!this.loop || !this.caster?.isReady) return;
     this.loop.drawNow();
+    /** @type {Blob | null} */
     const blob = await new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
-    this.model.send({ view: this.id, type: "screenshot", id }, undefined, [await blob.arrayBuffer()]);
+    if (blob) this.model.send({ view: this.id, type: "screenshot", id }, undefined, [await blob.arrayBuffer()]);
   }
 
-  tell() {
-    this.stats = { ...measuredBy(this.loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
+  /** @param {FrameLoop} loop */
+  tell(loop) {
+    this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }
 
   touch(held = false) {
     if (this.info) { this.frames.write(this.camera, this.info.unit); this.cube.draw(this.info.views, this.camera); }
-    this.spacePoints?.draw();
+    this.spacePoints.draw();
     if (this.loop) this.loop.touch(held);
   }
 
@@ -464,19 +518,20 @@ class LiveViewPage extends VolumePage {
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.link.close();
     this.times.close();
-    this.hands.close();
+    this.pointer.close();
     this.spacePoints.close();
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
-    if (this.loader) this.loader.close();
-    if (this.loop) this.loop.close();
-    if (this.caster) this.caster.dispose();
+    this.loader?.close();
+    this.loop?.close();
+    this.caster?.dispose();
     this.still?.close();
     this.root.remove();
   }
 }
 
+/** @param {{model: Model, el: HTMLElement}} given */
 function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
 
 export default { render };

@@ -1,35 +1,56 @@
-// The page of a volume that Python draws: its pictures, and where the viewer stands. The volume view's own, and that of
-// a live view where a browser cannot draw.
+// The front end of a volume that Python draws: its pictures and its camera. The volume view's own, and that of a live
+// view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import { Camera } from "../maths/camera.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, PageTheme, sized } from "../ui/view_parts.js";
-import { Hands } from "./pointer.js";
+import { aboutShown, captionsOf, Flicker, Frames, listen, opened, PageTheme, sized } from "../ui/view_parts.js";
+import { PointerControls } from "./pointer.js";
 import { SpacePoints } from "./space_points.js";
+import { ViewCamera } from "./view_camera.js";
 import { bytesOf } from "./volume_loader.js";
+
+/** @import { Model } from "../types.d.ts" */
+/** @import { PageTheme as Theme } from "../ui/view_parts.js" */
+/** @import { Bytes, VolumeInfo } from "./types.d.ts" */
+/** @import { Message } from "./volume_loader.js" */
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-const dataOf = (b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b));
-
 export class PicturesPage {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
-    Object.assign(this, { model, host: el, id: Math.random().toString(36).slice(2, 12), camera: new Camera(), info: null,
-      layers: [], drawn: 0, count: 0, handlers: [], number: 0, answered: 0, sentAt: 0, later: 0, sized: "" });
+    this.model = model;
+    this.id = Math.random().toString(36).slice(2, 12);
+    this.closed = false;
+    this.shown = this.shows;
+    /** @type {VolumeInfo | null} */
+    this.info = null;
+    /** @type {ImageBitmap[]} */
+    this.layers = []; // the pictures that came last
+    this.drawn = 0; // their number in Python
+    this.count = 0; // of pictures that have been drawn
+    this.isFull = false;
+    this.number = 0; // of the camera that was sent last
+    this.answered = 0; // and of the one that was drawn last
+    this.sentAt = 0;
+    this.isLate = false; // whether a newer camera is to be sent
+    this.retry = 0;
+    this.sized = ""; // the size that was sent last
+    this.resizing = 0;
     this.loop = { release() {} }; // Python decides when to draw
-    this.#build(el);
-    this.#listen();
-    this.readInfo();
-    this.size();
-    this.setShows();
-    this.ask = setTimeout(() => { if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?"); }, LONG);
-  }
+    /** @type {HTMLIFrameElement | null} */
+    this.inner = null;
+    /** @type {[string, (...given: any[]) => void][]} */
+    this.handlers = [];
+    this.camera = new ViewCamera(this);
 
-  #build(el) {
+    this.host = el;
     this.root = pageElement("div", "dnb-view dnb-volume", el);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
@@ -42,6 +63,16 @@ export class PicturesPage {
     this.wait("Preparing the picture \u2026");
     this.observer = new ResizeObserver(() => this.size());
     this.observer.observe(this.root);
+
+    this.#listen();
+    this.pointer = new PointerControls(this);
+    this.spacePoints = new SpacePoints(this);
+    this.readInfo();
+    this.size();
+    this.setShows();
+    this.ask = setTimeout(() => {
+      if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
+    }, LONG);
   }
 
   #listen() {
@@ -51,19 +82,28 @@ export class PicturesPage {
     this.on("change:shows", () => this.setShows());
     this.on("change:label", () => this.caption());
     for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
-    this.hands = new Hands(this);
-    this.spacePoints = new SpacePoints(this);
   }
 
+  /**
+   * @param {string} name
+   * @param {(...given: any[]) => unknown} handler
+   */
   on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
 
+  /** @param {Message} content */
   send(content) { this.model.send({ view: this.id, ...content }); }
 
+  /** @param {string} text */
   say(text) { this.notice.textContent = text || ""; this.notice.hidden = !text; }
 
+  /** @param {string} text */
   wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
 
-  fail(error) { console.error(error); this.say(`The volume view has failed: ${error.message || error}`); }
+  /** @param {unknown} error */
+  fail(error) {
+    console.error(error);
+    this.say(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
+  }
 
   // -- size, theme, captions -----------------------------------------------------------------------------------------
 
@@ -72,34 +112,37 @@ export class PicturesPage {
     const wanted = this.model.get("background");
     this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
     const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
-    const now = { width: w, height: h, background: this.theme.name };
-    if (this.isFramed) now.origin = window.location.origin; // a frame of ours may be shown in pages of it
+    const now = { width: w, height: h, background: this.theme.name,
+      ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
     const said = JSON.stringify(now);
     if (said === this.sized) return;
-    this.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
+    this.camera.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
     this.paint();
     this.touchParts();
     clearTimeout(this.resizing);
     const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
-    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger says it once
+    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger sends it once
   }
 
-  // Whether the pictures come by a server of their own, to a frame over the canvas that turns them as well.
+  /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
   get isFramed() { return this.model.get("transport") === "trame"; }
 
+  /** @param {Message} content */
   frame({ view, url }) {
     if (view !== this.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
-    this.inner = pageElement("iframe", "dnb-inner", this.root, { src: url, title: this.canvas.getAttribute("aria-label") });
+    this.inner = pageElement("iframe", "dnb-inner", this.root,
+      { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
     this.root.classList.add("dnb-framed");
     this.drawn = this.drawn || 1;
     this.wait("");
   }
 
+  /** @returns {string} */
   get shows() { return this.model.get("shows") || "deformed"; }
 
   setShows() {
-    this.reframed(() => { this.shown = this.shows; });
+    this.camera.reframed(() => { this.shown = this.shows; });
     this.flicker.set(this.shows === "flicker");
     this.caption();
   }
@@ -111,6 +154,10 @@ export class PicturesPage {
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
+  /**
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   */
   receive(content, buffers) {
     if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
@@ -118,13 +165,22 @@ export class PicturesPage {
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
+  /**
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   */
   async receiveFrame({ seq, full, camera, by }, buffers) {
-    if (by === this.id) this.#answered(camera);
+    if (by === this.id) this.#answer(camera);
     try {
-      const made = await Promise.all(buffers.map((b) => createImageBitmap(new Blob([dataOf(b)], { type: "image/jpeg" }))));
-      if (this.closed || seq < this.drawn) { made.forEach((bitmap) => bitmap.close()); return; } // a newer one was faster
-      this.layers.forEach((bitmap) => bitmap.close());
-      Object.assign(this, { layers: made, drawn: seq, isFull: full, count: this.count + 1 });
+      const made = await Promise.all(buffers.map((b) => (
+        createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" })))));
+      const isOld = this.closed || seq < this.drawn; // a newer one was faster
+      for (const bitmap of isOld ? made : this.layers) bitmap.close();
+      if (isOld) return;
+      this.layers = made;
+      this.drawn = seq;
+      this.isFull = full;
+      this.count += 1;
       this.wait("");
       this.paint();
     } finally {
@@ -133,74 +189,40 @@ export class PicturesPage {
   }
 
   paint() {
-    const bitmap = this.layers[this.flicker?.isOn ? this.flicker.layer : 0] || this.layers[0];
-    if (!bitmap) return;
-    const context = this.canvas.getContext("2d");
+    const bitmap = this.layers[this.flicker.isOn ? this.flicker.layer : 0] || this.layers[0];
+    const context = bitmap && this.canvas.getContext("2d");
+    if (!context) return;
     context.imageSmoothingQuality = "high";
     context.drawImage(bitmap, 0, 0, this.canvas.width, this.canvas.height);
   }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
-  get aspect() { return this.canvas.width / (this.shown === "side_by_side" ? 2 : 1) / this.canvas.height; }
-
-  /** The corners of what is shown, from its middle, in space. */
-  corners() {
-    const { box: { low, high }, axes } = this.info, half = low.map((l, i) => (high[i] - l) / 2);
-    return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
-      sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
-  }
-
-  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
-  reframed(change) {
-    const zoom = this.info ? this.camera.fit(this.corners(), this.aspect) / this.camera.height : 0;
-    change();
-    if (zoom) this.camera.height = this.camera.fit(this.corners(), this.aspect) / zoom;
-  }
-
   readInfo() {
-    const info = this.model.get("volume_info") || {};
-    if (!info.box) { this.wait(""); return; }
+    /** @type {VolumeInfo | null} */
+    const info = this.model.get("volume_info");
+    if (!info?.box) { this.wait(""); return; }
     this.info = info;
     this.readCamera(true);
   }
 
-  readCamera(force = false) {
-    // While a hand turns the picture it goes first; what it has done is said when it lets go.
-    if (!this.info || (!force && (this.writing || this.hands?.isBusy))) return;
-    const wanted = this.model.get("camera") || {};
-    this.camera.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
-    this.camera.pan = [...(wanted.pan || [0, 0])];
-    this.camera.bend = wanted.perspective ? 0.7 : 0;
-    this.camera.height = this.camera.fit(this.corners(), this.aspect) / (wanted.zoom || 1);
-    this.touchParts();
-  }
+  readCamera(isForced = false) { if (this.camera.read(isForced)) this.touchParts(); }
 
-  get seen() {
-    const { direction, up, pan, height } = this.camera;
-    return { ...this.model.get("camera"), direction, up, pan: [...pan],
-      zoom: this.camera.fit(this.corners(), this.aspect) / height };
-  }
-
-  /** Only when a movement has ended: a trait is more than a message. */
-  writeCamera() {
-    this.writing = true; // our own change must not come back as if Python had made it
-    this.model.set("camera", this.seen);
-    this.model.save_changes();
-    this.writing = false;
-  }
+  /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
+  writeCamera() { this.camera.write(); }
 
   touchParts() {
     if (!this.info) return;
     this.frames.write(this.camera, this.info.unit);
     this.cube.draw(this.info.views, this.camera);
-    this.spacePoints?.draw();
+    this.spacePoints.draw();
   }
 
-  /** The camera has moved. */
+  /** Requests a picture from the camera, which has moved. */
   touch() {
     this.touchParts();
-    if (this.number - this.answered < CAMERAS_IN_FLIGHT || performance.now() - this.sentAt > PATIENCE) this.#sendCamera();
+    const isGivenUp = performance.now() - this.sentAt > PATIENCE;
+    if (this.number - this.answered < CAMERAS_IN_FLIGHT || isGivenUp) this.#sendCamera();
     else this.isLate = true;
     clearTimeout(this.retry);
     this.retry = setTimeout(() => { if (this.isLate && !this.closed) this.#sendCamera(); }, PATIENCE);
@@ -210,22 +232,21 @@ export class PicturesPage {
     this.isLate = false;
     this.number += 1;
     this.sentAt = performance.now();
-    this.send({ type: "camera", camera: this.seen, number: this.number });
+    this.send({ type: "camera", camera: this.camera.trait, number: this.number });
   }
 
-  #answered(number) {
+  /** @param {number} number */
+  #answer(number) {
     this.answered = Math.max(this.answered, number);
     if (this.isLate) this.#sendCamera();
   }
 
-  showView(view) { this.#look(this.info.views[view]); }
+  reset() { this.showView("home"); }
 
-  reset() { this.#look(this.info.views.home); }
-
-  #look({ direction, up }) {
-    this.camera.look(direction, up);
-    this.camera.pan = [0, 0];
-    this.camera.height = this.camera.fit(this.corners(), this.aspect);
+  /** @param {string} view */
+  showView(view) {
+    if (!this.info) return;
+    this.camera.seeAll(this.info.views[view]);
     this.touchParts();
     this.writeCamera();
   }
@@ -239,65 +260,97 @@ export class PicturesPage {
     for (const timer of [this.ask, this.resizing, this.retry]) clearTimeout(timer);
     this.send({ type: "bye" });
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
-    this.hands.close();
+    this.pointer.close();
     this.spacePoints.close();
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
-    this.layers.forEach((bitmap) => bitmap.close());
+    for (const bitmap of this.layers) bitmap.close();
     this.root.remove();
   }
 }
 
-// What is seen in place of a view whose page cannot draw: pictures by Python, or in a page without Python the one it has.
+/**
+ * @typedef {object} UndrawnPage a front end that cannot draw
+ * @property {Model} model
+ * @property {string} id
+ * @property {HTMLElement} host
+ * @property {HTMLElement} root
+ * @property {Theme} theme
+ * @property {(content: Message) => void} send
+ */
 
+/** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
 export class StillPicture {
+  /**
+   * @param {UndrawnPage} page
+   * @param {string} why
+   */
   constructor(page, why) {
-    Object.assign(this, { page, why, pictures: null, after: null, info: null });
+    this.page = page;
+    this.why = why;
+    /** @type {PicturesPage | null} */
+    this.pictures = null; // as soon as Python draws
+    /** @type {(() => void) | null} */
+    this.after = null; // called when a picture is shown
+    /** @type {VolumeInfo | null} */
+    this.info = null;
     this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
   }
 
-  /** Asks whoever is there; Python answers that it draws, and does so from then on. */
+  /** Requests pictures; Python answers that it draws, and does so from then on. */
   ask() {
     if (!this.pictures) this.page.send({ type: "still", background: this.page.theme.name });
   }
 
-  /** Calls `tell` when what is shown now has a picture; Python's own pictures are no business of a field's. */
-  then(tell) {
+  /**
+   * Calls `tell` when there is a picture of what is shown now; with Python's own pictures at once.
+   * @param {() => void} tell
+   */
+  whenShown(tell) {
     if (this.pictures) { tell(); return; }
     this.after = tell;
     this.ask();
   }
 
+  /** @param {Bytes} png */
   receive(png) {
     URL.revokeObjectURL(this.image.src);
     this.image.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
-    this.#tell();
+    this.#shown();
   }
 
-  /** Python draws: its page takes the place of the one that cannot. */
+  /**
+   * Puts Python's pictures in the place of the front end that cannot draw.
+   * @param {VolumeInfo | null} info
+   */
   drawn(info) {
     if (info) this.inform(info);
     if (this.pictures) return;
     const { page } = this, { model } = page;
-    const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name), set: (name, value) => model.set(name, value),
-      save_changes: () => model.save_changes(), on: (name, call) => model.on(name, call),
+    /** @type {Model} */
+    const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
+      set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
+      on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
     page.root.hidden = true;
     this.pictures = new PicturesPage(part, page.host);
-    this.pictures.root.deformnb = this.pictures;
     this.pictures.say(this.why);
-    this.#tell();
+    opened(this.pictures);
+    this.#shown();
   }
 
-  /** The box that Python's pictures show, which is the result's and not always the volume's own. */
+  /**
+   * Takes the box that Python's pictures show, which is the result's and not always the volume's own.
+   * @param {VolumeInfo} info
+   */
   inform(info) {
     this.info = info;
     this.pictures?.readInfo();
   }
 
-  #tell() {
+  #shown() {
     const { after } = this;
     this.after = null;
     after?.();

@@ -1,32 +1,65 @@
-// The moments of an animation in a live view: all maps came at once, and a player in the same page says which is seen.
+// The moments of an animation in a live view: all maps came at once, and a player in the same window chooses one.
 //
-// The maps lie one behind the other, time is their third axis: what a card would blend between two texels is blended
+// The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { floatsOf } from "./volume_loader.js";
 
+/** @import { Bus, Model, TimeDetail } from "../types.d.ts" */
+/** @import { PlanarField } from "../webgl/types.d.ts" */
+/** @import { Bytes, Field } from "./types.d.ts" */
+/** @import { Message } from "./volume_loader.js" */
+
+/** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
+
+/**
+ * @typedef {object} PlayedPage the live view whose field this changes
+ * @property {Model} model
+ * @property {Field | null} field
+ * @property {{ask(): void} | null} still
+ * @property {() => void} applyField
+ * @property {(held: boolean) => void} touch
+ */
+
 export class TimeLink {
-  /** page: a LiveViewPage, whose field this changes. */
+  /** @param {PlayedPage} page */
   constructor(page) {
-    Object.assign(this, { page, frames: null, bus: null, player: null, reference: null, undo: [] });
+    this.page = page;
+    /** @type {Moments | null} */
+    this.frames = null;
+    /** @type {Bus | null} */
+    this.bus = null;
+    /** @type {Model | null} */
+    this.player = null;
+    /** @type {string | Model | null} */
+    this.reference = null;
+    /** @type {object | null} */
+    this.ticket = null; // of the reference that is followed
+    /** @type {(() => void)[]} */
+    this.undo = [];
   }
 
+  /** @param {string | Model | null} reference */
   async follow(reference) {
     if (reference === this.reference) return;
     this.close();
     this.reference = reference;
     if (!reference) return;
-    const ticket = (this.ticket = {});
+    const ticket = {};
+    this.ticket = ticket;
     const player = typeof reference === "string"
       ? await this.page.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
     if (this.ticket !== ticket) return; // another one was chosen meanwhile
     this.player = player;
-    const bus = (this.bus = busOf(player)), uid = player.get("uid");
+    /** @type {Bus} */
+    const bus = busOf(player);
+    const uid = player.get("uid");
+    this.bus = bus;
     holdBus(bus);
-    const moved = (event) => this.#show(event.detail);
+    const moved = (/** @type {CustomEvent<TimeDetail>} */ event) => this.#show(event.detail);
     bus.addEventListener("deformnb:time", moved);
-    // A player that is not drawn on this page has no clock here; its traits still change.
+    // A player that is not drawn in this window has no clock here; its traits still change.
     const changed = () => { if (!bus.clock) this.#show({ time: player.get("time"), isPlaying: false }); };
     player.on("change:time", changed);
     this.undo.push(() => bus.removeEventListener("deformnb:time", moved), () => player.off("change:time", changed),
@@ -34,27 +67,31 @@ export class TimeLink {
     if (this.frames) this.#show({ time: this.time, isPlaying: false });
   }
 
-  /** The moment that is seen now. */
+  /**
+   * The moment that is shown now.
+   * @returns {number}
+   */
   get time() { return this.bus?.moment?.time ?? this.player?.get("time") ?? 0; }
 
-  /** What Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field. */
-  take({ box, planar, frames }, [maps, weights]) {
-    this.frames = { ...frames, maps: floatsOf(maps), planar: { ...planar, weights: floatsOf(weights) } };
-    return { box, planar: this.planarAt(this.time), space: null };
+  /**
+   * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   * @returns {Field}
+   */
+  take({ box, planar, frames: { count, duration } }, [maps, weights]) {
+    this.frames = { count, duration, maps: floatsOf(maps), planar: { ...planar, weights: floatsOf(weights) } };
+    return { box, planar: planarAt(this.frames, this.time), space: null };
   }
 
-  /** Something else is shown. */
+  /** Forgets the moments: something else is shown. */
   drop() { this.frames = null; }
 
-  planarAt(time) {
-    const { planar, maps, count, duration } = this.frames;
-    return { ...planar, maps: mapAt(maps, count, duration > 0 ? (time / duration) * (count - 1) : 0) };
-  }
-
+  /** @param {TimeDetail} moment */
   #show({ time, isPlaying }) {
     const { page, frames } = this;
     if (!frames || !page.field) return;
-    page.field = { ...page.field, planar: this.planarAt(time) };
+    page.field = { ...page.field, planar: planarAt(frames, time) };
     page.applyField();
     page.touch(isPlaying); // while it plays only quick pictures are drawn
     if (!isPlaying) page.still?.ask();
@@ -62,13 +99,28 @@ export class TimeLink {
 
   close() {
     for (const step of this.undo) step();
-    Object.assign(this, { undo: [], ticket: null, player: null, bus: null, reference: null });
+    this.undo = [];
+    this.ticket = this.player = this.bus = this.reference = null;
   }
 }
 
-/** The map between two of `count`, blended linearly and clamped to the first and the last. */
+/**
+ * @param {Moments} moments
+ * @param {number} time
+ */
+function planarAt({ planar, maps, count, duration }, time) {
+  return { ...planar, maps: mapAt(maps, count, duration > 0 ? (time / duration) * (count - 1) : 0) };
+}
+
+/**
+ * The map between two of `count`, blended linearly and clamped to the first and the last.
+ * @param {Float32Array} maps
+ * @param {number} count
+ * @param {number} position
+ */
 function mapAt(maps, count, position) {
-  const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position)), k = Math.min(Math.floor(p), count - 2);
+  const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position));
+  const k = Math.min(Math.floor(p), count - 2);
   if (count === 1 || p === k) return maps.subarray((count === 1 ? 0 : k) * size, (count === 1 ? 1 : k + 1) * size);
   const share = p - k, result = new Float32Array(size), first = k * size, next = first + size;
   for (let i = 0; i < size; i++) result[i] = (1 - share) * maps[first + i] + share * maps[next + i];

@@ -1,43 +1,55 @@
-// Pointer, wheel and keys of the live view: turn, move, zoom. One finger turns, two move and zoom.
+// Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
+
+/** @import { Vector2 } from "../types.d.ts" */
+/** @import { ViewPage } from "./types.d.ts" */
+/** @typedef {{left: number, top: number, width: number, height: number}} ScreenBox in CSS pixels */
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
 
-export class Hands {
+export class PointerControls {
+  /** @param {ViewPage} page */
   constructor(page) {
     this.page = page;
-    this.points = new Map();
-    const { canvas } = page;
-    const add = (name, handler, target = canvas) => {
-      const guarded = (event) => { if (page.info) handler(event); };
-      target.addEventListener(name, guarded, { passive: false });
-      this.listeners.push([target, name, guarded]);
-    };
-    this.listeners = [];
+    /** @type {Map<number, Vector2>} */
+    this.points = new Map(); // the places of the pointers that are down, by their ids
+    this.moving = false;
+    this.rest = 0;
+    this.closed = new AbortController();
+    const { canvas } = page, { signal } = this.closed;
+    /**
+     * @template {keyof HTMLElementEventMap} K
+     * @param {K} name
+     * @param {(event: HTMLElementEventMap[K]) => void} handler
+     */
+    const add = (name, handler) => canvas.addEventListener(name, (event) => { if (page.info) handler(event); },
+      { passive: false, signal });
     add("pointerdown", (e) => this.down(e));
     add("pointermove", (e) => this.move(e));
-    for (const name of ["pointerup", "pointercancel"]) add(name, (e) => this.up(e));
+    add("pointerup", (e) => this.up(e));
+    add("pointercancel", (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
-    add("dblclick", (e) => { if (!page.spacePoints?.doubleClick(e)) page.reset(); });
+    add("dblclick", (e) => { if (!page.spacePoints.doubleClick(e)) page.reset(); });
     add("keydown", (e) => this.key(e));
-    const lost = (e) => page.lost(e), back = () => page.restored();
-    canvas.addEventListener("webglcontextlost", lost);
-    canvas.addEventListener("webglcontextrestored", back);
-    this.listeners.push([canvas, "webglcontextlost", lost], [canvas, "webglcontextrestored", back]);
+    canvas.addEventListener("webglcontextlost", (e) => page.lost(e), { signal });
+    canvas.addEventListener("webglcontextrestored", () => page.restored(), { signal });
   }
 
   get isBusy() { return this.points.size > 0; }
 
-  /** The box of the picture, of two side by side the one at x, in CSS pixels. */
+  /**
+   * The box of the picture, of two side by side the one at x.
+   * @returns {ScreenBox}
+   */
   box(x = 0) {
-    const whole = this.page.canvas.getBoundingClientRect();
-    const parts = this.page.shown === "side_by_side" ? 2 : 1, width = whole.width / parts;
+    const whole = this.page.canvas.getBoundingClientRect(), { parts } = this.page.camera, width = whole.width / parts;
     const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
     return { left: whole.left + part * width, top: whole.top, width, height: whole.height };
   }
 
-  close() { for (const [target, name, handler] of this.listeners) target.removeEventListener(name, handler); }
+  close() { this.closed.abort(); }
 
+  /** @param {PointerEvent} event */
   down(event) {
     if (event.button > 1) return; // the right button belongs to the browser
     this.page.canvas.setPointerCapture(event.pointerId);
@@ -46,10 +58,13 @@ export class Hands {
     this.moving = false;
   }
 
+  /** @param {PointerEvent} event */
   move(event) {
     const before = this.points.get(event.pointerId);
     if (!before) return;
-    const now = [event.clientX, event.clientY], dx = now[0] - before[0], dy = now[1] - before[1];
+    /** @type {Vector2} */
+    const now = [event.clientX, event.clientY];
+    const dx = now[0] - before[0], dy = now[1] - before[1];
     const { camera } = this.page, box = this.box(), small = Math.min(box.width, box.height);
     if (this.points.size === 2) this.pinch(event.pointerId, before, now, box);
     else if (event.shiftKey || event.buttons === 4) this.pan(dx, dy, box);
@@ -60,18 +75,30 @@ export class Hands {
     this.page.touch(true);
   }
 
+  /**
+   * @param {number} dx
+   * @param {number} dy
+   * @param {ScreenBox} box
+   */
   pan(dx, dy, box) {
     const { camera } = this.page, length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
   }
 
+  /**
+   * @param {number} id
+   * @param {Vector2} before
+   * @param {Vector2} now
+   * @param {ScreenBox} box
+   */
   pinch(id, before, now, box) {
     const [other] = [...this.points].filter(([key]) => key !== id).map(([, point]) => point);
-    const distance = (p) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
+    const distance = (/** @type {Vector2} */ p) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
     this.pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2, box);
     this.zoom(distance(now) / distance(before));
   }
 
+  /** @param {PointerEvent} event */
   up(event) {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
     if (this.page.loop) this.page.loop.release();
@@ -79,35 +106,42 @@ export class Hands {
     else if (event.type === "pointerup") this.page.flicker.press(false);
   }
 
-  /** Zooms by a factor, keeping the place under (x, y) of the page where it is. */
-  zoom(factor, x = null, y = null) {
-    const { camera } = this.page, box = this.box(x ?? 0);
-    const full = camera.fit(this.page.corners(), this.page.aspect);
+  /**
+   * Zooms by a factor, keeping the place under a pointer where it is.
+   * @param {number} factor
+   * @param {{clientX: number, clientY: number} | null} at
+   */
+  zoom(factor, at = null) {
+    const { camera } = this.page, { full } = camera;
     const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)), change = camera.height - height;
-    if (x !== null) {
+    if (at) {
+      const { clientX: x, clientY: y } = at, box = this.box(x);
       camera.pan[0] += change * ((x - box.left - box.width / 2) / box.height);
       camera.pan[1] -= change * ((y - box.top - box.height / 2) / box.height);
     }
     camera.height = height;
   }
 
+  /** @param {WheelEvent} event */
   wheel(event) {
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
-    this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event.clientX, event.clientY);
+    this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event);
     this.page.touch();
     this.later();
   }
 
-  /** One message to Python when the wheel or a key rests, not one for each notch. */
+  /** Sends one message to Python when the wheel or a key rests, not one for each notch. */
   later() {
     clearTimeout(this.rest);
     this.rest = setTimeout(() => { if (!this.page.closed) this.page.writeCamera(); }, 300);
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { camera } = this.page, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
+    /** @type {Record<string, Vector2>} */
     const turns = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
     if (event.key === " " && !this.page.flicker.press(true)) return;
     if (turns[event.key]) camera.turn(...turns[event.key]);

@@ -1,13 +1,26 @@
-// The voxels on their way from Python: packed pieces that are asked for, unpacked and put together.
+// Loading of the voxels from Python: packed pieces are requested, unpacked and put together.
+
+/** @import { Vector3 } from "../types.d.ts" */
+/** @import { Bytes } from "./types.d.ts" */
+
+/** @typedef {{type: string, view?: string, [key: string]: any}} Message a message of Python's, or one to Python */
 
 const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
 const LOADER_TRIES = 3; // each waits twice as long as the one before
 
-export const bytesOf = (b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b));
-// A copy: the buffer of a message may start at an odd place, which a Float32Array refuses.
-export const floatsOf = (b) => new Float32Array(bytesOf(b).slice().buffer);
+/** @param {Bytes} b */
+export function bytesOf(b) {
+  return b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b);
+}
 
+/**
+ * A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses.
+ * @param {Bytes} b
+ */
+export function floatsOf(b) { return new Float32Array(bytesOf(b).slice().buffer); }
+
+/** @param {Uint8Array<ArrayBuffer>} bytes */
 async function unpacked(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
@@ -15,11 +28,23 @@ async function unpacked(bytes) {
 
 export class VolumeLoader {
   /**
-   * info: shape, id and chunks of the volume; ask(index) asks for a piece; progress(share) hears how far it is;
-   * stuck(isStuck) hears that pieces have been lost again and again, and that one has come after all.
+   * @param {{id: string, shape: Vector3, chunks: number}} info of the volume; chunks: the number of pieces
+   * @param {(index: number) => void} ask requests a piece
+   * @param {(share: number) => void} progress
+   * @param {(isStuck: boolean) => void} stuck gets true where pieces have been lost again and again, false if one has
+   *   come after all
    */
   constructor({ id, shape, chunks }, ask, progress, stuck = () => {}) {
-    Object.assign(this, { id, chunks, ask, progress, stuck, asked: 0, isOver: false, isStuck: false, tries: 0 });
+    this.id = id;
+    this.chunks = chunks;
+    this.ask = ask;
+    this.progress = progress;
+    this.stuck = stuck;
+    this.asked = 0; // pieces that have been requested
+    this.isOver = false;
+    this.isStuck = false;
+    this.tries = 0;
+    this.timer = 0;
     this.values = new Uint8Array(shape[0] * shape[1] * shape[2]);
     this.missing = new Set(Array.from({ length: chunks }, (_, index) => index));
     progress(0);
@@ -27,17 +52,21 @@ export class VolumeLoader {
     this.#watch();
   }
 
-  /** Takes a piece; the values once all are here, else null. */
+  /**
+   * Takes a piece; returns the values once all are here, else null.
+   * @param {Message} content
+   * @param {Bytes} packed
+   */
   async receive({ id, index, start }, packed) {
-    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or for the second time
+    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
-    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: asked for again when patience ends */ }
+    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again after a while */ }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
     this.values.set(voxels, start);
     this.missing.delete(index);
     this.tries = 0;
-    this.#tell(false);
+    this.#setStuck(false);
     this.progress((this.chunks - this.missing.size) / this.chunks);
     if (this.missing.size === 0) { this.close(); return this.values; }
     if (this.asked < this.chunks) this.ask(this.asked++);
@@ -45,10 +74,10 @@ export class VolumeLoader {
     return null;
   }
 
-  /** Asks again for what has been asked for and has not come. */
+  /** Requests again what has been requested and has not come. */
   again() {
     this.tries = 0;
-    this.#tell(false);
+    this.#setStuck(false);
     this.#askAgain();
   }
 
@@ -66,12 +95,13 @@ export class VolumeLoader {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => {
       this.tries += 1;
-      if (this.tries > LOADER_TRIES) this.#tell(true); // a piece that comes late is taken all the same
+      if (this.tries > LOADER_TRIES) this.#setStuck(true); // a piece that comes late is taken all the same
       else this.#askAgain();
     }, LOADER_PATIENCE * 2 ** this.tries);
   }
 
-  #tell(isStuck) {
+  /** @param {boolean} isStuck */
+  #setStuck(isStuck) {
     if (isStuck !== this.isStuck) this.stuck(isStuck);
     this.isStuck = isStuck;
   }

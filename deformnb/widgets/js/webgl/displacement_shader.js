@@ -1,8 +1,14 @@
-// The part of the ray caster's shader that says where a place of the result comes from: maps over a plane, samples in
+// The part of the ray caster's shader that finds the origin of a place of the result: maps over a plane, samples in
 // space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
 
-// A uniform of the shader has this many places; below 1024 numbers every card takes it.
+// A uniform of the shader has this many places; below 1024 numbers every GPU takes it.
 export const MOST_REGIONS = 32;
+
+/**
+ * The sides of a region as one number: bit c is set inside cut c.
+ * @param {boolean[]} sides
+ */
+export function bitsOf(sides) { return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0); }
 
 export const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
@@ -38,18 +44,52 @@ const int chosen = 0;
 #endif
 
 #ifdef CUT
-// What origin() has found at the place asked for last. Of a region's coverage half lies on each side of its edge.
+// Found by origin() for the last place. Of a region's coverage half lies on each side of its edge.
 float seen;    // share of what is there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
 float firm;    // how far one may go until another region may count, or what counts may begin or end
 uniform float softness, faceWidth;
 
 float covered(float depth, float width) { return clamp(.5 + depth / width, 0., 1.); }
+
+// The choice at a cut (Eq. 8), of the plane as of space. A place may come from each region, as far as the region's own
+// map leads into that region: so far it is covered. What is seen there is of the place's own region if at least half of
+// the place is covered from it, else of the region that covers most.
+struct Choice { int region; float best, cover, wide; bool isSure; };
+
+// Adds a region whose map leads from the place to depth in it; true if it is the one that is seen so far.
+bool adds(inout Choice choice, int region, float depth) {
+  float cover = covered(depth, softness);
+  bool isBest = !choice.isSure && cover > choice.best;
+  firm = min(firm, abs(depth) - .5 * softness);
+  choice.cover += cover;
+  choice.wide += covered(depth, faceWidth);
+  if (isBest) { choice.best = cover; choice.region = region; }
+  return isBest;
+}
+
+// The choice as far as the place's own region goes; edge: distance of the place to the region's boundary.
+Choice begun(int own, float depth, float edge) {
+  Choice choice = Choice(own, -1., 0., 0., false);
+  firm = min(firm, edge);
+  adds(choice, own, depth);
+  choice.isSure = choice.best >= .5;
+  return choice;
+}
+
+// The rule "paper" knows no other region; what of the place belongs to its own one is all that can be covered.
+void closeByPlace(inout Choice choice, float edge) {
+  choice.cover /= covered(max(edge, 0.), softness);
+  choice.wide /= covered(max(edge, 0.), faceWidth);
+}
+
+// A half and a half are one, nearly, as far as the digits of the textures go.
+float whole(float cover, float nearly) { return cover > nearly ? 1. : cover; }
 #endif
 
 #ifdef PLANE_CUT
 // Regions of the plane: layer c holds the distance from cut c, negative inside; sides[r] has a bit for each cut that
-// region r lies inside of. Something comes from a region as far as its own map leads into that region.
+// region r lies inside of.
 uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
 int chosen;    // the region that is seen there
 uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
@@ -74,34 +114,25 @@ vec3 fromPlane(vec3 x) {
   }
   for (int r = 0; r < regionCount; r++) if (sides[r] == bits) own = r;
   vec2 d = planar(x, own);
-  chosen = own;
   float depth = edge - length(d); // at least: a distance changes by no more than the way
-  // Loops that may have no turn instead of branches: renderers without a card execute both sides of those.
+  // Loops that may have no turn instead of branches: software renderers execute both sides of those.
   bool isNear = depth < .5 * faceWidth;
   float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
   if (isNear) depth = known;
-  isNear = depth < .5 * faceWidth;
-  firm = min(edge, abs(depth) - .5 * softness);
+  Choice choice = begun(own, depth, edge);
 #ifdef BY_PLACE
-  seen = min(1., covered(depth, softness) / covered(edge, softness));
-  closed = min(1., covered(depth, faceWidth) / covered(edge, faceWidth));
+  closeByPlace(choice, edge);
 #else
-  float best = covered(depth, softness);
-  bool isOwn = best >= .5;
-  seen = best;
-  closed = covered(depth, faceWidth);
-  for (int r = 0; r < (isNear ? regionCount : 0); r++) {
+  int others = choice.wide < 1. ? regionCount : 0;
+  for (int r = 0; r < others; r++) {
     if (r == own) continue;
     vec2 other = planar(x, r);
-    float far = into(r, at + other * cutScale, cutCount), cover = covered(far, softness);
-    firm = min(firm, abs(far) - .5 * softness);
-    seen += cover;
-    closed += covered(far, faceWidth);
-    if (!isOwn && cover > best) { best = cover; chosen = r; d = other; }
+    if (adds(choice, r, into(r, at + other * cutScale, cutCount))) d = other;
   }
-  if (seen > .999) seen = 1.; // a half and a half are one
-  if (closed > .999) closed = 1.;
 #endif
+  chosen = choice.region;
+  seen = whole(choice.cover, .999);
+  closed = whole(choice.wide, .999);
   return x + axisU * d.x + axisV * d.y;
 }
 #endif
@@ -124,27 +155,21 @@ vec3 fromSpace(vec3 x) {
     if (d > edge) { edge = d; own = r; }
   }
   vec4 move = textureLod(space, inLayer(x, own), 0.);
-  float depth = move.w, best = covered(depth, softness), wide = covered(depth, faceWidth), total = best;
-  chosenInSpace = own;
-  firm = min(firm, min(edge, abs(depth) - .5 * softness));
+  Choice choice = begun(own, move.w, edge);
 #ifdef SPACE_BY_PLACE
-  total /= covered(max(edge, 0.), softness);
-  wide /= covered(max(edge, 0.), faceWidth);
+  closeByPlace(choice, edge);
 #else
-  bool isOwn = best >= .5, isSure = wide >= 1.;
-  for (int r = 0; r < (isSure ? 0 : spaceRegions); r++) {
+  int others = choice.wide < 1. ? spaceRegions : 0;
+  for (int r = 0; r < others; r++) {
     if (r == own) continue;
     vec4 other = textureLod(space, inLayer(x, r), 0.);
-    float cover = covered(other.w, softness);
-    firm = min(firm, abs(other.w) - .5 * softness);
-    total += cover;
-    wide += covered(other.w, faceWidth);
-    if (!isOwn && cover > best) { best = cover; chosenInSpace = r; move = other; }
+    if (adds(choice, r, other.w)) move = other;
   }
 #endif
+  chosenInSpace = choice.region;
   // In half precision a half and a half are not quite one.
-  seen *= (total > .99 ? 1. : total) * textureLod(depths, inLayer(x, chosenInSpace), 0.).g;
-  closed *= wide > .99 ? 1. : wide;
+  seen *= whole(choice.cover, .99) * textureLod(depths, inLayer(x, chosenInSpace), 0.).g;
+  closed *= whole(choice.wide, .99);
   return x + move.xyz;
 }
 #endif
@@ -159,7 +184,7 @@ vec3 sampled(vec3 x) {
 }
 #endif
 
-// Where the value at x of the result comes from: the plane's displacement was done last, so it is undone first.
+// The origin of the value at x of the result: the plane's displacement was done last, so it is undone first.
 vec3 origin(vec3 x) {
 #ifdef CUT
   seen = closed = 1.;
@@ -179,7 +204,7 @@ vec3 origin(vec3 x) {
 }
 
 #ifdef WARPED
-// The same, as the region says that was found last: beyond its edge its own map goes on.
+// The same by the map of the region that was found last: it goes on beyond the region's edge.
 vec3 onward(vec3 x) {
 #ifdef PLANAR
   x += along(x, chosen);
@@ -199,7 +224,8 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
   return axisU * r.x + axisV * r.y + axisN * r.z;
 #else
   vec3 d = at - x;
-  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g), n = 0.;
+  float u = dot(along(x + slopeStep * axisU, chosen) - d, g), v = dot(along(x + slopeStep * axisV, chosen) - d, g);
+  float n = 0.;
 #ifdef WEIGHTED
   n = dot(along(x + slopeStep * axisN, chosen) - d, g);
 #endif
@@ -209,7 +235,7 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
 #endif
 
 #ifdef CUT
-// How deep a place lies in the matter of the regions that were found last.
+// Depth of a place in the tissue of the regions that were found last.
 float depthOfChosen(vec3 x) {
   float depth = 1e9;
 #ifdef PLANE_CUT
@@ -225,7 +251,7 @@ float depthOfChosen(vec3 x) {
 }
 
 // Out of the gap into what is seen beside it; a cut face has no grain.
-vec3 intoMatter(vec3 x) {
+vec3 intoTissue(vec3 x) {
   float here = depthOfChosen(x), e = .25 * faceWidth;
   return axisU * (depthOfChosen(x + e * axisU) - here) + axisV * (depthOfChosen(x + e * axisV) - here)
     + axisN * (depthOfChosen(x + e * axisN) - here);

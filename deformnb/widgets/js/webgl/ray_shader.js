@@ -1,6 +1,5 @@
 // The shaders of the ray caster. Lengths are physical, along the index axes of the volume (its own frame); every ray
-// sample x of the result takes its value from the place x + D(x) of the input, as the paper does on its GPU. Behind
-// webgl/displacement_shader.js.
+// sample x of the result takes its value from the place x + D(x) of the input, as the paper does on its GPU.
 
 import { DISPLACEMENT } from "./displacement_shader.js";
 import { FOLDS_GLSL } from "./fold_mesh.js";
@@ -30,8 +29,8 @@ out vec4 color;
 ${DISPLACEMENT}
 ${FOLDS_GLSL}
 
-// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it, and
-// darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
+// A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it,
+// and darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
 vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   float size = length(g);
   vec3 n = g / max(size, 1e-6);
@@ -135,9 +134,9 @@ void main() {
 #ifdef CUT
     int faces = closed < 1. ? 1 : 0;
     for (int once = 0; once < faces; once++) { // no branch: see above
-      vec3 inward = intoMatter(x);
+      vec3 inward = intoTissue(x);
       inward /= max(length(inward), 1e-4);
-      // A face that looks away lies behind its matter: what is seen there is the surface in front of it.
+      // A face that looks away lies behind its tissue: what is seen there is the surface in front of it.
       float open = smoothstep(0., 1., 2. - 2. * closed) * smoothstep(-.05, .25, dot(inward, ray));
       g = mix(g, inward * 127., open);
       light = mix(light, max(light, .9), open); // what was deep inside lies open now

@@ -1,7 +1,15 @@
-// Programs of a graphics card: compiled, and chosen by what is shown. Needs webgl/ray_shader.js.
+// The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
+// It knows no widget and no pointer; all that comes in is arrays and numbers.
+
+/** @import { Sides, Vector3 } from "../types.d.ts" */
+/**
+ * @import { CastPlanar, CastSpace, CastVolume, ColorTable, FramePlane, Picture, PlanarField, PlaneCut, RayCamera,
+ *   SpaceField, ToTexture, VolumeData } from "./types.d.ts"
+ */
 
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
+import { bitsOf } from "./displacement_shader.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, PRESENT, VERTEX } from "./ray_shader.js";
 import {
@@ -9,8 +17,20 @@ import {
   planarBounds, spaceSlope, STEEPEST,
 } from "./volume_blocks.js";
 
+/** @typedef {Record<string, WebGLUniformLocation | null>} Uniforms locations of a program's uniforms, by name */
+/** @typedef {{program: WebGLProgram, at: Uniforms}} Program */
+/** @typedef {{width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer}} Target */
+/** @typedef {keyof typeof UNITS} Unit */
+
+// ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
+
+/**
+ * @param {WebGL2RenderingContext} gl
+ * @param {GLenum} type
+ * @param {string} source
+ */
 function compiled(gl, type, source) {
-  const shader = gl.createShader(type);
+  const shader = /** @type {WebGLShader} */ (gl.createShader(type)); // null only where the context is lost
   gl.shaderSource(shader, source);
   gl.compileShader(shader);
   if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
@@ -19,6 +39,11 @@ function compiled(gl, type, source) {
   return shader;
 }
 
+/**
+ * @param {WebGL2RenderingContext} gl
+ * @param {string} fragment
+ * @returns {Program}
+ */
 export function linked(gl, fragment) {
   const program = gl.createProgram();
   gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTEX));
@@ -28,24 +53,39 @@ export function linked(gl, fragment) {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
     throw new Error(`program: ${gl.getProgramInfoLog(program)}`);
   }
-  const at = {}, count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
+  /** @type {Uniforms} */
+  const at = {};
+  const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
   for (let i = 0; i < count; i++) {
-    const { name } = gl.getActiveUniform(program, i);
+    const { name } = /** @type {WebGLActiveInfo} */ (gl.getActiveUniform(program, i));
     at[name] = gl.getUniformLocation(program, name);
   }
   return { program, at };
 }
 
-// From places in the volume's frame to texture coordinates over a plane: a matrix, column by column, and an offset.
+/**
+ * From places in the volume's frame to texture coordinates over a plane.
+ * @param {FramePlane} plane
+ * @param {number[]} starts
+ * @param {number[]} lengths
+ * @returns {ToTexture}
+ */
 function toTextures({ origin, u, v, n }, starts, lengths) {
   const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
-  return [[0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
-    [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5))];
+  return { matrix: [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
+    offset: [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5)) };
 }
 
-/** What the shader is to be able to do, and no more: what nobody needs costs nothing. */
+/**
+ * The abilities that the shader needs, and no more: what nobody needs costs nothing.
+ * @param {string} projection
+ * @param {CastPlanar | null} planar
+ * @param {CastSpace | null} space
+ */
 function definesOf(projection, planar, space, folds = false, clipped = false) {
-  const cut = planar && planar.cut, early = space && space.cut, isPaper = (c) => c && c.rule === "paper";
+  const cut = planar?.cut, early = space?.cut;
+  const isPaper = (/** @type {{rule?: string} | null | undefined} */ c) => c?.rule === "paper";
+  /** @type {Record<string, unknown>} */
   const wanted = {
     PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
     MIP: projection === "mip", SHADED: projection === "shaded",
@@ -55,13 +95,14 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
   return Object.keys(wanted).filter((name) => wanted[name]);
 }
 
-// The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
-// It knows no widget and no mouse; all that comes in is arrays and numbers.
+// ---- the ray caster -------------------------------------------------------------------------------------------------
 
-const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8, depths: 9 };
+const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
+  depths: 9 };
 
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
+/** @type {Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}>} */
 export const BACKGROUNDS = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
@@ -71,7 +112,10 @@ export class MemoryError extends Error {}
 export const NOT_HELD = "The graphics memory does not hold this volume.";
 
 export class RayCaster {
-  /** canvas without a context; throws an Error with a readable reason if there is no WebGL2. */
+  /**
+   * Throws an Error with a readable reason if there is no WebGL2.
+   * @param {HTMLCanvasElement} canvas a canvas without a context
+   */
   constructor(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false, stencil: false,
       powerPreference: "high-performance" });
@@ -84,16 +128,28 @@ export class RayCaster {
     this.name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) || "");
     this.isSoftware = /swiftshader|llvmpipe|software|basic render/i.test(this.name);
     this.largest = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
+    /** @type {Record<string, Program>} */
     this.programs = {};
+    /** @type {{[unit in Unit]?: WebGLTexture}} */
     this.textures = {};
+    /** @type {Record<string, Target>} */
     this.targets = {};
+    /** @type {CastVolume | null} */
     this.volume = null;
+    /** @type {ColorTable | null} */
     this.table = null;
+    /** @type {CastPlanar | null} */
     this.planar = null;
+    /** @type {CastSpace | null} */
     this.space = null;
+    /** @type {SpaceField | null} */
+    this.givenSpace = null; // the field that `space` was made of
+    /** @type {Float32Array | null} */
+    this.distances = null; // of the cuts that the texture was made of
     this.projection = "shaded";
     this.background = "dark";
     this.showFolds = true;
+    /** @type {number[][] | null} */
     this.clip = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
@@ -104,7 +160,7 @@ export class RayCaster {
     this.#plain();
   }
 
-  /** Whether what is shown folds somewhere, and shows it. */
+  /** True if the map folds somewhere and folds are shown. */
   get folds() { return this.showFolds && Boolean(this.planar?.folds || this.space?.folds); }
 
   get isReady() { return Boolean(this.volume && this.table && this.volume.loaded); }
@@ -112,20 +168,26 @@ export class RayCaster {
   // A program reads every sampler it declares, so each unit holds something of its kind from the start.
   #plain() {
     const gl = this.gl;
-    for (const name of ["volume", "blocks", "ambience", "space", "depths"]) {
+    for (const name of /** @type {const} */ (["volume", "blocks", "ambience", "space", "depths"])) {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of ["maps", "distances"]) {
+    for (const name of /** @type {const} */ (["maps", "distances"])) {
       this.#texture(name, gl.TEXTURE_2D_ARRAY, true);
       gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of ["table", "weights", "picture"]) {
+    for (const name of /** @type {const} */ (["table", "weights", "picture"])) {
       this.#texture(name, gl.TEXTURE_2D, true);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
   }
 
+  /**
+   * Makes a texture anew, bound to its unit.
+   * @param {Unit} name
+   * @param {GLenum} target
+   * @param {boolean} linear
+   */
   #texture(name, target, linear) {
     const gl = this.gl;
     gl.deleteTexture(this.textures[name] || null);
@@ -133,19 +195,25 @@ export class RayCaster {
     this.textures[name] = texture;
     gl.activeTexture(gl.TEXTURE0 + UNITS[name]);
     gl.bindTexture(target, texture);
-    for (const side of ["WRAP_S", "WRAP_T", "WRAP_R"]) gl.texParameteri(target, gl[`TEXTURE_${side}`], gl.CLAMP_TO_EDGE);
-    for (const kind of ["MIN", "MAG"]) {
-      gl.texParameteri(target, gl[`TEXTURE_${kind}_FILTER`], linear ? gl.LINEAR : gl.NEAREST);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) {
+      gl.texParameteri(target, side, gl.CLAMP_TO_EDGE);
+    }
+    for (const kind of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
+      gl.texParameteri(target, kind, linear ? gl.LINEAR : gl.NEAREST);
     }
   }
 
   /**
-   * The volume: bytes [z][y][x]. info: shape [nx, ny, nz], spacing, outside (0..255), isLabels. `tick` is awaited
-   * between slabs so that the page stays alive; returns false if another volume came in meanwhile.
+   * Takes a volume of bytes [z][y][x]. `tick` is awaited between slabs so that the page stays alive. Returns false if
+   * another volume came in meanwhile.
+   * @param {Uint8Array} values
+   * @param {VolumeData} info
+   * @param {(share: number) => Promise<void>} [tick]
    */
   async setVolume(values, info, tick) {
     const gl = this.gl, [nx, ny, nz] = info.shape;
-    const volume = { ...info, values, loaded: false };
+    /** @type {CastVolume} */
+    const volume = { ...info, values, extremes: null, loaded: false };
     this.volume = volume;
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.RGBA8, nx, ny, nz);
@@ -159,14 +227,14 @@ export class RayCaster {
       if (tick) await tick(last / nz);
       if (this.volume !== volume) return false;
     }
-    this.#held(); // some cards take the memory only when they are given what it holds
+    this.#held(); // some GPUs take the memory only when they are given what it holds
     volume.extremes = blockExtremes(values, info.shape);
     volume.loaded = true;
     if (this.table) this.setTable(this.table.rgba, this.table.unit);
     return true;
   }
 
-  /** Throws a MemoryError, and gives back what was taken, where the card has not enough for the volume. */
+  /** Throws a MemoryError, and gives back what was taken, where the GPU has not enough for the volume. */
   #held() {
     const { gl } = this;
     if (gl.getError() !== gl.OUT_OF_MEMORY) return;
@@ -176,10 +244,14 @@ export class RayCaster {
     throw new MemoryError(NOT_HELD);
   }
 
-  /** Colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities for layers of thickness `unit`. */
+  /**
+   * Takes colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of a thickness of `unit`.
+   * @param {Float32Array} rgba
+   * @param {number} unit
+   */
   setTable(rgba, unit) {
     this.table = { rgba, unit, step: 0 };
-    if (!this.volume || !this.volume.loaded) return;
+    if (!this.volume?.extremes) return;
     const gl = this.gl, { extremes, values, shape, spacing } = this.volume;
     const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]);
     this.#texture("blocks", gl.TEXTURE_3D, false);
@@ -189,91 +261,101 @@ export class RayCaster {
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, ...light.size, 0, gl.RED, gl.UNSIGNED_BYTE, light.values);
   }
 
-  // Opacities hold for one thickness: made anew for the step of this picture rather than with a power at every sample.
-  #fitTable(step) {
-    const { rgba, unit } = this.table, gl = this.gl;
-    if (this.table.step === step) return;
-    this.table.step = step;
+  /**
+   * Fits the table to a step. Opacities hold for one thickness: they are made anew for the step of this picture rather
+   * than with a power at every sample.
+   * @param {ColorTable} table
+   * @param {number} step
+   */
+  #fitTable(table, step) {
+    const { rgba, unit } = table, gl = this.gl;
+    if (table.step === step) return;
+    table.step = step;
     const fitted = Float32Array.from(rgba);
-    for (let i = 3; i < fitted.length; i += 4) fitted[i] = 1 - Math.pow(1 - Math.min(fitted[i], 0.9999), step / unit);
+    for (let i = 3; i < fitted.length; i += 4) fitted[i] = 1 - (1 - Math.min(fitted[i], 0.9999)) ** (step / unit);
     this.#texture("table", gl.TEXTURE_2D, true);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, fitted.length / 4, 1, 0, gl.RGBA, gl.FLOAT, fitted);
   }
 
   /**
-   * Displacement maps over a plane, or null. maps: Float32Array [k][row][column][2]; shape [k, rows, columns], where k
-   * counts the maps of one region after those of another if there is a cut;
-   * origin and spacing of the map's nodes in picture coordinates; depth [c0, c1]; weights Float32Array [k][knots]
-   * for the maps of one region; plane {origin, u, v, n} already in the volume's frame; isReplicated: no weight changes
-   * with depth. cut: null, or {shape [cuts, rows, columns], origin, spacing, distances Float32Array, sides: for each
-   * region whether it lies inside of each cut, rule}; softness: width of the ramp of opacity at a cut.
+   * Takes displacement maps over a plane, or null.
+   * @param {PlanarField | null} planar
    */
   setPlanar(planar) {
-    this.planar = planar;
-    if (!planar) return;
-    const gl = this.gl, [layers, rows, columns] = planar.shape, regions = planar.cut ? planar.cut.sides.length : 1;
-    const count = layers / regions, knots = planar.weights.length / count;
+    if (!planar) { this.planar = null; return; }
+    const gl = this.gl, { maps, shape, origin, spacing, weights, plane } = planar, [layers, rows, columns] = shape;
+    const regions = planar.cut ? planar.cut.sides.length : 1, count = layers / regions, knots = weights.length / count;
     const kind = this.smoothFloats ? [gl.RG32F, gl.R32F] : [gl.RG16F, gl.R16F];
     this.#texture("maps", gl.TEXTURE_2D_ARRAY, true);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, layers, 0, gl.RG, gl.FLOAT, planar.maps);
+    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, layers, 0, gl.RG, gl.FLOAT, maps);
     this.#texture("weights", gl.TEXTURE_2D, true);
-    gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, planar.weights);
+    gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, weights);
     const [c0, c1] = planar.depth;
-    const lengths = [planar.spacing[0] * columns, planar.spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
-    const starts = [planar.origin[0] - planar.spacing[0] / 2, planar.origin[1] - planar.spacing[1] / 2,
+    const lengths = [spacing[0] * columns, spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
+    const starts = [origin[0] - spacing[0] / 2, origin[1] - spacing[1] / 2,
       c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
-    [planar.toMap, planar.toMap0] = toTextures(planar.plane, starts, lengths);
-    const bounds = planarBounds(planar.maps, planar.shape, planar.spacing), each = Array.from({ length: regions }, (_, r) => r);
-    planar.count = count;
-    planar.folds = planarFolds(planar, count, bounds.steep);
-    planar.slope = Math.max(...each.map((r) => extrusionSlope({ steep: bounds.steep.subarray(r * count, (r + 1) * count),
-      far: bounds.far.subarray(r * count, (r + 1) * count) }, planar.weights, count, knots, c1 - c0)));
-    if (planar.cut) this.#setCut(planar.cut, planar.plane);
-  }
-
-  #setCut(cut, plane) {
-    const gl = this.gl, [count, rows, columns] = cut.shape, [da, db] = cut.spacing;
-    const lengths = [columns * da, rows * db, 0];
-    [cut.toCut, cut.toCut0] = toTextures(plane, [cut.origin[0] - da / 2, cut.origin[1] - db / 2, 0], lengths);
-    cut.scale = [1 / lengths[0], 1 / lengths[1]];
-    cut.bits = cut.sides.map((sides) => sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0));
-    if (this.distances === cut.distances) return; // they change when a cut is drawn, not when points move
-    this.distances = cut.distances;
-    this.#texture("distances", gl.TEXTURE_2D_ARRAY, true);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, this.smoothFloats ? gl.R32F : gl.R16F, columns, rows, count, 0, gl.RED, gl.FLOAT,
-      cut.distances);
+    const { steep, far } = planarBounds(maps, shape, spacing);
+    const slopes = Array.from({ length: regions }, (_, r) => {
+      const own = { steep: steep.subarray(r * count, (r + 1) * count), far: far.subarray(r * count, (r + 1) * count) };
+      return extrusionSlope(own, weights, count, knots, c1 - c0);
+    });
+    this.planar = { ...planar, count, slope: Math.max(...slopes), folds: planarFolds(planar, count, steep),
+      toMap: toTextures(plane, starts, lengths), cut: planar.cut && this.#castCut(planar.cut, plane) };
   }
 
   /**
-   * A displacement sampled in space, or null. values: Float32Array [z][y][x][3] in the volume's frame. With cut {regions,
-   * rule, softness, slope}: numbers of half precision as Uint16Array, values [region][z][y][x][4] with the depth of where
-   * it leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
+   * @param {PlaneCut} cut
+   * @param {FramePlane} plane
+   * @returns {NonNullable<CastPlanar["cut"]>}
    */
-  setSpace(space) {
-    this.space = space;
-    if (!space) return;
-    const gl = this.gl, { shape, origin, spacing, cut } = space;
-    space.toSpace = shape.map((n, i) => 1 / (n * spacing[i]));
-    space.toSpace0 = origin.map((o, i) => (0.5 * spacing[i] - o) * space.toSpace[i]);
-    this.#texture("space", gl.TEXTURE_3D, true);
-    if (cut) {
-      const size = [shape[0], shape[1], shape[2] * cut.regions]; // one region behind the other
-      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, ...size, 0, gl.RGBA, gl.HALF_FLOAT, space.values);
-      this.#texture("depths", gl.TEXTURE_3D, true);
-      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, ...size, 0, gl.RG, gl.HALF_FLOAT, space.depths);
-      space.slope = cut.slope;
-      space.folds = cut.slope >= 1; // at least it may
-      return;
+  #castCut(cut, plane) {
+    const gl = this.gl, { origin, distances } = cut, [count, rows, columns] = cut.shape, [da, db] = cut.spacing;
+    const lengths = [columns * da, rows * db, 0];
+    if (this.distances !== distances) { // they change when a cut is drawn, not when points move
+      this.distances = distances;
+      this.#texture("distances", gl.TEXTURE_2D_ARRAY, true);
+      gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, this.smoothFloats ? gl.R32F : gl.R16F, columns, rows, count, 0, gl.RED,
+        gl.FLOAT, distances);
     }
-    const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F, padded = new Float32Array((space.values.length / 3) * 4);
-    for (let i = 0, j = 0; i < space.values.length; i += 3, j += 4) {
-      padded[j] = space.values[i]; padded[j + 1] = space.values[i + 1]; padded[j + 2] = space.values[i + 2];
-    }
-    gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
-    space.slope = spaceSlope(space.values, shape, spacing);
-    space.folds = space.slope >= 1 && spaceFolds(space.values, shape, spacing);
+    return { ...cut, toCut: toTextures(plane, [origin[0] - da / 2, origin[1] - db / 2, 0], lengths),
+      scale: [1 / lengths[0], 1 / lengths[1]], bits: cut.sides.map(bitsOf) };
   }
 
+  /**
+   * Takes a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a
+   * cut they are numbers of half precision: values [region][z][y][x][4] with the depth of the place that the sample
+   * leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
+   * @param {SpaceField | null} given
+   */
+  setSpace(given) {
+    if (given === this.givenSpace) return;
+    this.givenSpace = given;
+    this.space = given && { ...given, ...this.#castSpace(given),
+      toSpace: given.shape.map((n, i) => 1 / (n * given.spacing[i])),
+      toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])) };
+  }
+
+  /** @param {SpaceField} given */
+  #castSpace({ shape, spacing, values, depths, cut }) {
+    const gl = this.gl;
+    this.#texture("space", gl.TEXTURE_3D, true);
+    if (cut) {
+      const { slope } = cut, [nx, ny, nz] = shape, deep = nz * cut.regions; // one region behind the other
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, nx, ny, deep, 0, gl.RGBA, gl.HALF_FLOAT, values);
+      this.#texture("depths", gl.TEXTURE_3D, true);
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, nx, ny, deep, 0, gl.RG, gl.HALF_FLOAT, depths ?? null);
+      return { slope, folds: slope >= 1 }; // at least it may
+    }
+    const floats = /** @type {Float32Array} */ (values), padded = new Float32Array((floats.length / 3) * 4);
+    for (let i = 0, j = 0; i < floats.length; i += 3, j += 4) {
+      padded[j] = floats[i]; padded[j + 1] = floats[i + 1]; padded[j + 2] = floats[i + 2];
+    }
+    const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F, slope = spaceSlope(floats, shape, spacing);
+    gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
+    return { slope, folds: slope >= 1 && spaceFolds(floats, shape, spacing) };
+  }
+
+  /** @param {{planar: CastPlanar | null, space: CastSpace | null}} field */
   #program({ planar, space }) {
     const defines = definesOf(this.projection, planar, space, this.folds, Boolean(this.clip));
     const key = defines.join(" ");
@@ -284,7 +366,12 @@ export class RayCaster {
     return this.programs[key];
   }
 
-  /** A picture to draw into, made anew when its size changes. */
+  /**
+   * A picture to draw into, made anew when its size changes.
+   * @param {string} name
+   * @param {number} width
+   * @param {number} height
+   */
   #target(name, width, height) {
     const gl = this.gl, old = this.targets[name];
     if (old && old.width === width && old.height === height) return old;
@@ -293,8 +380,8 @@ export class RayCaster {
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
     gl.texStorage2D(gl.TEXTURE_2D, 1, this.floats ? gl.RGBA16F : gl.RGBA8, width, height);
-    for (const [k, v] of [["MIN_FILTER", "LINEAR"], ["MAG_FILTER", "LINEAR"], ["WRAP_S", "CLAMP_TO_EDGE"],
-      ["WRAP_T", "CLAMP_TO_EDGE"]]) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${k}`], gl[v]);
+    for (const kind of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, kind, gl.LINEAR);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.texture, 0);
     this.targets[name] = target;
@@ -302,25 +389,30 @@ export class RayCaster {
   }
 
   /**
-   * Casts rays into a picture of that name. picture: {x, width, original, camera}, columns of it and what is seen there;
-   * original leaves the displacement out. camera: eye, right, up (half the picture's extent each), ahead, bend, all in
-   * the volume's frame. tile: [x, y, width, height] in pixels from the lower left. pass: 0 replaces, n > 0 averages with
-   * the n passes before it.
+   * Casts rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
+   * left. pass: 0 replaces, n > 0 averages with the n passes before it.
+   * @param {string} name
+   * @param {number} width
+   * @param {number} height
+   * @param {Picture} picture
+   * @param {{tile?: [number, number, number, number] | null, pass?: number, coarseness?: number}} options
    */
   cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1 } = {}) {
-    const { camera, original } = picture, field = original ? { planar: null, space: null } : this;
-    const gl = this.gl, target = this.#target(name, width, height), { program, at } = this.#program(field);
-    const finest = Math.min(...this.volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
+    const { gl, volume, table } = this, { camera, original } = picture;
+    if (!volume || !table) throw new Error("nothing to draw");
+    const { planar, space } = original ? { planar: null, space: null } : this;
+    const target = this.#target(name, width, height), { program, at } = this.#program({ planar, space });
+    const finest = Math.min(...volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
-    this.#fitTable(step);
+    this.#fitTable(table, step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
     gl.viewport(picture.x, 0, picture.width, height); // which cuts off what lies beside it
     gl.useProgram(program);
     for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
     this.#setCamera(at, camera, picture.width, height, pass);
     gl.uniform2f(at.place, picture.x, 0);
-    this.#setVolumeNumbers(at, step, original ? this.volume.ownBox : this.volume.box);
-    this.#setFieldNumbers(at, field);
+    this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
+    this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
       gl.enable(gl.BLEND);
       gl.blendColor(0, 0, 0, 1 / (pass + 1));
@@ -332,17 +424,25 @@ export class RayCaster {
     gl.disable(gl.SCISSOR_TEST);
   }
 
+  /**
+   * @param {Uniforms} at
+   * @param {RayCamera} camera
+   * @param {number} width
+   * @param {number} height
+   * @param {number} pass
+   */
   #setCamera(at, camera, width, height, pass) {
     const gl = this.gl;
-    for (const name of ["eye", "right", "up", "ahead"]) gl.uniform3fv(at[name], camera[name]);
+    for (const name of /** @type {const} */ (["eye", "right", "up", "ahead"])) gl.uniform3fv(at[name], camera[name]);
     gl.uniform1f(at.bend, camera.bend || 0);
     gl.uniform2f(at.resolution, width, height);
     // Later passes look through other places of each pixel, spread by the fractional parts of two irrational numbers.
-    const spread = (x) => x - Math.floor(x) - 0.5;
+    const spread = (/** @type {number} */ x) => x - Math.floor(x) - 0.5;
     gl.uniform2f(at.shift, pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
     gl.uniform1f(at.phase, (pass * 0.6180340) % 1);
-    const unit = (v) => v.map((x) => x / Math.hypot(...v));
+    const unit = (/** @type {number[]} */ v) => v.map((x) => x / Math.hypot(...v));
     const [r, u, n] = [unit(camera.right), unit(camera.up), camera.ahead];
+    /** @type {(a: number, b: number, c: number) => number[]} */
     const mixed = (a, b, c) => unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
     // A lamp above the viewer's left shoulder: light from the eye alone looks flat. A weak one from the other side.
     const lamp = mixed(-0.42, 0.55, -0.72);
@@ -351,78 +451,107 @@ export class RayCaster {
     gl.uniform3fv(at.fillLamp, mixed(0.7, -0.25, -0.5));
   }
 
-  #setVolumeNumbers(at, step, box) {
-    const gl = this.gl, volume = this.volume, { shape, spacing, extremes } = volume;
+  /**
+   * @param {Uniforms} at
+   * @param {CastVolume} volume
+   * @param {ColorTable} table
+   * @param {number} step
+   * @param {Sides} box
+   */
+  #setVolumeNumbers(at, volume, table, step, box) {
+    const gl = this.gl, { shape, spacing, extremes } = volume;
     gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
     gl.uniform3fv(at.middle, box.low.map((low, i) => (low + box.high[i]) / 2));
-    this.#setBox(at, box, step);
+    this.#setBox(at, volume, step, box);
     gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));
     gl.uniform3fv(at.toTexture0, shape.map((n) => 0.5 / n));
-    gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
+    if (extremes) gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
     gl.uniform3fv(at.blockSize, spacing.map((s) => s * BLOCK));
     gl.uniform1f(at.stepLength, step);
     gl.uniform1f(at.outside, volume.outside / 255);
-    gl.uniform1f(at.outsideOpacity, opacityOfByte(this.table.rgba, volume.outside));
+    gl.uniform1f(at.outsideOpacity, opacityOfByte(table.rgba, volume.outside));
     // Below two hundredths of the range per voxel a slope is noise; bytes of the gradient count 1/127 of the steepest.
     gl.uniform1f(at.certain, ((volume.share ?? 1) * STEEPEST) / 127 / (0.012 * 255)); // of the range of all values
     gl.uniform2fv(at.grey, volume.grey || [0, 1]);
     gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
   }
 
-  #setBox(at, box, step) {
-    const gl = this.gl, left = this.clip ? leftOf(box, clipSides(this.volume.box, this.clip)) : box;
-    gl.uniform3fv(at.boxLow, left.low);
-    gl.uniform3fv(at.boxHigh, left.high);
-    if (!this.clip) return;
+  /**
+   * @param {Uniforms} at
+   * @param {CastVolume} volume
+   * @param {number} step
+   * @param {Sides} box
+   */
+  #setBox(at, volume, step, box) {
+    const gl = this.gl, left = this.clip && leftOf(box, clipSides(volume.box, this.clip));
+    gl.uniform3fv(at.boxLow, (left ?? box).low);
+    gl.uniform3fv(at.boxHigh, (left ?? box).high);
+    if (!left) return;
     gl.uniform3fv(at.openLow, left.openLow);
     gl.uniform3fv(at.openHigh, left.openHigh);
-    gl.uniform1f(at.bareDepth, 2 * Math.max(step, Math.min(...this.volume.spacing)));
+    gl.uniform1f(at.bareDepth, 2 * Math.max(step, Math.min(...volume.spacing)));
   }
 
-  #setFieldNumbers(at, { planar, space }) {
-    const gl = this.gl;
+  /**
+   * @param {Uniforms} at
+   * @param {CastPlanar | null} planar
+   * @param {CastSpace | null} space
+   * @param {Vector3} spacing of the voxels
+   */
+  #setFieldNumbers(at, planar, space, spacing) {
+    const gl = this.gl, finest = Math.min(...spacing);
     const plane = planar ? planar.slope : 0, rest = space ? space.slope * (1 + plane) : 0;
-    // Of a composition: (1 + a)(1 + b) - 1, and nothing of a along the normal; a little more, because graphics cards
-    // interpolate with few digits.
-    const slope = [0, 1, 2].map((i) => 1.02 * (rest + (planar ? plane * Math.hypot(planar.plane.u[i], planar.plane.v[i]) : 0)));
-    gl.uniform3fv(at.slope, slope);
+    // Of a composition: (1 + a)(1 + b) - 1, and nothing of a along the normal; a little more, because GPUs interpolate
+    // with few digits.
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
+    const slope = [0, 1, 2].map((i) => 1.02 * (rest + plane * Math.hypot(axes.u[i], axes.v[i])));
+    gl.uniform3fv(at.slope, slope);
     gl.uniform3fv(at.axisU, axes.u);
     gl.uniform3fv(at.axisV, axes.v);
     gl.uniform3fv(at.axisN, axes.n);
     if (planar) {
       gl.uniform1i(at.mapCount, planar.count);
-      gl.uniformMatrix3fv(at.toMap, false, planar.toMap);
-      gl.uniform3fv(at.toMap0, planar.toMap0);
+      gl.uniformMatrix3fv(at.toMap, false, planar.toMap.matrix);
+      gl.uniform3fv(at.toMap0, planar.toMap.offset);
     }
-    if (planar && planar.cut) this.#setCutNumbers(at, planar.cut);
-    if ((planar && planar.cut) || (space && space.cut)) {
-      const softness = Math.max(planar && planar.cut ? planar.softness : space.cut.softness, Math.min(...this.volume.spacing));
+    if (planar?.cut) this.#setCutNumbers(at, planar.cut);
+    const wanted = planar?.cut ? planar.softness : space?.cut?.softness;
+    if (wanted !== undefined) {
+      const softness = Math.max(wanted, finest);
       gl.uniform1f(at.softness, softness);
       gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
-      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: distances between samples are not quite such
+      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: sampled distances are not quite such
     }
-    if (space && space.cut) {
+    if (space?.cut) {
       gl.uniform1i(at.spaceRegions, space.cut.regions);
       gl.uniform1f(at.spaceEdge, 0.5 / space.shape[2]);
     }
     if (space) { gl.uniform3fv(at.toSpace, space.toSpace); gl.uniform3fv(at.toSpace0, space.toSpace0); }
-    const finest = Math.min(...this.volume.spacing);
     gl.uniform1f(at.slopeStep, Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0,
       planar ? Math.min(...planar.spacing) : 0));
   }
 
+  /**
+   * @param {Uniforms} at
+   * @param {NonNullable<CastPlanar["cut"]>} cut
+   */
   #setCutNumbers(at, cut) {
     const gl = this.gl;
-    gl.uniformMatrix3fv(at.toCut, false, cut.toCut);
-    gl.uniform3fv(at.toCut0, cut.toCut0);
+    gl.uniformMatrix3fv(at.toCut, false, cut.toCut.matrix);
+    gl.uniform3fv(at.toCut0, cut.toCut.offset);
     gl.uniform2fv(at.cutScale, cut.scale);
     gl.uniform1i(at.cutCount, cut.shape[0]);
     gl.uniform1i(at.regionCount, cut.bits.length);
     gl.uniform1iv(at["sides[0]"], cut.bits);
   }
 
-  /** Copies a picture into a larger one: what is not refined yet shows it. */
+  /**
+   * Copies a picture into a larger one: what is not refined yet shows it.
+   * @param {string} small
+   * @param {string} large
+   * @param {number} width
+   * @param {number} height
+   */
   enlarge(small, large, width, height) {
     const gl = this.gl, from = this.targets[small], to = this.#target(large, width, height);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, from.buffer);
@@ -430,16 +559,19 @@ export class RayCaster {
     gl.blitFramebuffer(0, 0, from.width, from.height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
   }
 
-  /** Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. */
+  /**
+   * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each.
+   * @param {string | null} name null: the background alone
+   */
   present(name, parts = 1) {
     const gl = this.gl, { width, height } = this.canvas, ground = BACKGROUNDS[this.background];
-    if (!this.programs.present) this.programs.present = linked(gl, PRESENT);
+    this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
-    gl.bindTexture(gl.TEXTURE_2D, name ? this.targets[name].texture : this.textures.picture);
+    gl.bindTexture(gl.TEXTURE_2D, name ? this.targets[name].texture : this.textures.picture ?? null);
     gl.uniform1i(at.picture, UNITS.picture);
     gl.uniform2f(at.resolution, width, height);
     gl.uniform1f(at.parts, parts);

@@ -1,20 +1,39 @@
-// What the ray caster knows about a volume before it draws: gradients, where it is empty, where light does not reach.
-// Pure arithmetic on arrays [z][y][x] of bytes; no page, no WebGL.
+// Gradients, empty blocks, ambient light and steepness of a volume and its displacement, computed before it is drawn.
+// Pure arithmetic on arrays [z][y][x] of bytes; no DOM, no WebGL.
 
-export const BLOCK = 8; // voxels along the edge of a block: 256^3 gives 32^3 blocks, and a ray that skips one saves 8 samples
+/** @import { Vector2, Vector3 } from "../types.d.ts" */
+/** @import { Extremes } from "./types.d.ts" */
+
+export const BLOCK = 8; // voxels along the edge of a block: a ray that skips one saves 8 samples
 export const AMBIENT_CELL = 4; // finer cells show the noise of the voxels as shadow
 
-// Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one voxel
-// is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint ones.
+// Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one
+// voxel is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint
+// ones.
 export const STEEPEST = 64;
 
-/** How many entries of a table of colours there are for a byte (see TransferFunction.table). */
+/**
+ * Entries of a table of colours for each byte (see TransferFunction.table).
+ * @param {number} entries
+ */
 function entriesOfByte(entries) { return (entries - 1) / 255; }
 
-/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
+/**
+ * The opacity that such a table, red, green, blue and alpha of each entry, has for a byte.
+ * @param {Float32Array} rgba
+ * @param {number} byte
+ */
 export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
 
-/** Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. */
+/**
+ * Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel.
+ * @param {Uint8Array} values
+ * @param {Vector3} shape
+ * @param {number} z0
+ * @param {number} z1
+ * @param {Vector3} spacing
+ * @param {number} fill
+ */
 export function gradientSlab(values, [nx, ny, nz], z0, z1, spacing, fill) {
   const out = new Uint8Array(4 * nx * ny * (z1 - z0));
   const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2;
@@ -39,15 +58,22 @@ export function gradientSlab(values, [nx, ny, nz], z0, z1, spacing, fill) {
   return out;
 }
 
-/** Smallest and largest value of every block and the voxels next to it, which interpolation may mix in. */
+/**
+ * Smallest and largest value of every block and the voxels next to it, which interpolation may mix in.
+ * @param {Uint8Array} values
+ * @param {Vector3} shape
+ * @returns {Extremes}
+ */
 export function blockExtremes(values, shape) {
-  let low = values, high = values, size = [...shape];
+  /** @type {Vector3} */
+  const size = [...shape];
+  let low = values, high = values;
   for (let axis = 0; axis < 3; axis++) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
     const n = size[axis], m = Math.ceil(n / BLOCK);
     const rest = size[0] * size[1] * size[2] / n;
     const nextLow = new Uint8Array(rest * m), nextHigh = new Uint8Array(rest * m);
-    const outer = axis === 2 ? 1 : size.slice(axis + 1).reduce((a, b) => a * b, 1);
+    const outer = rest / stride;
     for (let a = 0; a < outer; a++) {
       for (let b = 0; b < m; b++) {
         const first = Math.max(0, b * BLOCK - 1), last = Math.min(n - 1, (b + 1) * BLOCK);
@@ -68,7 +94,12 @@ export function blockExtremes(values, shape) {
   return { size, low, high };
 }
 
-/** Calls visit(at, neighbour) along an axis, forth and back: the two sweeps of a distance transform. */
+/**
+ * Calls visit(at, neighbour) along an axis, forth and back: the two sweeps of a distance transform.
+ * @param {Vector3} size
+ * @param {number} axis
+ * @param {(at: number, neighbour: number) => void} visit
+ */
 function sweep(size, axis, visit) {
   const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis];
   const total = size[0] * size[1] * size[2];
@@ -80,14 +111,18 @@ function sweep(size, axis, visit) {
 }
 
 /**
- * For every block: how many blocks one may go along every axis at once and still meet only transparent ones (R), and
- * the largest value within one block of it (G).
+ * The number of blocks around every block that are all transparent, along every axis at once (R), and the largest value
+ * within one block of it (G).
+ * @param {Extremes} extremes
+ * @param {Float32Array} alphas
  */
 export function emptyRings({ size, low, high }, alphas) {
   const before = new Int32Array(alphas.length + 1), each = entriesOfByte(alphas.length);
-  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0); // entries below that stop light
+  // before[i]: the number of entries below i that stop light
+  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0);
   const total = low.length, out = new Uint8Array(2 * total);
   // The maximum norm is separable for a threshold only: so grow the filled blocks ring by ring, axis after axis.
+  /** @type {Uint8Array} */
   let filled = new Uint8Array(total);
   for (let i = 0; i < total; i++) filled[i] = before[each * high[i] + 1] > before[each * low[i]] ? 1 : 0;
   const most = 24; // rings beyond this save no more than a few samples of a ray
@@ -102,12 +137,15 @@ export function emptyRings({ size, low, high }, alphas) {
   return out;
 }
 
-/** The largest of every value and its 26 neighbours. */
+/**
+ * The largest of every value and its 26 neighbours.
+ * @param {Uint8Array} values
+ * @param {Vector3} size
+ */
 function grown(values, size) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
-    const to = from.slice();
-    const source = from;
+    const source = from, to = from.slice();
     sweep(size, axis, (at, next) => { if (source[next] > to[at]) to[at] = source[next]; });
     from = to;
   }
@@ -115,14 +153,20 @@ function grown(values, size) {
 }
 
 /**
- * How much light reaches every cell, 255 all: what is opaque around it, near and far, seen as shadow. On an even
+ * The light that reaches every cell, 255 all: what is opaque around it, near and far, seen as shadow. On an even
  * surface half of the surroundings is opaque; only what lies deeper is darker.
+ * @param {Uint8Array} values
+ * @param {Vector3} shape
+ * @param {Float32Array} alphas
+ * @param {number} thickness
  */
 export function ambientLight(values, shape, alphas, thickness) {
-  const size = shape.map((n) => Math.ceil(n / AMBIENT_CELL)), [nx, ny, nz] = shape;
+  const [nx, ny, nz] = shape, cells = (/** @type {number} */ n) => Math.ceil(n / AMBIENT_CELL);
+  /** @type {Vector3} */
+  const size = [cells(nx), cells(ny), cells(nz)];
   const sum = new Float32Array(size[0] * size[1] * size[2]), count = new Float32Array(sum.length);
   const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
-  for (let i = 0; i < 256; i++) opacity[i] = 1 - Math.pow(1 - Math.min(alphas[each * i], 0.999), thickness);
+  for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
   let i = 0;
   for (let z = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
@@ -139,7 +183,12 @@ export function ambientLight(values, shape, alphas, thickness) {
   return { size, values: out };
 }
 
-/** Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light. */
+/**
+ * Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light.
+ * @param {Float32Array} values
+ * @param {Vector3} size
+ * @param {number} r
+ */
 function blurred(values, size, r) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
@@ -160,7 +209,12 @@ function blurred(values, size, r) {
   return from;
 }
 
-/** Largest displacement and largest change of it per length, over maps [k][row][column][2]. */
+/**
+ * Largest displacement (far) and largest change of it per length (steep) of each of maps [k][row][column][2].
+ * @param {Float32Array} maps
+ * @param {Vector3} shape
+ * @param {Vector2} spacing
+ */
 export function planarBounds(maps, [count, rows, columns], [da, db]) {
   const steep = new Float64Array(count), far = new Float64Array(count);
   for (let k = 0, i = 0; k < count; k++) {
@@ -176,7 +230,14 @@ export function planarBounds(maps, [count, rows, columns], [da, db]) {
   return { steep, far };
 }
 
-/** How fast the displacement of an extrusion changes at most: along the plane and along its normal. */
+/**
+ * The largest change per length of the displacement of an extrusion: along the plane and along its normal.
+ * @param {{steep: Float64Array, far: Float64Array}} bounds
+ * @param {Float32Array} weights
+ * @param {number} count
+ * @param {number} knots
+ * @param {number} length
+ */
 export function extrusionSlope(bounds, weights, count, knots, length) {
   let along = 0, across = 0;
   for (let i = 0; i < knots; i++) {
@@ -191,7 +252,12 @@ export function extrusionSlope(bounds, weights, count, knots, length) {
   return Math.hypot(along, length > 0 ? across / length : 0);
 }
 
-/** How fast a displacement sampled in space, [z][y][x][3], changes at most per length. */
+/**
+ * The largest change per length of a displacement sampled in space, [z][y][x][3].
+ * @param {Float32Array} values
+ * @param {Vector3} shape
+ * @param {Vector3} spacing
+ */
 export function spaceSlope(values, [nx, ny, nz], spacing) {
   const strides = [3, 3 * nx, 3 * nx * ny];
   let steepest = 0;

@@ -1,0 +1,85 @@
+// Shapes of what the pages of a view share.
+
+import type { Model, Sides, Vector2, Vector3 } from "../types.d.ts";
+import type { Flicker } from "../ui/view_parts.js";
+import type { RayCaster } from "../webgl/raycaster.js";
+import type { PlanarField, SpaceField } from "../webgl/types.d.ts";
+import type { PointerControls } from "./pointer.js";
+import type { SpacePoints } from "./space_points.js";
+import type { ViewCamera } from "./view_camera.js";
+
+/** A buffer of a message. */
+export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;
+
+/** A direction of view and what is up in the picture. */
+export interface Look {
+  direction: Vector3;
+  up: Vector3;
+}
+
+/** The trait "camera". */
+export interface CameraTrait extends Partial<Look> {
+  pan?: Vector2;
+  zoom?: number;
+  perspective?: boolean;
+}
+
+/** The trait "volume_info". That of a page of pictures has neither voxels nor what is told of them. */
+export interface VolumeInfo {
+  id: string;
+  shape: Vector3;
+  spacing: Vector3;
+  /** The place of the first voxel in space. */
+  origin: Vector3;
+  chunks: number;
+  /** Rows of a matrix, from vectors in space to the volume's own frame, and back. */
+  to_frame: Vector3[];
+  axes: Vector3[];
+  /** In the volume's own frame. */
+  box: Sides;
+  outside: number;
+  is_labels: boolean;
+  grey: Vector2;
+  share: number;
+  note: string;
+  unit: string;
+  /** Looks by the name of a side, and "home". */
+  views: Record<string, Look>;
+}
+
+/** The displacement that is shown. */
+export interface Field {
+  /** The box of the result, null for the volume's own. */
+  box: Sides | null;
+  /** Whether cuts of the first steps are shown roughly. */
+  coarse?: boolean;
+  planar: PlanarField | null;
+  space: SpaceField | null;
+}
+
+/** The page of a view, as its camera, its pointer and its points need it. */
+export interface ViewPage {
+  model: Model;
+  root: HTMLElement;
+  canvas: HTMLCanvasElement;
+  camera: ViewCamera;
+  info: VolumeInfo | null;
+  /** The value of the trait "shows" that the camera is for. */
+  shown: string;
+  closed: boolean;
+  flicker: Flicker;
+  pointer: PointerControls;
+  loop: { release(): void } | null;
+  spacePoints: SpacePoints;
+  /** Of a page that has the voxels. */
+  values?: Uint8Array | null;
+  field?: Field | null;
+  caster?: RayCaster | null;
+  on(name: string, handler: (...given: never[]) => unknown): void;
+  fail(error: unknown): void;
+  touch(held?: boolean): void;
+  writeCamera(): void;
+  reset(): void;
+  lost(event: Event): void;
+  restored(): void;
+}

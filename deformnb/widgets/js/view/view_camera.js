@@ -1,0 +1,92 @@
+// The camera of a view: it follows the trait `camera` and sees the box of what is shown.
+
+import { Camera } from "../maths/camera.js";
+import { boxCorners } from "../ui/view_parts.js";
+
+/** @import { CameraTrait, Look, ViewPage } from "./types.d.ts" */
+
+const PERSPECTIVE = 0.7; // bend of a camera with perspective
+
+export class ViewCamera extends Camera {
+  /** @param {ViewPage} page */
+  constructor(page) {
+    super();
+    this.page = page;
+    this.isWriting = false;
+  }
+
+  /** Facts about the volume; there must be one. */
+  get info() {
+    const { info } = this.page;
+    if (!info) throw new Error("there is no volume yet");
+    return info;
+  }
+
+  /** The box of what is shown, in the volume's own frame. */
+  get box() { return this.page.field?.box || this.info.box; }
+
+  /** The middle of the box, in the volume's own frame. */
+  get middle() {
+    const { low, high } = this.box;
+    return low.map((l, i) => (l + high[i]) / 2);
+  }
+
+  /** Pictures side by side. */
+  get parts() { return this.page.shown === "side_by_side" ? 2 : 1; }
+
+  /** Width by height of one picture. */
+  get aspect() {
+    const { width, height } = this.page.canvas;
+    return width / this.parts / height;
+  }
+
+  /** The length in space that the picture is high when all of the box is seen. */
+  get full() { return this.fit(boxCorners(this.box, this.info.axes), this.aspect); }
+
+  /** The value of the trait. */
+  get trait() {
+    const { direction, up, pan, height } = this;
+    return { ...this.page.model.get("camera"), direction, up, pan: [...pan], zoom: this.full / height };
+  }
+
+  /** Takes the value of the trait, but not while the user turns the picture; false if it did not. */
+  read(isForced = false) {
+    const { page } = this;
+    if (!page.info || (!isForced && (this.isWriting || page.pointer.isBusy))) return false;
+    /** @type {CameraTrait} */
+    const wanted = page.model.get("camera") || {};
+    this.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
+    this.pan = [...(wanted.pan || [0, 0])];
+    this.bend = wanted.perspective ? PERSPECTIVE : 0;
+    this.height = this.full / (wanted.zoom || 1);
+    return true;
+  }
+
+  write() {
+    const { page } = this;
+    this.isWriting = true; // our own change must not come back as if Python had made it
+    page.model.set("camera", this.trait);
+    page.model.save_changes();
+    this.isWriting = false;
+  }
+
+  /**
+   * Does what changes the shape of the picture or of the box: the zoom stays, not the scale.
+   * @param {() => void} change
+   */
+  reframed(change) {
+    const zoom = this.page.info ? this.full / this.height : 0;
+    change();
+    if (zoom) this.height = this.full / zoom;
+  }
+
+  /**
+   * Sees all of the box.
+   * @param {Look} look
+   */
+  seeAll({ direction, up }) {
+    this.look(direction, up);
+    this.pan = [0, 0];
+    this.height = this.full;
+  }
+}

@@ -1,0 +1,156 @@
+// Shapes of what the ray caster is given and what it makes of that. Lengths are physical, along the index axes of the
+// volume, from its first voxel (its own frame).
+
+import type { Sides, Vector2, Vector3 } from "../types.d.ts";
+
+/** Smallest and largest value of every block of voxels. */
+export interface Extremes {
+  size: Vector3;
+  low: Uint8Array;
+  high: Uint8Array;
+}
+
+/** The voxels of a volume, apart from their values. */
+export interface VolumeData {
+  shape: Vector3;
+  spacing: Vector3;
+  /** The value beyond the volume, 0 to 255. */
+  outside: number;
+  isLabels: boolean;
+  /** The window of a projection of largest values. */
+  grey?: Vector2;
+  /** The share of the range of all values that the bytes cover. */
+  share?: number;
+  /** What is shown: the box of the result. */
+  box: Sides;
+  /** The box of the volume itself. */
+  ownBox: Sides;
+}
+
+/** A volume that the ray caster holds; it has extremes as soon as all of it is on the GPU. */
+export interface CastVolume extends VolumeData {
+  values: Uint8Array;
+  extremes: Extremes | null;
+  loaded: boolean;
+}
+
+/** Colours and opacities, `rgba` with four numbers for each entry. */
+export interface ColorTable {
+  rgba: Float32Array;
+  /** The thickness that the opacities hold for. */
+  unit: number;
+  /** The thickness that the texture was made for. */
+  step: number;
+}
+
+/** A plane in the volume's frame. */
+export interface FramePlane {
+  origin: Vector3;
+  u: Vector3;
+  v: Vector3;
+  n: Vector3;
+}
+
+/** The cuts of a planar field. */
+export interface PlaneCut {
+  /** [cuts, rows, columns] of the distances. */
+  shape: Vector3;
+  origin: Vector2;
+  spacing: Vector2;
+  /** Signed distances to each cut, negative inside. */
+  distances: Float32Array;
+  /** Of each region, whether it lies inside of each cut. */
+  sides: boolean[][];
+  /** One of CUT_RULES; it may be missing of cuts that have just been drawn. */
+  rule?: string;
+  /** What names the distances that Python has sent. */
+  id?: string;
+  /** The regions of the cuts in words: as Python sends them, or as one text. */
+  regions?: unknown;
+  name?: string;
+}
+
+/** Backward displacement by maps over a plane, [layer][row][column][2]. */
+export interface PlanarField {
+  maps: Float32Array;
+  /** [layers, rows, columns]; the layers of a region come one after the other. */
+  shape: Vector3;
+  /** The place of the maps' first node in the plane. */
+  origin: Vector2;
+  spacing: Vector2;
+  /** The first and the last depth that the weights are for. */
+  depth: Vector2;
+  /** [map of a region][knot] */
+  weights: Float32Array;
+  plane: FramePlane;
+  /** Whether the weights are 1 at every depth. */
+  isReplicated: boolean;
+  /** The width of the ramp of opacity at a cut. */
+  softness: number;
+  cut: PlaneCut | null;
+}
+
+/** The cuts of earlier steps, sampled in space. */
+export interface SpaceCut {
+  regions: number;
+  rule: string;
+  softness: number;
+  slope: number;
+}
+
+/** Backward displacement sampled in space, [z][y][x][3]; at cuts in half precision, see RayCaster.setSpace. */
+export interface SpaceField {
+  shape: Vector3;
+  origin: Vector3;
+  spacing: Vector3;
+  values: Float32Array | Uint16Array;
+  depths?: Float32Array | Uint16Array;
+  cut?: SpaceCut | null;
+}
+
+/** Where texture coordinates come from: a matrix, column by column, and an offset. */
+export interface ToTexture {
+  matrix: number[];
+  offset: number[];
+}
+
+/** A planar field with what the shader needs to know of it. */
+export interface CastPlanar extends PlanarField {
+  /** Maps of each region. */
+  count: number;
+  folds: boolean;
+  /** The largest change of the displacement per length. */
+  slope: number;
+  toMap: ToTexture;
+  cut: (PlaneCut & { toCut: ToTexture; scale: Vector2; bits: number[] }) | null;
+}
+
+/** A displacement in space with what the shader needs to know of it. */
+export interface CastSpace extends SpaceField {
+  folds: boolean;
+  slope: number;
+  toSpace: number[];
+  toSpace0: number[];
+}
+
+/** A camera in the volume's frame: right and up are half of the picture's extent; ahead has length 1. */
+export interface RayCamera {
+  eye: number[];
+  right: number[];
+  up: number[];
+  ahead: number[];
+  /** How strong the perspective is, per length; 0 is parallel. */
+  bend: number;
+}
+
+/** What is seen in some columns of a canvas. */
+export interface Picture {
+  /** The layer that is shown in turn with others, or 0. */
+  layer: number;
+  /** The first column and how many there are. */
+  x: number;
+  width: number;
+  /** Whether the displacement is left out. */
+  original: boolean;
+  camera: RayCamera;
+}
