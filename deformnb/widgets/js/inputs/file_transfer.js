@@ -1,11 +1,18 @@
-// A text for the clipboard or a file for the downloads, from Python; says what it has done.
+// A text for the clipboard or a file for the downloads, from Python; reports what it has done.
+
+/** @import { Model } from "../types.d.ts" */
 
 const HAND_OVER_KEYS = { "data-lm-suppress-shortcuts": "true" };
 
+/** @param {string} text */
 async function copied(text) {
-  try { await navigator.clipboard.writeText(text); return true; } catch (error) { return false; }
+  try { await navigator.clipboard.writeText(text); return true; } catch { return false; }
 }
 
+/**
+ * @param {string} name
+ * @param {DataView<ArrayBuffer>} bytes
+ */
 function downloaded(name, bytes) {
   const url = URL.createObjectURL(new Blob([bytes]));
   const link = Object.assign(document.createElement("a"), { href: url, download: name });
@@ -15,6 +22,7 @@ function downloaded(name, bytes) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
+/** @param {{ model: Model & { model_id?: string }, el: HTMLElement }} widget */
 function render({ model, el }) {
   const root = document.createElement("div");
   root.className = "dnb-hand-over";
@@ -26,6 +34,10 @@ function render({ model, el }) {
   root.append(line, area);
   el.append(root);
 
+  /**
+   * @param {any} content
+   * @param {DataView<ArrayBuffer>[]} buffers
+   */
   const receive = async (content, buffers) => {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
@@ -42,9 +54,10 @@ function render({ model, el }) {
     }
   };
   // Two views of one widget must not save a file twice.
+  const uid = model.get("_view_name") + (model.model_id ?? "");
   const firstShown = () => [...document.querySelectorAll(".dnb-hand-over")].find(
-    (other) => other.dataset.uid === root.dataset.uid);
-  root.dataset.uid = model.get("_view_name") + (model.model_id ?? "");
+    (other) => other.getAttribute("data-uid") === uid);
+  root.dataset.uid = uid;
   model.on("msg:custom", receive);
   return () => { model.off("msg:custom", receive); root.remove(); };
 }
