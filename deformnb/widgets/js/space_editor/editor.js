@@ -461,7 +461,7 @@ const LOOK_PATIENCE = 400; // milliseconds after which a place is sent though th
 
 class SpaceEditorPage extends SpaceHand {
   constructor(model, el) {
-    super();
+    super(model);
     Object.assign(this, { model, id: Math.random().toString(36).slice(2, 12), bus: busOf(model), closed: new AbortController(),
       selected: new Set(model.get("selected")), drag0: null, isAdding: false, isSelecting: false, isComparing: false, isSpaceDown: false,
       frame: 0, facts: {}, looked: new Set(), waitingSince: -Infinity, pendingLook: null, shownCount: 0 });
