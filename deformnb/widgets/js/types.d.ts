@@ -5,7 +5,7 @@ import type { PlayClock } from "./inputs/player.js";
 import type { Sender } from "./sync/edits.js";
 
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
-export type Model = AnyModel<any>;
+export type Model = AnyModel;
 
 /** A place or a displacement: (a, b) in a picture. */
 export type Vector2 = [number, number];
@@ -29,11 +29,31 @@ export interface Point {
   radius: number | null;
 }
 
-/** A region of a picture, by its kind: line, polygon, half space, mask. */
-export interface RegionData {
-  kind: string;
-  [key: string]: any;
+/** A region of a picture: a closed outline, or one side of an open line that continues without end. */
+export interface OutlineData {
+  kind: "line" | "polygon";
+  vertices: number[][];
 }
+
+/** A half plane; the normal points out of it. */
+export interface HalfSpaceData {
+  kind: "half_space";
+  vertices?: undefined;
+  point: number[];
+  normal: number[];
+}
+
+/** The pixels of a region: base64 of zlib of eight pixels to a byte, the first in the highest bit. */
+export interface MaskData {
+  kind: "mask";
+  vertices?: undefined;
+  shape: number[];
+  spacing: number[];
+  origin: number[];
+  bits: string;
+}
+
+export type RegionData = OutlineData | HalfSpaceData | MaskData;
 
 /** A cut: what lies in the region is deformed by its own points alone. */
 export interface CutData {
@@ -68,8 +88,6 @@ export interface FitSettings {
   cuts?: CutData[];
   parts?: PartData[];
   cut_rule?: string;
-  /** The fit before this one. */
-  previous?: any;
 }
 
 /** Pixels of a picture: [rows, columns], and the distances between and the place of the first. */
@@ -177,7 +195,7 @@ export interface FlatPoint {
   whole: Point;
 }
 
-/** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; the plane lies at `at`. */
+/** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; `at` along that. */
 export interface Mirror {
   on: boolean;
   axis?: string;
@@ -220,8 +238,18 @@ export interface Bus extends EventTarget {
   moment?: TimeDetail;
   addEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   addEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | AddEventListenerOptions): void;
+  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | AddEventListenerOptions): void;
   removeEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   removeEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | EventListenerOptions): void;
+  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | EventListenerOptions): void;
 }
+
+/** The cuts and the rigid parts of an editor. */
+export interface Shapes {
+  cuts: CutData[];
+  parts: PartData[];
+}
+
+export type ShapeKind = keyof Shapes;

@@ -1,15 +1,17 @@
-// Brushes that write ordinary control points. Pure functions of plain lists, no DOM; needs maths/points.js.
+// Brushes that write ordinary control points.
 //
-// A brush is a circle of a radius with a smooth falloff. What lies in it moves as in a flow that is strongest in the
-// middle and at rest on the rim: such a flow never folds. Points stand for it: the ones that are there already move with
-// it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around the
-// brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
+// A brush is a circle of a radius with a smooth falloff. The tissue in it moves as in a flow that is strongest in the
+// middle and at rest on the rim: such a flow never folds. Points represent it: those that are there already move with
+// it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
+// the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
 import { newPoint } from "./points.js";
 
+/** @import { Point } from "../types.d.ts" */
+
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
-const BRUSH_LEG = 0.5; // of the radius: after that way the rings are set anew around the brush
-const BRUSH_CARRIES = 0.6, BRUSH_SLIPS = 0.5; // what lies in the middle is carried so many radii, then left behind bit by bit
+const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are set anew around the brush
+const BRUSH_CARRIES = 0.6, BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
 const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is taken instead of a new one
 const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to another
 const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
@@ -19,30 +21,61 @@ const BRUSH_MOST_SWELL = 0.8; // logarithm of the largest scale in the middle
 
 const BRUSH_NAME = /^(smudge|expand|shrink) \d+$/;
 
+/** @param {number} t */
 function brushFalloff(t) {
   const s = 1 - t * t;
   return t < 1 ? s * s : 0;
 }
 
-// The number of the next stroke: that of the points it leaves.
+/** The number of the next stroke, in the names of the points that it leaves. @param {Point[]} points */
 function nextStroke(points) {
-  return points.reduce((most, { name }) => (BRUSH_NAME.test(name) ? Math.max(most, Number(name.split(" ")[1])) : most), 0) + 1;
+  const numbers = points.filter(({ name }) => BRUSH_NAME.test(name)).map(({ name }) => Number(name.split(" ")[1]));
+  return Math.max(0, ...numbers) + 1;
 }
 
-function gapTo(points, [a, b]) {
-  return points.reduce((least, p) => (p.active ? Math.min(least, Math.hypot(p.target[0] - a, p.target[1] - b)) : least), Infinity);
+/** @param {Point} p @param {number[]} place */
+function distanceTo(p, [a, b]) { return Math.hypot(p.target[0] - a, p.target[1] - b); }
+
+/** The distance to the nearest active point. @param {Point[]} points @param {number[]} place */
+function gapTo(points, place) {
+  return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
 export class Stroke {
-  // sourceAt(points) makes a function of places, which says what is seen there (null: nothing). `box` is the picture's,
-  // `reach` how far points reach (0: everywhere), `settle(place)` moves a new place, as to the axis of a mirror.
+  /**
+   * Begin a stroke.
+   *
+   * sourceAt(points): a function of places that returns the source of what is seen there, null for nothing; box: of the
+   * picture; reach: of points, 0 for everywhere; settle(place): moves a new place, such as to the axis of a mirror.
+   * @param {Point[]} points
+   * @param {number[]} middle
+   * @param {number} radius
+   * @param {{ tool: string, id: number, sourceAt: (points: Point[]) => (place: number[]) => number[] | null,
+   *   box: number[], reach?: number, settle?: (place: number[]) => number[] }} options
+   */
   constructor(points, middle, radius, { tool, id, sourceAt, box, reach = 0, settle = (place) => place }) {
-    Object.assign(this, { points, middle: [...middle], radius, tool, id, sourceAt, box, reach, settle, way: 0, done: 0, swell: 0,
-      number: nextStroke(points), held: null });
-    const near = points.filter((p) => p.active).map((p) => [Math.hypot(p.target[0] - middle[0], p.target[1] - middle[1]), p])
-      .sort((p, q) => p[0] - q[0])[0];
-    const taken = near && near[0] < BRUSH_TAKES * radius ? near[1] : null;
+    this.points = points;
+    this.middle = [...middle];
+    this.radius = radius;
+    this.tool = tool;
+    this.id = id;
+    this.sourceAt = sourceAt;
+    this.box = box;
+    this.reach = reach;
+    this.settle = settle;
+    this.way = 0;
+    this.done = 0;
+    this.swell = 0;
+    this.number = nextStroke(points);
+    /** @type {number | null} the id of the point in the middle */
+    this.held = null;
+    this.isBegun = false;
+    this.lead = 0; // the side of a mirror that decides, for mirroredEdit
+    const taken = points.filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
+      .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle)).at(0);
     this.lockedBy = taken?.locked ? taken : null;
+    /** @type {(place: number[]) => number[] | null} */
+    this.source = () => null;
     if (this.lockedBy) return;
     this.source = sourceAt(points);
     this.held = taken ? taken.id : this.#add(middle, 0);
@@ -55,7 +88,11 @@ export class Stroke {
 
   get isPossible() { return this.lockedBy === null && this.isBegun; }
 
-  // A new point that holds what is seen at a place; its id, or null where it is not wanted.
+  /**
+   * Add a point that holds what is seen at a place; its id, or null where it is not wanted.
+   * @param {number[]} wanted
+   * @param {number} room
+   */
   #add(wanted, room) {
     const place = this.settle(wanted), [a0, a1, b0, b1] = this.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
@@ -67,6 +104,7 @@ export class Stroke {
     return this.id - 1;
   }
 
+  /** @param {number} share @param {number} room @param {number} [turn] */
   #ring(share, room, turn = 0) {
     for (let k = 0; k < BRUSH_RING; k++) {
       const angle = turn + 2 * Math.PI * (k + 0.5) / BRUSH_RING, r = share * this.radius;
@@ -74,10 +112,11 @@ export class Stroke {
     }
   }
 
-  // Still points around the brush, and once for a stroke at the rim of the picture, where none are near.
+  /** Add still points around the brush, and once for a stroke at the rim of the picture. @param {boolean} isFirst */
   #surround(isFirst) {
     BRUSH_RINGS.forEach((share, k) => {
-      if (this.reach === 0 || share < 2 || this.reach > share * this.radius) this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), k * Math.PI / BRUSH_RING);
+      if (this.reach > 0 && share >= 2 && this.reach <= share * this.radius) return;
+      this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), k * Math.PI / BRUSH_RING);
     });
     if (!isFirst || (this.reach > 0 && this.reach < 4 * this.radius)) return;
     const [a0, a1, b0, b1] = this.box, room = Math.hypot(a1 - a0, b1 - b0) / 6 / this.radius;
@@ -88,6 +127,7 @@ export class Stroke {
 
   // ---- the flow -----------------------------------------------------------------------------------------------------
 
+  /** @param {(p: Point, x: number, y: number, share: number) => number[]} by */
   #move(by) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
@@ -96,8 +136,11 @@ export class Stroke {
     });
   }
 
-  // The brush goes to a place, and takes what lies in it along. Matter that is carried on and on would pile up ahead and
-  // fold: after a while the brush goes faster than what it holds, which stays on the way.
+  /**
+   * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold:
+   * after a while the brush moves faster than what it holds, which stays behind.
+   * @param {number[]} place
+   */
   smudge(place) {
     const way = [place[0] - this.middle[0], place[1] - this.middle[1]], length = Math.hypot(...way);
     const count = Math.ceil(length / (BRUSH_STEP * this.radius) - 1e-9);
@@ -105,7 +148,7 @@ export class Stroke {
       const da = way[0] / count, db = way[1] / count;
       const hold = Math.max(BRUSH_SLIPS, Math.min(1, 1 - (this.done / this.radius - BRUSH_CARRIES)));
       if (hold < 1) this.held = null;
-      this.#move((p, x, y, share) => [p.target[0] + hold * share * da, p.target[1] + hold * share * db]);
+      this.#move((p, _x, _y, share) => [p.target[0] + hold * share * da, p.target[1] + hold * share * db]);
       this.middle = [this.middle[0] + da, this.middle[1] + db];
       this.way += length / count;
       this.done += length / count;
@@ -116,7 +159,7 @@ export class Stroke {
     }
   }
 
-  // What lies in the brush grows (by a positive logarithm of its scale) or shrinks.
+  /** Expand what lies in the brush (by a positive logarithm of its scale) or shrink it. @param {number} swell */
   size(swell) {
     const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)), by = wanted - this.swell;
     const count = Math.ceil(Math.abs(by) / BRUSH_STEP - 1e-9), was = this.name;

@@ -1,23 +1,33 @@
-// Where the viewer stands. Parallel projection: a direction of looking, what is up, and how much is seen.
+// The camera: parallel projection along a direction, with an up vector and the height of the view.
 // Vectors are in space (LPS); the ray caster gets them in the volume's own frame.
 
+/** @import { Vector3 } from "../types.d.ts" */
+
+/** @type {(a: number[], b: number[]) => number} */
 export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+/** @type {(a: number[], b: number[]) => Vector3} */
 export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-export const scaled = (a, k) => a.map((x) => x * k);
-export const added = (a, b) => a.map((x, i) => x + b[i]);
+/** @type {(a: number[], k: number) => Vector3} */
+export const scaled = ([x, y, z], k) => [x * k, y * k, z * k];
+/** @type {(a: number[], b: number[]) => Vector3} */
+export const added = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+/** @type {(a: number[]) => Vector3 | null} */
 export const unitVector = (a) => { const n = Math.hypot(...a); return n > 1e-9 ? scaled(a, 1 / n) : null; };
+/** @type {(a: number[], side: number[], angle: number) => Vector3} */
 const rotated = (a, side, angle) => added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
-const SEEN = 1.02; // a little air around the box, as in the stills
-const SMALLEST_SHARE = 0.62; // of the box's diagonal: what is seen after turning a thin view must not burst the frame
+const SEEN = 1.02; // a small margin around the box, as in the still pictures
+const SMALLEST_SHARE = 0.62; // of the box's diagonal: a thin view must still fit the frame after it is turned
 
 export class Camera {
   constructor() {
+    /** @type {Vector3} */
     this.direction = [0.4, 1, -0.3];
+    /** @type {Vector3} */
     this.up = [0, 0, 1];
-    this.height = 1;
+    this.height = 1; // a length in space
     this.pan = [0, 0];
-    this.bend = 0;
+    this.bend = 0; // of a perspective, 0 for a parallel projection
     this.#straighten();
   }
 
@@ -25,18 +35,28 @@ export class Camera {
 
   #straighten() {
     this.direction = unitVector(this.direction) || [0, 1, 0];
-    const across = unitVector(cross(this.direction, this.up));
     const other = Math.abs(this.direction[2]) > 0.99 ? [0, -1, 0] : [0, 0, 1];
-    this.up = unitVector(cross(across || unitVector(cross(this.direction, other)), this.direction));
+    const across = unitVector(cross(this.direction, this.up)) ?? unitVector(cross(this.direction, other)) ?? [1, 0, 0];
+    this.up = unitVector(cross(across, this.direction)) ?? this.up;
   }
 
+  /**
+   * Look along a direction; without an up vector, up is towards the head, or the front in views from above or below.
+   * @param {number[]} direction
+   * @param {number[] | null} [up]
+   */
   look(direction, up) {
-    this.direction = [...direction];
-    this.up = up ? [...up] : Math.abs(unitVector(direction)[2]) > 0.999 ? [0, -1, 0] : [0, 0, 1];
+    const [x, y, z] = direction, [u, v, w] = up ?? (Math.abs(z) > 0.999 * Math.hypot(x, y, z) ? [0, -1, 0] : [0, 0, 1]);
+    this.direction = [x, y, z];
+    this.up = [u, v, w];
     this.#straighten();
   }
 
-  /** Turns what is seen as if the pointer held its front: dx to the right, dy downwards, in radians. */
+  /**
+   * Turn the scene as if the pointer held its front: dx to the right, dy downwards, in radians.
+   * @param {number} dx
+   * @param {number} dy
+   */
   turn(dx, dy) {
     const right = this.right;
     const direction = rotated(this.direction, scaled(right, -1), -dx);
@@ -46,13 +66,17 @@ export class Camera {
     this.#straighten();
   }
 
-  /** Turns the picture itself, anticlockwise. */
+  /** Turn the picture itself, anticlockwise. @param {number} angle */
   roll(angle) {
     this.up = rotated(this.up, this.right, angle);
     this.#straighten();
   }
 
-  /** The length in space that the picture is high when all corners (vectors from the middle) are to be seen. */
+  /**
+   * The height of the view, a length in space, at which all corners (vectors from the middle) are visible.
+   * @param {number[][]} corners
+   * @param {number} aspect
+   */
   fit(corners, aspect) {
     const right = this.right;
     let a = 0, b = 0, far = 0;
@@ -64,16 +88,25 @@ export class Camera {
     return 2 * SEEN * Math.max(b, a / aspect, SMALLEST_SHARE * far * Math.min(1, 1 / aspect));
   }
 
-  /** What the ray caster wants. toFrame: 3 x 3 rows, from space to the volume's frame; middle: there. */
-  inFrame(toFrame, middle, aspect) {
-    const turned = (v) => toFrame.map((row) => dot(row, v));
+  /**
+   * The camera in the volume's frame, for the ray caster.
+   * @param {number[][]} toFrame  3 x 3, from space to the volume's frame
+   * @param {number[]} middle  in the volume's frame
+   * @param {number} aspect
+   */
+  inFrame([first, second, third], middle, aspect) {
+    /** @type {(v: number[]) => Vector3} */
+    const turned = (v) => [dot(first, v), dot(second, v), dot(third, v)];
     const right = turned(this.right), up = turned(this.up), ahead = turned(this.direction), half = this.height / 2;
     const eye = added(middle, added(scaled(right, this.pan[0]), scaled(up, this.pan[1])));
     return { eye, right: scaled(right, half * aspect), up: scaled(up, half), ahead, bend: this.bend / this.height };
   }
 }
 
-/** The side of a patient that a direction in space leads to, one or two letters: "L", "PS". */
+/**
+ * The side of a patient that a direction in space leads to, one or two letters: "L", "PS".
+ * @param {number[]} vector
+ */
 export function sideOf(vector) {
   const names = [["L", "R"], ["P", "A"], ["S", "I"]];
   const order = [0, 1, 2].sort((i, j) => Math.abs(vector[j]) - Math.abs(vector[i]));

@@ -1,5 +1,14 @@
-// Curves through nodes [x, y], x not falling: their values and edits. Pure functions; no DOM.
+// Curves through nodes [x, y], x not falling: their values and edits. No edit changes the list it is given.
 
+/** @typedef {number[]} Node  [x, y] */
+
+/**
+ * The limits of edits. step: to which x is rounded, 0 for none; isPinned: the outer nodes keep their x; gap: the least
+ * distance of two nodes in x; most: nodes.
+ * @typedef {{ x: number[], y: number[], step: number, isPinned: boolean, gap: number, most: number }} NodeRules
+ */
+
+/** The value at x of straight lines between the nodes. @param {Node[]} nodes @param {number} x */
 export function lineAt(nodes, x) {
   const last = nodes.length - 1;
   if (x < nodes[0][0]) return nodes[0][1];
@@ -10,18 +19,27 @@ export function lineAt(nodes, x) {
   return y0 + (y1 - y0) * (x - x0) / (x1 - x0);
 }
 
-// Slopes of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5 (1984) 300-304): the cubics never leave the nodes' range.
+/**
+ * Slopes of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5 (1984) 300-304): the cubics never leave the nodes' range.
+ * @param {Node[]} nodes
+ */
 function slopesOf(nodes) {
-  const n = nodes.length, step = [], rise = [];
+  const n = nodes.length;
+  /** @type {number[]} */
+  const step = [];
+  /** @type {number[]} */
+  const rise = [];
   for (let k = 0; k + 1 < n; k++) {
     step.push(nodes[k + 1][0] - nodes[k][0]);
     rise.push((nodes[k + 1][1] - nodes[k][1]) / step[k]);
   }
+  /** @type {(k: number) => number} */
   const inner = (k) => {
     if (rise[k - 1] * rise[k] <= 0) return 0;
     const w1 = 2 * step[k] + step[k - 1], w2 = step[k] + 2 * step[k - 1];
     return (w1 + w2) / (w1 / rise[k - 1] + w2 / rise[k]);
   };
+  /** @type {(h0: number, h1: number, d0: number, d1: number) => number} */
   const outer = (h0, h1, d0, d1) => {
     const d = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
     if (Math.sign(d) !== Math.sign(d0)) return 0;
@@ -34,7 +52,12 @@ function slopesOf(nodes) {
   });
 }
 
-// A function of x.
+/**
+ * A function of x: straight lines or monotone cubics through the nodes.
+ * @param {Node[]} nodes
+ * @param {boolean} [isSmooth]
+ * @returns {(x: number) => number}
+ */
 export function curveThrough(nodes, isSmooth = false) {
   if (!isSmooth || nodes.length < 3) return (x) => lineAt(nodes, x);
   const slopes = slopesOf(nodes), last = nodes.length - 1;
@@ -48,7 +71,11 @@ export function curveThrough(nodes, isSmooth = false) {
   };
 }
 
-// A function of x in [0, 1] through values at equal steps.
+/**
+ * A function of x in [0, 1] through values at equal steps.
+ * @param {ArrayLike<number>} samples
+ * @returns {(x: number) => number}
+ */
 export function curveOfSamples(samples) {
   const last = samples.length - 1;
   return (x) => {
@@ -57,45 +84,66 @@ export function curveOfSamples(samples) {
   };
 }
 
-// rules: x and y [least, most], step (0 for none) to which x is rounded, isPinned (the outer nodes keep their x),
-// gap (least distance of two nodes in x), most (nodes). No edit changes the list it is given.
-
+/**
+ * The nodes with node k as near to a place as the rules allow.
+ * @param {Node[]} nodes
+ * @param {number} k
+ * @param {number[]} place
+ * @param {NodeRules} rules
+ */
 export function movedNode(nodes, k, [x, y], rules) {
   const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
   const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const isOuter = k === 0 || k === nodes.length - 1, stays = (rules.isPinned && isOuter) || before > after;
-  const to = [stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)), Math.max(rules.y[0], Math.min(rules.y[1], y))];
+  const to = [stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)),
+    Math.max(rules.y[0], Math.min(rules.y[1], y))];
   return nodes.map((node, j) => (j === k ? to : node));
 }
 
-// [nodes, index of the new one], or null where there is no room.
+/**
+ * [nodes, index of the new one], or null where there is no room.
+ * @param {Node[]} nodes
+ * @param {number[]} place
+ * @param {NodeRules} rules
+ * @returns {[nodes: Node[], index: number] | null}
+ */
 export function addedNode(nodes, [x, y], rules) {
   if (nodes.length >= rules.most) return null;
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
   const index = nodes.findIndex((node) => node[0] > at), k = index < 0 ? nodes.length : index;
-  const isTight = (node) => node && Math.abs(node[0] - at) < Math.max(rules.gap, 1e-12 * (rules.x[1] - rules.x[0]));
-  if (isTight(nodes[k - 1]) || isTight(nodes[k])) return null;
+  const gap = Math.max(rules.gap, 1e-12 * (rules.x[1] - rules.x[0]));
+  if (nodes.slice(Math.max(0, k - 1), k + 1).some((node) => Math.abs(node[0] - at) < gap)) return null;
   const node = [at, Math.max(rules.y[0], Math.min(rules.y[1], y))];
   return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
 }
 
-// Null where the node must stay.
+/**
+ * The nodes without node k; null where it must stay.
+ * @param {Node[]} nodes
+ * @param {number} k
+ * @param {NodeRules} rules
+ */
 export function removedNode(nodes, k, rules) {
   if (nodes.length <= 2 || (rules.isPinned && (k === 0 || k === nodes.length - 1))) return null;
   return nodes.filter((_, j) => j !== k);
 }
 
-// Round numbers in [low, high], about `count` of them.
+/**
+ * Round numbers in [low, high], about `count` of them.
+ * @param {number} low
+ * @param {number} high
+ * @param {number} count
+ */
 export function ticksOf(low, high, count) {
-  const rough = (high - low) / Math.max(1, count), power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough * 0.999), found = [];
+  const rough = (high - low) / Math.max(1, count), power = 10 ** Math.floor(Math.log10(rough)), found = [];
+  const step = [1, 2, 5].map((m) => m * power).find((s) => s >= rough * 0.999) ?? 10 * power;
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step || 0);
   return found;
 }
 
-// A number with as many digits as tell values of this range apart.
+/** A number with as many digits as distinguish values of this range. @param {number} value @param {number} range */
 export function shownNumber(value, range) {
   const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(range || 1))));
   const text = Math.abs(value) >= 1e6 ? value.toExponential(2) : String(Number(value.toFixed(digits)));

@@ -1,21 +1,23 @@
-// Where a map folds, and how it changes areas, on lattices over the picture. Needs maths/warp_map.js. No DOM.
+// The folds of a map, and its changes of areas, on lattices over the picture.
 //
-//   detsOnRaster(layered, raster, out)   -> det J of what is seen at the pixels of {shape, spacing, origin}; 1 where
-//                                           nothing moves, NaN in a gap
-//   foldsOf(layered, box, nodes)         -> {least, place, share}: the smallest det J and where it is, the share that folds
-//   foldPieces(layered, raster, dets, probes, most) -> {fill, edge}: what folds as polygons, its outline as segments
-//   contourOf(values, [rows, columns], level)       -> segments [x, y, x', y'] in columns and rows
-//
-// det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is matter twice as large, and at 0 the map folds.
+// det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
 import { placeOf } from "./cuts.js";
 import { RBF_KERNELS } from "./rbf.js";
 import { fieldWithSlope } from "./warp_map.js";
 
+/** @import { Fit, LayeredFit, Raster, RbfFit } from "../types.d.ts" */
+
+/**
+ * @typedef {[a: number, b: number, det: number]} Probe  a place and det J there
+ * @typedef {number[]} Polygon  its corners x, y, x, y, ...
+ * @typedef {number[]} Segment  [x, y, x', y']
+ */
+
 const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a fold beside a point may hide
 const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
 
-// det J of a fit at a place.
+/** det J of a fit at a place. @param {Fit} fit @param {number} a @param {number} b @param {Float64Array} work */
 function detOf(fit, a, b, work) {
   fieldWithSlope(fit, a, b, work);
   return work[2] * work[5] - work[3] * work[4];
@@ -23,22 +25,36 @@ function detOf(fit, a, b, work) {
 
 const DET_WORK = new Float64Array(6), DET_SEEN = [0, 0, 1, 0];
 
-// The same of what is seen there.
+/** det J of what is seen at a place. @param {LayeredFit} layered @param {number} a @param {number} b */
 function detAt(layered, a, b) {
   if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0].fit, a, b, DET_WORK) : 1;
   const [,, opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
   return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k].fit, a, b, DET_WORK) : NaN;
 }
 
+/**
+ * det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap.
+ * @param {LayeredFit} layered
+ * @param {Raster} raster
+ * @param {Float64Array | null} [out]
+ */
 export function detsOnRaster(layered, raster, out = null) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
   if (one && !one.rigid && !one.stages) return rbfDetsOnRaster(one, raster, dets);
-  for (let i = 0, n = 0; i < nv; i++) for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  }
   return dets;
 }
 
-// One centre after the other, and for compact kernels only the columns that it reaches, as rbfOnRaster.
+/**
+ * The same of a plain fit: one centre after the other, and for compact kernels only the columns that it reaches, as
+ * rbfOnRaster.
+ * @param {RbfFit} fit
+ * @param {Raster} raster
+ * @param {Float64Array} dets
+ */
 function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, dets) {
   const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count } = fit;
   const { slope, compact } = RBF_KERNELS[fit.kernel], step = du / r, p0 = (origin[0] - fit.origin[0]) / r;
@@ -67,19 +83,29 @@ function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, de
   return dets;
 }
 
-// Places at and around the points of every fit, where a lattice might miss a small fold: [a, b, det J], of `most`
-// evaluations of a kernel.
+/**
+ * Probes at and around the points of every fit, where a lattice might miss a small fold.
+ * @param {LayeredFit} layered
+ * @param {number} [most]  evaluations of a kernel
+ */
 export function probesOf(layered, most = 2e5) {
+  /** @type {Probe[]} */
   const found = [];
   for (const { fit } of layered.fits) {
-    const plain = fit.stages ? fit.stages[fit.stages.length - 1] : fit, { count: n, centers: x, support: r, origin } = plain;
-    const look = (p, q) => { const a = origin[0] + p * r, b = origin[1] + q * r; found.push([a, b, detOf(fit, a, b, DET_WORK)]); };
+    const { count: n, centers: x, support: r, origin } = fit.stages ? fit.stages[fit.stages.length - 1] : fit;
+    /** @type {(p: number, q: number) => void} */
+    const look = (p, q) => {
+      const a = origin[0] + p * r, b = origin[1] + q * r;
+      found.push([a, b, detOf(fit, a, b, DET_WORK)]);
+    };
     for (let k = 0; k < n; k++) look(x[2 * k], x[2 * k + 1]);
     const directions = Math.min(8, Math.floor(most / (n * fit.count * FOLD_RINGS.length + 1)));
     if (n < 2 || directions < 3) continue;
     for (let k = 0; k < n; k++) {
       let near = Infinity;
-      for (let j = 0; j < n; j++) if (j !== k) near = Math.min(near, (x[2 * k] - x[2 * j]) ** 2 + (x[2 * k + 1] - x[2 * j + 1]) ** 2);
+      for (let j = 0; j < n; j++) {
+        if (j !== k) near = Math.min(near, (x[2 * k] - x[2 * j]) ** 2 + (x[2 * k + 1] - x[2 * j + 1]) ** 2);
+      }
       FOLD_RINGS.forEach((share, ring) => {
         for (let d = 0; d < directions; d++) {
           const angle = 2 * Math.PI * (d + ring / 3) / directions, way = share * Math.sqrt(near);
@@ -91,8 +117,14 @@ export function probesOf(layered, most = 2e5) {
   return found;
 }
 
-// The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, and the share of
-// the lattice that folds (<= 0). With cuts, only what is seen counts, and points. What lies outside is nobody's picture.
+/**
+ * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and
+ * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points.
+ * @param {LayeredFit} layered
+ * @param {number[]} box  [a0, a1, b0, b1]
+ * @param {number} nodes  of each side of the lattice
+ * @param {Probe[]} [probes]
+ */
 export function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
   const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
@@ -104,33 +136,57 @@ export function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
   for (const [a, b, det] of probes) {
     if (det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1) { least = det; place = [a, b]; }
   }
-  if (least !== 1 && Number.isFinite(least)) [least, place] = downhill(layered, box, least, place, Math.max(da, db) / 2);
-  return { least: Number.isFinite(least) ? least : 1, place, share: folded / (nodes * nodes) };
+  const isMoved = least !== 1 && Number.isFinite(least);
+  const end = isMoved ? downhill(layered, box, { least, place }, Math.max(da, db) / 2) : { least, place };
+  return { least: Number.isFinite(end.least) ? end.least : 1, place: end.place, share: folded / (nodes * nodes) };
 }
 
-// From a place in a box to where det J is least nearby, never out of the box.
-function downhill(layered, [a0, a1, b0, b1], least, place, step) {
-  const low = [a0, b0], high = [a1, b1];
+/**
+ * From a place in a box to the least det J nearby, never out of the box.
+ * @param {LayeredFit} layered
+ * @param {number[]} box
+ * @param {{ least: number, place: number[] }} start
+ * @param {number} step
+ */
+function downhill(layered, [a0, a1, b0, b1], start, step) {
+  let { least, place } = start;
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
     let better = null;
     for (const [u, v] of [[h, 0], [-h, 0], [0, h], [0, -h]]) {
-      const at = [place[0] + u, place[1] + v];
-      if (at.some((value, k) => value < low[k] || value > high[k])) continue;
-      const det = detAt(layered, ...at);
-      if (det < least) { least = det; better = at; }
+      const a = place[0] + u, b = place[1] + v;
+      if (a < a0 || a > a1 || b < b0 || b > b1) continue;
+      const det = detAt(layered, a, b);
+      if (det < least) { least = det; better = [a, b]; }
     }
     if (better) place = better;
     else h /= 2;
   }
-  return [least, place];
+  return { least, place };
 }
 
 // ---- outlines -------------------------------------------------------------------------------------------------------
 
-// The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides, are
-// below a level: a polygon, and the piece of the level's line in it.
+/**
+ * The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides,
+ * are below a level: adds its polygon to `fill`, and the piece of the level's line in it to `edge`.
+ * @param {number} x
+ * @param {number} y
+ * @param {number} s
+ * @param {number} t
+ * @param {number} nw
+ * @param {number} ne
+ * @param {number} se
+ * @param {number} sw
+ * @param {number} level
+ * @param {Polygon[] | null} fill
+ * @param {Segment[]} edge
+ */
 function clippedCell(x, y, s, t, nw, ne, se, sw, level, fill, edge) {
-  const corners = [[x, y, nw], [x + s, y, ne], [x + s, y + t, se], [x, y + t, sw]], polygon = [], ends = [];
+  const corners = [[x, y, nw], [x + s, y, ne], [x + s, y + t, se], [x, y + t, sw]];
+  /** @type {Polygon} */
+  const polygon = [];
+  /** @type {number[]} */
+  const ends = [];
   for (let k = 0; k < 4; k++) {
     const [px, py, p] = corners[k], [qx, qy, q] = corners[(k + 1) % 4], isIn = p <= level;
     if (isIn) polygon.push(px, py);
@@ -143,14 +199,24 @@ function clippedCell(x, y, s, t, nw, ne, se, sw, level, fill, edge) {
   for (let k = 0; k + 3 < ends.length; k += 4) edge.push(ends.slice(k, k + 4));
 }
 
-// A gap neither folds nor bounds a fold.
+/** A gap neither folds nor bounds a fold. @type {(det: number) => number} */
 const notFolded = (det) => (Number.isNaN(det) ? 1 : det);
 
-// What folds on a lattice of det J. Cells in which it may begin or end are looked at more closely, as far as `most`
-// evaluations of a kernel allow; so are those with a probe that folds.
+/**
+ * The folds on a lattice of det J: polygons that fill them, and segments of their outlines. Cells in which a fold may
+ * begin or end, or with a probe that folds, are refined as far as the number of evaluations allows.
+ * @param {LayeredFit} layered
+ * @param {Raster} raster
+ * @param {ArrayLike<number>} dets
+ * @param {Probe[]} probes
+ * @param {number} most  evaluations of a kernel
+ */
 export function foldPieces(layered, raster, dets, probes, most) {
-  const { shape: [rows, columns], spacing: [da, db], origin: [a0, b0] } = raster, fill = [], edge = [], near = [];
-  const hit = new Set();
+  const { shape: [rows, columns], spacing: [da, db], origin: [a0, b0] } = raster, hit = new Set(), near = [];
+  /** @type {Polygon[]} */
+  const fill = [];
+  /** @type {Segment[]} */
+  const edge = [];
   for (const [a, b, det] of probes) {
     const j = Math.floor((a - a0) / da), i = Math.floor((b - b0) / db);
     if (det <= 0 && i >= 0 && j >= 0 && i < rows - 1 && j < columns - 1) hit.add(i * columns + j);
@@ -179,10 +245,18 @@ export function foldPieces(layered, raster, dets, probes, most) {
   return { fill, edge };
 }
 
-// Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones.
+/** Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones. */
 export class Runs {
-  constructor(fill, origin, spacing) { Object.assign(this, { fill, origin, spacing, open: new Map() }); }
+  /** @param {Polygon[]} fill @param {number[]} origin @param {number[]} spacing */
+  constructor(fill, origin, spacing) {
+    this.fill = fill;
+    this.origin = origin;
+    this.spacing = spacing;
+    /** @type {Map<number, [first: number, last: number]>} the open run of each row */
+    this.open = new Map();
+  }
 
+  /** @param {number} row @param {number} column */
   add(row, column) {
     const run = this.open.get(row);
     if (run && run[1] === column) { run[1] += 1; return; }
@@ -192,6 +266,7 @@ export class Runs {
 
   end() { for (const [row, run] of this.open) this.#close(row, run); }
 
+  /** @param {number} row @param {number[]} run */
   #close(row, [first, last]) {
     const [a0, b0] = this.origin, [da, db] = this.spacing, top = b0 + row * db, bottom = b0 + (row + 1) * db;
     const left = a0 + first * da, right = a0 + last * da;
@@ -199,6 +274,15 @@ export class Runs {
   }
 }
 
+/**
+ * The folds in one cell, from a finer lattice.
+ * @param {LayeredFit} layered
+ * @param {Raster} raster
+ * @param {number} i
+ * @param {number} j
+ * @param {number} parts  of the side of the cell
+ * @param {{ fill: Polygon[], edge: Segment[], runs: Runs }} out
+ */
 function finePieces(layered, { spacing: [da, db], origin: [a0, b0] }, i, j, parts, { fill, edge, runs }) {
   const side = parts + 1, values = new Float64Array(side * side), s = da / parts, t = db / parts;
   let least = Infinity;
@@ -213,19 +297,30 @@ function finePieces(layered, { spacing: [da, db], origin: [a0, b0] }, i, j, part
   for (let v = 0; v < parts; v++) {
     for (let u = 0; u < parts; u++) {
       const n = v * side + u;
-      if (Math.max(values[n], values[n + 1], values[n + side], values[n + side + 1]) <= 0) { runs.add(i * parts + v, j * parts + u); continue; }
+      if (Math.max(values[n], values[n + 1], values[n + side], values[n + side + 1]) <= 0) {
+        runs.add(i * parts + v, j * parts + u);
+        continue;
+      }
       const x = a0 + (j + u / parts) * da, y = b0 + (i + v / parts) * db;
       clippedCell(x, y, s, t, values[n], values[n + 1], values[n + side + 1], values[n + side], 0, fill, edge);
     }
   }
 }
 
+/**
+ * The line of a level in a lattice of values: segments in columns and rows.
+ * @param {ArrayLike<number>} values
+ * @param {number[]} shape  [rows, columns]
+ * @param {number} level
+ */
 export function contourOf(values, [rows, columns], level) {
+  /** @type {Segment[]} */
   const edge = [];
   for (let i = 0; i + 1 < rows; i++) {
     for (let j = 0; j + 1 < columns; j++) {
       const n = i * columns + j;
-      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null, edge);
+      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null,
+        edge);
     }
   }
   return edge;

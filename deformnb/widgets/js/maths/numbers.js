@@ -1,6 +1,9 @@
 // Numbers as they are shown.
 
-/** A length with one digit behind the point, from 100 on with none. */
+/**
+ * A length with one digit after the decimal point, from 100 on with none.
+ * @param {number} value
+ */
 export function shownLength(value) {
   return String(Number(value.toFixed(Math.abs(value) >= 100 ? 0 : 1)));
 }

@@ -1,9 +1,39 @@
-// The linear algebra behind maths/rbf.js: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, for dimension 2, dense, in float64.
+// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. All arithmetic is
+// in float64, as in the package; a test compares the two for every kernel and trend.
+
+/** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
+
+/**
+ * share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps;
+ * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
+ * @typedef {{ title: string, order: number, compact: boolean, share: number, gaps: number,
+ *   profile: (s: number) => number, slope: (s: number) => number }} Kernel
+ *
+ * The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span.
+ * @typedef {{ basis: number[][], ridge: number[][] | null }} Span
+ *
+ * A control point with its weight, its target x and its displacement d.
+ * @typedef {{ point: Point, w: number, x: number[], d: number[] }} Place
+ *
+ * Points made ready for a solve.
+ * @typedef {Span & { n: number, merged: Place[], origin: number[], radius: number, trend: string, notes: string[],
+ *   ids: number[] }} Ready
+ */
+
+// ---- linear algebra: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, dense ---------------------------------
 // Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
 
-// alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
-// scales: null, or support / R_j of points with support radii R_j of their own.
-// span: {basis, ridge}, what the points determine of a linear map, as in deformnb.rbf.trends.Span.
+/**
+ * alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
+ * @param {Float64Array} x
+ * @param {Float64Array} d
+ * @param {number[]} nugget
+ * @param {Span} span
+ * @param {number[][]} turn  the rotation where the points determine none
+ * @param {string} kernel
+ * @param {string} trend
+ * @param {Float64Array | null} [scales]  null, or support / R_j of points with support radii R_j of their own
+ */
 function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
   const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
   for (let i = 0; i < n; i++) {
@@ -31,7 +61,13 @@ function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
   return { ...solved, miss };
 }
 
-// Solution of a symmetric positive definite system with m right-hand sides; NaN where it is not definite.
+/**
+ * Solution of a symmetric positive definite system with m right-hand sides; NaN where it is not definite.
+ * @param {Float64Array} matrix
+ * @param {Float64Array} rhs
+ * @param {number} n
+ * @param {number} m
+ */
 function rbfCholeskySolve(matrix, rhs, n, m) {
   const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
   for (let j = 0; j < n; j++) {
@@ -56,7 +92,12 @@ function rbfCholeskySolve(matrix, rhs, n, m) {
   return out;
 }
 
-// Solver of a general square system, factored once with partial pivoting.
+/**
+ * Solver of a general square system, factored once with partial pivoting.
+ * @param {Float64Array} matrix
+ * @param {number} n
+ * @returns {(rhs: Float64Array, m: number) => Float64Array}
+ */
 function rbfFactored(matrix, n) {
   const a = Float64Array.from(matrix), order = Array.from({ length: n }, (_, k) => k);
   for (let c = 0; c < n; c++) {
@@ -67,7 +108,8 @@ function rbfFactored(matrix, n) {
       [order[c], order[pivot]] = [order[pivot], order[c]];
     }
     for (let i = c + 1; i < n; i++) {
-      const f = (a[i * n + c] /= a[c * n + c]);
+      const f = a[i * n + c] / a[c * n + c];
+      a[i * n + c] = f;
       if (f !== 0) for (let k = c + 1; k < n; k++) a[i * n + k] -= f * a[c * n + k];
     }
   }
@@ -89,7 +131,13 @@ function rbfFactored(matrix, n) {
   };
 }
 
-// [Phi P; P^T 0] with the n x r matrix P.
+/**
+ * [Phi P; P^T 0] with the n x r matrix P.
+ * @param {Float64Array} phi
+ * @param {Float64Array} p
+ * @param {number} n
+ * @param {number} r
+ */
 function rbfBordered(phi, p, n, r) {
   const size = n + r, out = new Float64Array(size * size);
   for (let i = 0; i < n; i++) {
@@ -99,13 +147,24 @@ function rbfBordered(phi, p, n, r) {
   return out;
 }
 
+/**
+ * The trend of least energy.
+ * @param {Float64Array} phi
+ * @param {Float64Array} x
+ * @param {Float64Array} d
+ * @param {Span} span
+ * @param {number[][]} turn
+ * @param {string} kernel
+ * @param {string} trend
+ */
 function rbfLeastEnergy(phi, x, d, span, turn, kernel, trend) {
   const n = x.length / 2, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
   if (RBF_KERNELS[kernel].order === 0) {
     const rhs = new Float64Array(n * 5);
     for (let i = 0; i < n; i++) rhs.set([1, x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 5 * i);
     const v = rbfCholeskySolve(phi, rhs, n, 5);
-    const sums = [0, 1, 2, 3, 4].map((k) => { let sum = 0; for (let i = 0; i < n; i++) sum += v[5 * i + k]; return sum; });
+    const sums = [0, 0, 0, 0, 0];
+    for (let i = 0; i < n; i++) for (let k = 0; k < 5; k++) sums[k] += v[5 * i + k];
     for (let k = 0; k < 4; k++) {
       mean[k] = sums[k + 1] / sums[0];
       for (let i = 0; i < n; i++) w[4 * i + k] = v[5 * i + k + 1] - v[5 * i] * mean[k];
@@ -137,10 +196,12 @@ function rbfLeastEnergy(phi, x, d, span, turn, kernel, trend) {
   return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
 }
 
-// Means and second moments in which all points count alike.
+/** Means and second moments in which all points count alike. @param {Float64Array} x @param {Float64Array} d */
 function rbfPlainMoments(x, d) {
   const n = x.length / 2, mean = [0, 0, 0, 0], s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
-  for (let i = 0; i < n; i++) for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+  }
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < 2; k++) {
       for (let j = 0; j < 2; j++) {
@@ -153,7 +214,13 @@ function rbfPlainMoments(x, d) {
   return { mean, s, h };
 }
 
-// Adds the plain moments as much as the points are thin: the energy of a row is that of its small wiggles.
+/**
+ * Add the plain moments as much as the points are thin: the energy of a row is that of its small wiggles.
+ * @param {number[][]} s
+ * @param {number[][]} h
+ * @param {{ s: number[][], h: number[][] }} plain
+ * @param {number[][]} ridge
+ */
 function rbfSteady(s, h, plain, ridge) {
   const share = Math.max(...ridge.flat().map(Math.abs));
   const weight = 1 / (s[0][0] + s[1][1]), other = share / (plain.s[0][0] + plain.s[1][1]);
@@ -165,7 +232,15 @@ function rbfSteady(s, h, plain, ridge) {
   }
 }
 
-// For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves.
+/**
+ * For a matrix that is not symmetric: the trend of least squares, and Phi alpha = the rest.
+ * @param {Float64Array} phi
+ * @param {Float64Array} x
+ * @param {Float64Array} d
+ * @param {Span} span
+ * @param {number[][]} turn
+ * @param {string} trend
+ */
 function rbfLeastSquares(phi, x, d, span, turn, trend) {
   let linear = [[0, 0], [0, 0]], constant = [0, 0];
   if (trend !== "none") {
@@ -178,17 +253,27 @@ function rbfLeastSquares(phi, x, d, span, turn, trend) {
   return { alpha: rbfFactored(phi, x.length / 2)(left, 2), linear, constant };
 }
 
+/**
+ * The linear map of a trend from second moments.
+ * @param {number[][]} s
+ * @param {number[][]} h
+ * @param {Span} span
+ * @param {number[][]} turn
+ * @param {string} trend
+ */
 function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
   if (trend === "translation") return [[1, 0], [0, 1]];
   const size = s[0][0] + s[1][1];
-  if (trend === "affine_exact" || (trend === "affine" && !ridge)) return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  if (trend === "affine_exact" || (trend === "affine" && !ridge)) {
+    return rbfComplete(rbfAffineImages(s, h, basis), basis);
+  }
   const rotation = rbfNearestRotation(h, size, turn);
   if (trend === "rigid") return rotation;
   let scale = 0;
   for (let i = 0; i < 2; i++) for (let j = 0; j < 2; j++) scale += rotation[i][j] * h[i][j];
   scale = Math.max(scale / size, 0);
   const similar = rotation.map((row) => row.map((value) => scale * value));
-  if (trend === "similarity") return similar;
+  if (trend === "similarity" || !ridge) return similar;
   // G + (H - G S) (S + tr(S) ridge)^-1: the similarity, corrected where the points determine more
   const rest = h.map((row, i) => row.map((value, j) => value - similar[i][0] * s[0][j] - similar[i][1] * s[1][j]));
   const held = s.map((row, i) => row.map((value, j) => value + size * ridge[i][j]));
@@ -196,8 +281,14 @@ function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
   return similar.map((row, i) => row.map((value, j) => value + images[j][i]));
 }
 
-// Where the affine trend of least energy takes the directions of the basis; as a list of vectors.
+/**
+ * The images of the directions of the basis under the affine trend of least energy.
+ * @param {number[][]} s
+ * @param {number[][]} h
+ * @param {number[][]} basis
+ */
 function rbfAffineImages(s, h, basis) {
+  /** @type {(m: number[][], p: number[], q: number[]) => number} */
   const quadratic = (m, p, q) => p[0] * (m[0][0] * q[0] + m[0][1] * q[1]) + p[1] * (m[1][0] * q[0] + m[1][1] * q[1]);
   const rank = basis.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * 2);
   for (let i = 0; i < rank; i++) {
@@ -208,22 +299,36 @@ function rbfAffineImages(s, h, basis) {
   return basis.map((_, i) => [images[2 * i], images[2 * i + 1]]);
 }
 
-// The linear map that sends the directions of the basis to the images and turns and scales what lies across with them.
+/**
+ * The linear map of the directions of the basis to the images, which rotates and scales the direction across with them.
+ * @param {number[][]} images
+ * @param {number[][]} basis
+ */
 function rbfComplete(images, basis) {
   if (basis.length === 0) return [[1, 0], [0, 1]];
+  /** @type {(p: number[], q: number[]) => number[][]} */
   const outer = (p, q) => [[p[0] * q[0], p[0] * q[1]], [p[1] * q[0], p[1] * q[1]]];
+  /** @type {(p: number[]) => number[]} */
   const quarter = (p) => [-p[1], p[0]];
   const first = outer(images[0], basis[0]);
   const other = basis.length === 2 ? outer(images[1], basis[1]) : outer(quarter(images[0]), quarter(basis[0]));
   return first.map((row, i) => row.map((value, j) => value + other[i][j]));
 }
 
+/** @param {number[][]} h @param {number} size @param {number[][]} previous  where there is none */
 function rbfNearestRotation(h, size, previous) {
   const least = RBF_NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
   const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], length = Math.hypot(c, s);
   return length > least ? [[c / length, -s / length], [s / length, c / length]] : previous;
 }
 
+/**
+ * The solution of the bordered system with an affine trend on the span of the points.
+ * @param {Float64Array} phi
+ * @param {Float64Array} x
+ * @param {Float64Array} d
+ * @param {number[][]} basis
+ */
 function rbfBorderedAffine(phi, x, d, basis) {
   const n = x.length / 2, rank = basis.length, width = rank + 1, p = new Float64Array(n * width);
   for (let i = 0; i < n; i++) {
@@ -231,7 +336,7 @@ function rbfBorderedAffine(phi, x, d, basis) {
     basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
   }
   const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
-  const solve = (b) => {
+  const solve = (/** @type {Float64Array} */ b) => {
     const rhs = new Float64Array(2 * (n + width));
     rhs.set(b);
     const v = factored(rhs, 2);
@@ -239,6 +344,7 @@ function rbfBorderedAffine(phi, x, d, basis) {
       images: basis.map((_, k) => [v[2 * (n + 1 + k)], v[2 * (n + 1 + k) + 1]]) };
   };
   // D on the span of the points: sum of image (outer) direction
+  /** @type {(images: number[][]) => number[][]} */
   const spanned = (images) => [0, 1].map((i) => [0, 1].map(
     (j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0)));
   const whole = solve(d);
@@ -255,7 +361,7 @@ function rbfBorderedAffine(phi, x, d, basis) {
     linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
 }
 
-// Orthonormal directions that span centred points.
+/** Orthonormal directions that span centred points. @param {number[][]} rows */
 function rbfSpan(rows) {
   if (rows.length < 2) return [];
   const { sigma, along } = rbfPrincipal(rows);
@@ -263,10 +369,15 @@ function rbfSpan(rows) {
   return sigma[1] > RBF_FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
 }
 
-// Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to rounding.
+/**
+ * Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to
+ * rounding.
+ * @param {number[][]} rows
+ */
 function rbfPrincipal(rows) {
   let v = [[1, 0], [0, 1]];
   let columns = [rows.map((r) => r[0]), rows.map((r) => r[1])];
+  /** @type {(p: number[], q: number[]) => number} */
   const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
   for (let sweep = 0; sweep < 8; sweep++) {
     const gamma = dot(columns[0], columns[1]);
@@ -274,6 +385,7 @@ function rbfPrincipal(rows) {
     const zeta = (dot(columns[1], columns[1]) - dot(columns[0], columns[0])) / (2 * gamma);
     const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
     const c = 1 / Math.hypot(1, t), s = c * t;
+    /** @type {(pair: number[][]) => number[][]} */
     const turn = ([p, q]) => [p.map((value, k) => c * value - s * q[k]), p.map((value, k) => s * value + c * q[k])];
     columns = turn(columns);
     v = turn(v);
@@ -284,10 +396,15 @@ function rbfPrincipal(rows) {
 
 const RBF_THIN = 0.25, RBF_SOFTNESS = 0.5, RBF_LEAST_SPREAD = 1e-4;
 
-// How far places spread across their longest direction, relative to it, in the thinner of two sets: deformnb.rbf.trends.
-// thin_directions in the plane. A symmetric matrix is [xx, xy, yy].
+/**
+ * The spread of places across their longest direction, relative to it, in the thinner of two sets:
+ * deformnb.rbf.trends.thin_directions in the plane.
+ * @param {number[][]} targets
+ * @param {number[][]} sources
+ */
 function rbfSpreads(targets, sources) {
   const [x, y] = [targets, sources].map(rbfScaled);
+  /** @type {(p: number[][], q: number[][]) => number[][]} */
   const moments = (p, q) => [0, 1].map((i) => [0, 1].map((j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0)));
   const xx = moments(x, x), yy = moments(y, y), yx = moments(y, x);
   const least = 2e-9 * Math.sqrt((xx[0][0] + xx[1][1]) * (yy[0][0] + yy[1][1]));
@@ -296,17 +413,20 @@ function rbfSpreads(targets, sources) {
   const a = rbfRelative(moments(x, x));
   const b = yy[0][0] + yy[1][1] > 0 ? rbfRelative(moments(back, back)) : a, tiny = 1e-12;
   // 2 A (A + B)^-1 B
-  const [p, q, r] = [a[0][0] + b[0][0] + 2 * tiny, a[0][1] + b[0][1], a[1][1] + b[1][1] + 2 * tiny], det = p * r - q * q;
+  const p = a[0][0] + b[0][0] + 2 * tiny, q = a[0][1] + b[0][1], r = a[1][1] + b[1][1] + 2 * tiny, det = p * r - q * q;
   const inverse = [[r / det, -q / det], [-q / det, p / det]];
+  /** @type {(m: number[][], k: number[][]) => number[][]} */
   const times = (m, k) => [0, 1].map((i) => [0, 1].map((j) => m[i][0] * k[0][j] + m[i][1] * k[1][j]));
+  /** @type {(m: number[][]) => number[][]} */
   const more = (m) => [[m[0][0] + tiny, m[0][1]], [m[1][0], m[1][1] + tiny]];
   const both = times(times(more(a), inverse), more(b)), off = both[0][1] + both[1][0];
   const mean = both[0][0] + both[1][1], half = Math.hypot(both[0][0] - both[1][1], off);
   const angle = Math.atan2(off, both[0][0] - both[1][1]) / 2;
-  return { spread: Math.sqrt(Math.max(2 * (mean - half), 0) / (2 * (mean + half))), along: [Math.cos(angle), Math.sin(angle)] };
+  return { spread: Math.sqrt(Math.max(2 * (mean - half), 0) / (2 * (mean + half))),
+    along: [Math.cos(angle), Math.sin(angle)] };
 }
 
-// Centred, and at most 1 in size: squares of tiny lengths would be zero.
+/** Places centred, and at most 1 in size: squares of tiny lengths would be zero. @param {number[][]} places */
 function rbfScaled(places) {
   const mean = [0, 1].map((k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
   const centred = places.map((p) => [p[0] - mean[0], p[1] - mean[1]]);
@@ -314,18 +434,20 @@ function rbfScaled(places) {
   return centred.map((p) => [p[0] / size, p[1] / size]);
 }
 
-// Second moments relative to their largest eigenvalue.
+/** Second moments relative to their largest eigenvalue. @param {number[][]} m */
 function rbfRelative(m) {
   const largest = (m[0][0] + m[1][1] + Math.hypot(m[0][0] - m[1][1], 2 * m[0][1])) / 2 || 1;
   return m.map((row) => row.map((value) => value / largest));
 }
 
+/** @param {number[][]} m */
 function rbfSpectralNorm(m) {
   const e = (m[0][0] + m[1][1]) / 2, f = (m[0][0] - m[1][1]) / 2;
   const g = (m[1][0] + m[0][1]) / 2, h = (m[1][0] - m[0][1]) / 2;
   return Math.hypot(e, h) + Math.hypot(f, g);
 }
 
+/** The rotation of the trend of a fit. @param {RbfFit} fit */
 function rbfRotationOf(fit) {
   const m = [[1 + fit.linear[0][0] / fit.support, fit.linear[0][1] / fit.support],
     [fit.linear[1][0] / fit.support, 1 + fit.linear[1][1] / fit.support]];
@@ -334,11 +456,18 @@ function rbfRotationOf(fit) {
   return [[c / length, -s / length], [s / length, c / length]];
 }
 
-// ---- remarks on a fit, as deformnb.rbf.conditioning makes them ------------------------------------------------------------
+// ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
 
-// Positions of the neighbours of a point, nearest first, itself left out.
+/**
+ * The distances and indices of the neighbours of a point, nearest first, itself left out.
+ * @param {Place[]} merged
+ * @param {number} k
+ * @param {number} count
+ */
 function rbfNeighbours(merged, k, count) {
+  /** @type {(q: Place) => number} */
   const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
+  /** @type {Vector2[]} */
   const best = [];
   merged.forEach((q, j) => {
     if (j === k) return;
@@ -352,6 +481,7 @@ function rbfNeighbours(merged, k, count) {
   return best;
 }
 
+/** @param {Ready} ready */
 function rbfClosest(ready) {
   if (ready.n < 2) return "a single point";
   let found = [Infinity, 0, 0];
@@ -362,17 +492,20 @@ function rbfClosest(ready) {
   return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
 }
 
+/** @param {Ready} ready @param {string} kernel @param {number[][]} map */
 function rbfWarnings(ready, kernel, map) {
   const notes = [];
   const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
   if (isPlain && rbfSpectralNorm(map) > RBF_STEEP) {
-    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line or ` +
-      "in one plane; the trend similarity would not");
+    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line ` +
+      "or in one plane; the trend similarity would not");
   }
+  /** @type {(place: (q: Place) => number[]) => number} */
   const spread = (place) => Math.max(...[0, 1].map((k) => {
     const all = ready.merged.map((q) => place(q)[k]);
     return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
   }));
+  /** @type {Record<string, string>} */
   const collapses = { affine: "the trend collapses everything to one place",
     affine_exact: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
@@ -389,9 +522,10 @@ function rbfWarnings(ready, kernel, map) {
   return notes;
 }
 
-// Ids of points that share a source and have different targets.
+/** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
 function rbfTornPairs({ merged, n, ids }, most = 3) {
   const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0]))));
+  /** @type {Vector2[]} */
   const found = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
     for (let j = i + 1; j < n && found.length < most; j++) {
@@ -402,6 +536,12 @@ function rbfTornPairs({ merged, n, ids }, most = 3) {
   return found;
 }
 
+/**
+ * Ids of points that are pulled past each other.
+ * @param {Ready} ready
+ * @param {number[][]} map
+ * @param {number} [most]
+ */
 function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
@@ -413,7 +553,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
       const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
       const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
-      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes who is named.
+      // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
       const degree = Math.round(4 * Math.log2(beside / along));
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
@@ -423,21 +563,9 @@ function rbfCrossingPairs(ready, map, most = 3) {
     .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
 }
 
-// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. Needs maths/rbf.js. No DOM.
-//
-//   rbfFit(points, settings)    -> fit; throws RbfError with a message for people
-//   rbfAt(fit, a, b)            -> [da, db], the backward displacement at a place of the picture
-//   rbfJacobianAt(fit, a, b)    -> [[dDa/da, dDa/db], [dDb/da, dDb/db]]
-//   rbfOnRaster(fit, raster)    -> Float32Array (nv * nu * 2) of displacements at the pixels of {shape, spacing, origin}
-//   RBF_KERNELS, RBF_TRENDS     the same names, in the same order, as KERNELS and TRENDS of the package
-//
-// points: [{id, name, source: [a, b], target: [a, b], active, weight, radius}]; radius: null, or a support radius of the
-//   point's own
-// settings: {kernel, support, chosen_support, trend, smoothing, strength, lone_support, previous}; all may be left out.
-//   support: a radius, null or "box_diagonal"; chosen_support: what Python chose while it is null
-// fit.notes are for people; those of them in fit.doubts say that the map may fold, which is not measured here.
-// All arithmetic is in float64, as in the package; a test compares the two for every kernel and trend.
+// ---- kernels and trends, with the names and in the order of the package ---------------------------------------------
 
+/** Points or settings that cannot be fitted, with a message for users. */
 export class RbfError extends Error {}
 
 const RBF_TINY = 1e-30;
@@ -454,8 +582,7 @@ const RBF_LONGEST_SHARE = 100;
 const RBF_NO_ANGLE = 1e-6;
 const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
 
-// share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps.
-// profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
+/** @type {Record<string, Kernel>} */
 export const RBF_KERNELS = {
   wendland_c2: {
     title: "Wendland C2", order: 0, compact: true, share: 1, gaps: 16,
@@ -503,7 +630,10 @@ export const RBF_KERNELS = {
   },
 };
 
-// order: the largest order of a kernel that the trend can be paired with.
+/**
+ * order: the largest order of a kernel that the trend can be paired with.
+ * @type {Record<string, { title: string, order: number }>}
+ */
 export const RBF_TRENDS = {
   affine: { title: "Affine", order: 2 },
   similarity: { title: "Similarity (turn, scale, shift)", order: 1 },
@@ -515,6 +645,11 @@ export const RBF_TRENDS = {
 
 // ---- the fit --------------------------------------------------------------------------------------------------------
 
+/**
+ * The fit of control points. Throws RbfError.
+ * @param {Point[]} points
+ * @param {FitSettings & { previous?: RbfFit | null }} [settings]
+ */
 export function rbfFit(points, settings = {}) {
   const kernel = settings.kernel ?? "wendland_c2", trend = settings.trend ?? "affine";
   const smoothing = settings.smoothing ?? 0, strength = settings.strength ?? 1;
@@ -522,8 +657,8 @@ export function rbfFit(points, settings = {}) {
   rbfCheckPoints(points);
   const active = points.filter((p) => p.active !== false);
   if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
-    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, knows ` +
-      "none; choose a Wendland kernel or the Gaussian, or clear their radii.");
+    throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
+      "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.");
   }
   if (active.length > RBF_LARGEST_SET) {
     throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
@@ -536,6 +671,14 @@ export function rbfFit(points, settings = {}) {
   return rbfSolvePrepared(ready, kernel, smoothing, settings.previous ?? null);
 }
 
+/**
+ * Throw an RbfError for settings that do not go together.
+ * @param {string} kernel
+ * @param {string} trend
+ * @param {number} smoothing
+ * @param {number} strength
+ * @param {number | "box_diagonal" | null} support
+ */
 export function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
   if (!Object.hasOwn(RBF_KERNELS, kernel)) {
     throw new RbfError(`unknown kernel '${kernel}'; choose one of ${Object.keys(RBF_KERNELS).join(", ")}.`);
@@ -557,14 +700,15 @@ export function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
   }
 }
 
+/** @param {Point} point */
 export function rbfLabel(point) {
   return `control point ${point.id}${point.name ? ` ("${point.name}")` : ""}`;
 }
 
+/** Throw an RbfError for points that cannot be fitted. @param {Point[]} points */
 export function rbfCheckPoints(points) {
   for (const p of points) {
-    for (const what of ["source", "target"]) {
-      const place = p[what];
+    for (const [what, place] of Object.entries({ source: p.source, target: p.target })) {
       const good = Array.isArray(place) && place.length === 2 &&
         place.every((v) => Number.isFinite(v) && Math.abs(v) <= RBF_LARGEST_COORDINATE);
       if (!good) {
@@ -578,30 +722,41 @@ export function rbfCheckPoints(points) {
     }
     const radius = p.radius ?? 1;
     if (!(radius > 0 && radius <= RBF_LARGEST_COORDINATE)) {
-      throw new RbfError(`the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that of all.`);
+      throw new RbfError(`the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that ` +
+        "of all.");
     }
   }
 }
 
-// The places that do not move during a drag: the active sources, or the targets if the sources coincide.
+/** @typedef {{ source: number[], target: number[], active?: boolean }} Ends */
+
+/**
+ * The places that do not move during a drag: the active sources, or the targets if the sources coincide.
+ * @param {Ends[]} points
+ */
 function rbfAtRest(points) {
   const active = points.filter((p) => p.active !== false);
   const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
   return rbfExtent(sources) > RBF_SAME_PLACE * rbfExtent(targets) ? sources : targets;
 }
 
-// The diagonal of the box of places; 0 for none.
+/** The diagonal of the box of places; 0 for none. @param {number[][]} places */
 function rbfExtent(places) {
   const size = [0, 1].map((k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
     places.reduce((m, p) => Math.min(m, p[k]), Infinity));
   return places.length ? Math.hypot(size[0], size[1]) : 0;
 }
 
+/** @param {Ends[]} points */
 export function rbfBoxDiagonal(points) {
   return rbfExtent(rbfAtRest(points)) || null;
 }
 
-// The support of points that say nothing of it themselves: a share of their box, less for points in a row.
+/**
+ * The usual support of points: a share of their box, less for points in a row.
+ * @param {Point[]} points
+ * @param {string} kernel
+ */
 function rbfUsualSupport(points, kernel) {
   const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
@@ -609,7 +764,12 @@ function rbfUsualSupport(points, kernel) {
   return size * (isThin ? Math.min(share, 0.5, gaps / Math.max(1, places.length - 1)) : share);
 }
 
-// The support radius of a set of points: as given, by a rule, as it was chosen, the usual one, or that of a lone point.
+/**
+ * The support radius of a set of points: as given, by a rule, as Python chose it, the usual one, or that of a lone
+ * point.
+ * @param {Point[]} points
+ * @param {FitSettings} settings
+ */
 export function rbfSupport(points, settings) {
   const { support, chosen_support: chosen, lone_support: lone, kernel = "wendland_c2" } = settings;
   const own = support === "box_diagonal" ? rbfBoxDiagonal(points)
@@ -617,6 +777,7 @@ export function rbfSupport(points, settings) {
   return own ?? lone ?? null;
 }
 
+/** @param {Point[]} active @param {number | null} radius @param {string} trend */
 function rbfRadius(active, radius, trend) {
   if (radius !== null) return radius;
   if (active.length && trend === "none") {
@@ -626,19 +787,26 @@ function rbfRadius(active, radius, trend) {
   return 1; // a translation does not depend on it
 }
 
+/**
+ * @param {Point[]} active
+ * @param {string} kernel
+ * @param {number} given  support radius
+ * @param {string} trend
+ * @param {number} smoothing
+ * @param {number} strength
+ * @returns {Ready}
+ */
 function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
-  const places = active.map((p) => ({
-    point: p, w: p.weight ?? 1,
-    x: [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k])),
-  }));
-  if (strength === 1) for (const q of places) q.x = [...q.point.target];
-  for (const q of places) q.d = [q.point.source[0] - q.x[0], q.point.source[1] - q.x[1]];
+  const places = active.map((p) => {
+    const x = strength === 1 ? [...p.target] : [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k]));
+    return { point: p, w: p.weight ?? 1, x, d: [p.source[0] - x[0], p.source[1] - x[1]] };
+  });
   const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
   let radius = given;
   if (RBF_KERNELS[kernel].compact && given > RBF_LONGEST_SHARE * box) {
     radius = RBF_LONGEST_SHARE * box;
-    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond that ` +
-      "the map hardly changes");
+    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond ` +
+      "that the map hardly changes");
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
   const n = merged.length;
@@ -650,7 +818,11 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
     ids: merged.map((q) => q.point.id) };
 }
 
-// The penalty of the trend "affine" across a row of points, and where the row lies, in words; nothing for wide sets.
+/**
+ * The penalty of the trend "affine" across a row of points, and the place of the row in words; nothing for wide sets.
+ * @param {Place[]} merged
+ * @param {number[][]} basis
+ */
 function rbfThinness(merged, basis) {
   if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
   const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
@@ -661,16 +833,29 @@ function rbfThinness(merged, basis) {
   return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
 }
 
-function rbfRound(value) { // halves go to the even number, as in Python
+/** The nearest integer; halves go to the even number, as in Python. @param {number} value */
+function rbfRound(value) {
   const low = Math.floor(value), rest = value - low;
   return rest < 0.5 || (rest === 0.5 && low % 2 === 0) ? low : low + 1;
 }
 
-// Points at one place become one, found through a sort along a so that 2000 points take no longer than a few.
+/**
+ * Unite points at one place, found through a sort along a so that 2000 points take no longer than a few.
+ * @param {Place[]} places
+ * @param {number} radius
+ * @param {number} reach
+ * @param {number} smoothing
+ */
 function rbfMerge(places, radius, reach, smoothing) {
   const near = RBF_SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
   const parent = places.map((_, k) => k);
-  const root = (k) => { while (parent[k] !== k) k = parent[k] = parent[parent[k]]; return k; };
+  /** @type {(k: number) => number} */
+  const root = (k) => {
+    let top = k;
+    while (parent[top] !== top) { parent[top] = parent[parent[top]]; top = parent[top]; }
+    return top;
+  };
+  /** @type {Vector2[]} */
   const pairs = [];
   order.forEach((i, at) => {
     for (let next = at + 1; next < order.length; next++) {
@@ -682,11 +867,17 @@ function rbfMerge(places, radius, reach, smoothing) {
   if (pairs.length === 0) return { merged: places, notes: [] };
   if (smoothing === 0) rbfRefuseConflicts(places, pairs, radius);
   for (const [i, j] of pairs) parent[root(i)] = root(j);
+  /** @type {Map<number, Place[]>} */
   const groups = new Map();
-  places.forEach((q, k) => { const r = root(k); if (groups.has(r)) groups.get(r).push(q); else groups.set(r, [q]); });
+  for (const [k, q] of places.entries()) {
+    const r = root(k), group = groups.get(r);
+    if (group) group.push(q);
+    else groups.set(r, [q]);
+  }
   const merged = [], notes = [];
   for (const members of groups.values()) { // in the order of their first members
     const w = members.reduce((sum, q) => sum + q.w, 0);
+    /** @type {(key: "x" | "d") => number[]} */
     const mean = (key) => [0, 1].map((k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
     merged.push({ point: members[0].point, w, x: mean("x"), d: mean("d") });
     if (members.length > 1) {
@@ -696,6 +887,7 @@ function rbfMerge(places, radius, reach, smoothing) {
   return { merged, notes };
 }
 
+/** @param {Place[]} places @param {Vector2[]} pairs @param {number} radius */
 function rbfRefuseConflicts(places, pairs, radius) {
   for (const [i, j] of pairs) {
     const p = places[i], q = places[j];
@@ -706,10 +898,20 @@ function rbfRefuseConflicts(places, pairs, radius) {
   }
 }
 
+/** @param {number} value */
 function rbfShown(value) {
   return String(Number(value.toPrecision(6)));
 }
 
+/**
+ * The trend that so many points bear, and a remark.
+ * @param {string} trend
+ * @param {string} kernel
+ * @param {number} n
+ * @param {number} rank
+ * @param {string} where
+ * @returns {[trend: string, remarks: string[]]}
+ */
 function rbfBearable(trend, kernel, n, rank, where) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
@@ -717,10 +919,11 @@ function rbfBearable(trend, kernel, n, rank, where) {
   if (!where || !trend.startsWith("affine")) return [trend, []];
   const lie = `the control points lie nearly ${where}: across it`;
   if (trend === "affine" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
-  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel ` +
-    "with the trend affine stays calm"]];
+  return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland ` +
+    "kernel with the trend affine stays calm"]];
 }
 
+/** @param {Ready} ready @param {string} kernel @param {string} trend @param {number} support @returns {RbfFit} */
 function rbfIdentity(ready, kernel, trend, support) {
   const centers = new Float64Array(2 * ready.n);
   ready.merged.forEach((q, k) => {
@@ -733,6 +936,13 @@ function rbfIdentity(ready, kernel, trend, support) {
     constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
 }
 
+/**
+ * @param {Ready} ready
+ * @param {string} kernel
+ * @param {number} smoothing
+ * @param {RbfFit | null} previous
+ * @returns {RbfFit}
+ */
 function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const { n, radius: r } = ready;
   const fit = rbfIdentity(ready, kernel, ready.trend, r);
@@ -743,11 +953,12 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
   const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
     fit.scales);
+  /** @type {(array: Float64Array) => number} */
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);
   if (fit.scales && !(largest(alpha) <= RBF_MOST_GAIN * largest(d))) {
-    throw new RbfError("the support radii that these control points have of their own do not go together: the system is " +
-      `nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
+    throw new RbfError("the support radii that these control points have of their own do not go together: the system " +
+      `is nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
   }
   if (!(largest(miss) <= RBF_RESIDUAL * largest(d) + RBF_ROUNDING * largest(fit.centers))) {
     throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
@@ -755,18 +966,27 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
       "Wendland kernel, or a little smoothing.");
   }
   const map = [[1 + linear[0][0], linear[0][1]], [linear[1][0], 1 + linear[1][1]]];
-  const torn = rbfTornPairs(ready), isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const torn = rbfTornPairs(ready);
+  /** @type {(pair: number[]) => boolean} */
+  const isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
     ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`);
   crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair)).map(
     ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
   return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r), notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)],
-    doubts: crossed };
+    constant: constant.map((value) => value * r), doubts: crossed,
+    notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------
 
+/**
+ * The backward displacement at a place of the picture.
+ * @param {RbfFit} fit
+ * @param {number} a
+ * @param {number} b
+ * @returns {Vector2}
+ */
 export function rbfAt(fit, a, b) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
@@ -781,6 +1001,7 @@ export function rbfAt(fit, a, b) {
   return [u, v];
 }
 
+/** [[dDa/da, dDa/db], [dDb/da, dDb/db]] at a place. @param {RbfFit} fit @param {number} a @param {number} b */
 export function rbfJacobianAt(fit, a, b) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
@@ -796,8 +1017,13 @@ export function rbfJacobianAt(fit, a, b) {
   return [[m00 / r, m01 / r], [m10 / r, m11 / r]];
 }
 
-// Displacements at the pixels of a raster {shape: [nv, nu], spacing: [du, dv], origin: [a, b]}, component last.
-// One centre after the other, and for compact kernels only the columns that it reaches: the row's distance is constant.
+/**
+ * Displacements at the pixels of a raster, nv * nu * 2 numbers with the component last. One centre after the other, and
+ * for compact kernels only the columns that it reaches: the row's distance is constant.
+ * @param {RbfFit} fit
+ * @param {Raster} raster
+ * @param {Float32Array | null} [out]
+ */
 export function rbfOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, [du, dv] = raster.spacing, r = fit.support;
   const map = out ?? new Float32Array(nv * nu * 2);

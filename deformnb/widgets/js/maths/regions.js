@@ -1,10 +1,22 @@
-// Masks as regions, equal to deformnb.rbf.regions.Mask in the plane: {kind: "mask", shape: [nv, nu], spacing, origin, bits},
-// bits being base64 of zlib of the pixels, eight to a byte, the first in the highest bit. Needs maths/regions.js. No DOM.
+// Regions of a picture, equal to deformnb.rbf.regions in the plane.
+//
+// data: {kind: "half_space", point, normal}, {kind: "polygon" | "line", vertices: [[a, b], ...]}, or
+// {kind: "mask", shape: [nv, nu], spacing, origin, bits}, where bits is base64 of zlib of the pixels, eight to a byte,
+// the first in the highest bit.
+//
+// A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
+// it (b points down), the same as everywhere in the package.
 
+/** @import { HalfSpaceData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
+
+// ---- masks ----------------------------------------------------------------------------------------------------------
+
+/** @param {MaskData} data @returns {Region} */
 function maskRegion(data) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = data, isSet = maskPixels(data);
   const outside = boxDistances(isSet, nv, nu, du, dv), inside = boxDistances(isSet.map((v) => 1 - v), nv, nu, du, dv);
   const signed = outside.map((value, k) => (isSet[k] ? -inside[k] : value));
+  /** @type {(a: number, b: number) => number} */
   const distance = (a, b) => {
     const u = (a - a0) / du, v = (b - b0) / dv;
     const p = Math.max(0, Math.min(nu - 1, u)), q = Math.max(0, Math.min(nv - 1, v));
@@ -17,14 +29,22 @@ function maskRegion(data) {
   return { kind: "mask", distance, near: () => distance, isSet };
 }
 
+/** The pixels of a mask, 0 or 1. @param {MaskData} mask */
 export function maskPixels({ shape: [nv, nu], bits }) {
   const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))), out = new Uint8Array(nv * nu);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3] >> (7 - (k & 7))) & 1;
   return out;
 }
 
-// Distance of every centre to the nearest pixel that is set, measured to its faces; 1e15 if there is none, for infinity
-// would become NaN where it is interpolated.
+/**
+ * Distance of every centre to the nearest pixel that is set, measured to its faces; 1e15 if there is none, for infinity
+ * would become NaN where it is interpolated.
+ * @param {Uint8Array} isSet
+ * @param {number} nv
+ * @param {number} nu
+ * @param {number} du
+ * @param {number} dv
+ */
 function boxDistances(isSet, nv, nu, du, dv) {
   const found = new Float32Array(nv * nu);
   if (!isSet.includes(1)) return found.fill(1e15);
@@ -41,7 +61,9 @@ function boxDistances(isSet, nv, nu, du, dv) {
   }
   const feet = new Int32Array(nu), from = new Float64Array(nu + 1);
   for (let i = 0; i < nv; i++) {
-    const height = (j) => ((above[i * nu + j] - i) * dv) ** 2, row = i * nu;
+    /** @type {(j: number) => number} */
+    const height = (j) => ((above[i * nu + j] - i) * dv) ** 2;
+    const row = i * nu;
     let top = -1; // the lower envelope of the columns' parabolas
     for (let j = 0; j < nu; j++) {
       if (above[row + j] < 0) continue;
@@ -68,14 +90,16 @@ function boxDistances(isSet, nv, nu, du, dv) {
 
 // ---- zlib: a browser inflates only in promises, and a picture is drawn now ------------------------------------------
 
-const INFLATE_LENGTHS = [3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131, 163,
-  195, 227, 258];
-const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537, 2049,
-  3073, 4097, 6145, 8193, 12289, 16385, 24577];
+const INFLATE_LENGTHS = [3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131,
+  163, 195, 227, 258];
+const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537,
+  2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577];
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
+/** The data in a stream of zlib (RFC 1950, 1951). @param {Uint8Array} bytes */
 export function inflated(bytes) {
-  let at = 16, out = new Uint8Array(1 << 14), size = 0; // in bits; a header of two bytes comes first
+  let at = 16, out = new Uint8Array(1 << 14), size = 0; // at: in bits; a header of two bytes comes first
+  /** @type {(n: number) => number} */
   const take = (n) => {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
@@ -84,6 +108,7 @@ export function inflated(bytes) {
     }
     return value;
   };
+  /** @type {(value: number) => void} */
   const put = (value) => {
     if (size === out.length) { const more = new Uint8Array(2 * size); more.set(out); out = more; }
     out[size++] = value;
@@ -110,7 +135,13 @@ export function inflated(bytes) {
   return out.subarray(0, size);
 }
 
-// A reader of the code whose symbols have these numbers of bits.
+/** @typedef {(n: number) => number} Take  the next n bits */
+
+/**
+ * A reader of the Huffman code whose symbols have these numbers of bits.
+ * @param {number[]} lengths
+ * @returns {(take: Take) => number}
+ */
 function codeReader(lengths) {
   const counts = new Array(16).fill(0), table = new Map();
   for (const n of lengths) if (n) counts[n] += 1;
@@ -132,63 +163,73 @@ function fixedCodes() {
   return [codeReader(lengths), codeReader(new Array(30).fill(5))];
 }
 
+/** @param {Take} take */
 function sentCodes(take) {
   const literals = take(5) + 257, distances = take(5) + 1, count = take(4) + 4, first = new Array(19).fill(0);
   for (let k = 0; k < count; k++) first[INFLATE_ORDER[k]] = take(3);
-  const read = codeReader(first), lengths = [];
+  /** @type {number[]} */
+  const lengths = [];
+  const read = codeReader(first);
   while (lengths.length < literals + distances) {
     const symbol = read(take);
     if (symbol < 16) lengths.push(symbol);
     else {
-      const [bits, least] = [[2, 3], [3, 3], [7, 11]][symbol - 16], value = symbol === 16 ? lengths[lengths.length - 1] : 0;
+      const [bits, least] = [[2, 3], [3, 3], [7, 11]][symbol - 16];
+      const value = symbol === 16 ? lengths[lengths.length - 1] : 0;
       for (let n = take(bits) + least; n > 0; n--) lengths.push(value);
     }
   }
   return [codeReader(lengths.slice(0, literals)), codeReader(lengths.slice(literals))];
 }
 
-// Regions of a picture, equal to deformnb/rbf/regions.py in the plane. No DOM. Masks need maths/regions.js.
-//
-//   regionDistance(data)    -> (a, b) => signed distance to the region's boundary, negative inside
-//   regionOf(data)          -> {kind, distance(a, b), near(a, b, radius)}, made once for each object of data
-//   regionFault(data)       -> "" or why nobody can take this for a region, in words for people
-//
-// data: {kind: "half_space", point, normal}, {kind: "polygon" | "line", vertices: [[a, b], ...]}, or {kind: "mask", ...}.
-// `near` gives a quicker distance that holds for all places not farther than `radius` from (a, b).
-//
-// A line goes on for ever beyond its ends. Inside is on the left for one who looks at the picture and walks along it
-// (b points down), the same as everywhere in the package.
+// ---- any region -----------------------------------------------------------------------------------------------------
 
 export const REGION_MOST_VERTICES = 512;
 
+/** @type {WeakMap<RegionData, Region>} */
 const regionsMade = new WeakMap();
 
+/** The signed distance to a region's boundary, negative inside. @param {RegionData} data */
 export function regionDistance(data) { return regionOf(data).distance; }
 
+/** A region made ready for use, once for each object of data. @param {RegionData} data */
 export function regionOf(data) {
-  let region = regionsMade.get(data);
-  if (!region) {
-    const make = { half_space: halfSpaceRegion, polygon: outlineRegion, line: outlineRegion, mask: maskRegion }[data.kind];
-    if (!make) throw new Error(`unknown region '${data.kind}'`);
-    regionsMade.set(data, region = make(data));
-  }
+  const made = regionsMade.get(data);
+  if (made) return made;
+  const region = newRegion(data);
+  regionsMade.set(data, region);
   return region;
 }
 
+/** @param {RegionData} data */
+function newRegion(data) {
+  if (data.kind === "half_space") return halfSpaceRegion(data);
+  if (data.kind === "mask") return maskRegion(data);
+  if (data.kind === "polygon" || data.kind === "line") return outlineRegion(data);
+  throw new Error(`unknown region '${/** @type {{ kind: string }} */ (data).kind}'`);
+}
+
+/** @param {HalfSpaceData} data @returns {Region} */
 function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
   const length = Math.hypot(na, nb), u = na / length, v = nb / length;
+  /** @type {(a: number, b: number) => number} */
   const distance = (a, b) => (a - pa) * u + (b - pb) * v;
   return { kind, distance, near: () => distance };
 }
 
 // ---- outlines: polygons and lines -----------------------------------------------------------------------------------
 
-// The edges of an outline in arrays: from (x, y) by (dx, dy), where t in [low, high] belongs to it, with unit normals to
-// the outside (n) and their sums at the edge's begin and end (m, e), which tell the side where a corner is nearest.
+/**
+ * The edges of an outline, twelve numbers each: from (x, y) by (dx, dy), where t in [low, high] belongs to it, the unit
+ * normal to the outside, and its sums with those of the edges before and behind, which decide the side where a corner
+ * is nearest.
+ * @param {OutlineData} data
+ */
 function outlineEdges({ kind, vertices }) {
   const isClosed = kind === "polygon", corners = withoutTwins(vertices, isClosed), n = corners.length;
   const count = isClosed ? n : n - 1, turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
-  const e = { count, data: new Float64Array(12 * count) };
+  const data = new Float64Array(12 * count);
+  /** @type {(j: number) => number[]} */
   const normal = (j) => {
     const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
     return [-turn * (q[1] - p[1]) / length, turn * (q[0] - p[0]) / length];
@@ -197,12 +238,13 @@ function outlineEdges({ kind, vertices }) {
     const p = corners[j], q = corners[(j + 1) % n], own = normal(j), dx = q[0] - p[0], dy = q[1] - p[1];
     const isFirst = !isClosed && j === 0, isLast = !isClosed && j === count - 1;
     const before = isFirst ? own : normal((j + n - 1) % n), after = isLast ? own : normal((j + 1) % n);
-    e.data.set([p[0], p[1], dx, dy, isFirst ? -Infinity : 0, isLast ? Infinity : 1, own[0], own[1],
+    data.set([p[0], p[1], dx, dy, isFirst ? -Infinity : 0, isLast ? Infinity : 1, own[0], own[1],
       own[0] + before[0], own[1] + before[1], own[0] + after[0], own[1] + after[1]], 12 * j);
   }
-  return e;
+  return { count, data };
 }
 
+/** The vertices without those that repeat the one before. @param {number[][]} vertices @param {boolean} isClosed */
 function withoutTwins(vertices, isClosed) {
   return vertices.filter(([a, b], k) => {
     const before = k ? vertices[k - 1] : isClosed ? vertices[vertices.length - 1] : null;
@@ -210,7 +252,10 @@ function withoutTwins(vertices, isClosed) {
   });
 }
 
-// Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen.
+/**
+ * Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen.
+ * @param {number[][]} corners
+ */
 function signedArea(corners) {
   return corners.reduce((sum, p, k) => {
     const q = corners[(k + 1) % corners.length];
@@ -218,23 +263,27 @@ function signedArea(corners) {
   }, 0);
 }
 
+/** @param {OutlineData} data @returns {Region} */
 function outlineRegion(data) {
   const edges = outlineEdges(data), all = Int32Array.from({ length: edges.count }, (_, k) => k);
-  const distance = (a, b) => outlineDistance(edges.data, all, a, b);
-  const near = (a, b, radius) => {
+  /** @type {(some: Int32Array) => Region["distance"]} */
+  const toEdges = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
+  const distance = toEdges(all);
+  return { kind: data.kind, distance, edges: edges.count, near: (a, b, radius) => {
     const far = Math.abs(distance(a, b)) + 2 * radius;
     const some = all.filter((j) => edgeDistance(edges.data, j, a, b) <= far);
-    return some.length === all.length ? distance : (p, q) => outlineDistance(edges.data, some, p, q);
-  };
-  return { kind: data.kind, distance, near, edges: edges.count };
+    return some.length === all.length ? distance : toEdges(some);
+  } };
 }
 
+/** @param {Float64Array} e @param {number} j @param {number} a @param {number} b */
 function edgeDistance(e, j, a, b) {
   const k = 12 * j, dx = e[k + 2], dy = e[k + 3], pa = a - e[k], pb = b - e[k + 1];
   const t = Math.max(e[k + 4], Math.min(e[k + 5], (pa * dx + pb * dy) / (dx * dx + dy * dy)));
   return Math.hypot(pa - t * dx, pb - t * dy);
 }
 
+/** @param {Float64Array} e @param {Int32Array} some @param {number} a @param {number} b */
 function outlineDistance(e, some, a, b) {
   let best = Infinity, at = 0, where = 0;
   for (let i = 0; i < some.length; i++) {
@@ -253,53 +302,76 @@ function outlineDistance(e, some, a, b) {
   return side < 0 ? -Math.sqrt(best) : Math.sqrt(best);
 }
 
-// ---- what is no region ----------------------------------------------------------------------------------------------
+// ---- faults of regions ----------------------------------------------------------------------------------------------
 
+/** The reason why data cannot be used as a region, in words for users; "" if they can. @param {RegionData} data */
 export function regionFault(data) {
-  if (data.kind === "half_space") return data.normal.some((v) => v !== 0) ? "" : "Give the line two different places.";
+  if (data.kind === "half_space") {
+    return data.normal[0] !== 0 || data.normal[1] !== 0 ? "" : "Give the line two different places.";
+  }
   if (data.kind === "mask") return "";
   const isClosed = data.kind === "polygon", corners = withoutTwins(data.vertices, isClosed);
-  if (corners.length < (isClosed ? 3 : 2)) return isClosed ? "A closed shape needs three corners." : "A line needs two places.";
+  if (isClosed && corners.length < 3) return "A closed shape needs three corners.";
+  if (corners.length < 2) return "A line needs two places.";
   if (corners.length > REGION_MOST_VERTICES) return `A shape has at most ${REGION_MOST_VERTICES} corners.`;
   if (isClosed && signedArea(corners) === 0) return "This shape has no area.";
-  return crossing(corners, isClosed) ? (isClosed ? "This outline crosses itself, so inside and outside are not told apart."
-    : "This line crosses itself, or its straight continuation does, so it does not part the picture in two.") : "";
+  if (!crossing(corners, isClosed)) return "";
+  return isClosed ? "This outline crosses itself, so inside and outside are not told apart."
+    : "This line crosses itself, or its straight continuation does, so it does not part the picture in two.";
 }
 
-// Whether two edges that are no neighbours meet; the ends of an open line go on for ever.
+/**
+ * Whether two edges that are no neighbours meet; the ends of an open line continue without end.
+ * @param {number[][]} corners
+ * @param {boolean} isClosed
+ */
 export function crossing(corners, isClosed) {
   const n = corners.length, count = isClosed ? n : n - 1;
   for (let i = 0; i < count; i++) {
     for (let j = i + 1; j < count; j++) {
       const isNext = j === i + 1 || (isClosed && i === 0 && j === count - 1);
-      if (isNext ? turnsBack(corners, i, j, isClosed, count) : edgesMeet(corners, i, j, isClosed, count)) return true;
+      if (isNext ? turnsBack(corners, i, j, count) : edgesMeet(corners, i, j, isClosed, count)) return true;
     }
   }
   return false;
 }
 
-// Where an edge's own parameters lie: a line's first edge reaches back and its last one on, without end.
+/**
+ * The range of an edge's own parameter: a line's first edge continues backwards and its last one forwards, without end.
+ * @param {number} j
+ * @param {boolean} isClosed
+ * @param {number} count
+ */
 function reachOf(j, isClosed, count) {
   return [!isClosed && j === 0 ? -Infinity : 0, !isClosed && j === count - 1 ? Infinity : 1];
 }
 
+/** @param {number[][]} corners @param {number} i @param {number} j @param {boolean} isClosed @param {number} count */
 function edgesMeet(corners, i, j, isClosed, count) {
   const n = corners.length, [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [s[0] - r[0], s[1] - r[1]], g = [r[0] - p[0], r[1] - p[1]];
-  const det = d[0] * e[1] - d[1] * e[0], [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
+  const [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
+  const det = d[0] * e[1] - d[1] * e[0];
   if (Math.abs(det) > 1e-9 * Math.hypot(...d) * Math.hypot(...e)) { // rounding lets parallel ends meet far away
     const t = (g[0] * e[1] - g[1] * e[0]) / det, u = (g[0] * d[1] - g[1] * d[0]) / det;
     return t >= low && t <= high && u >= from && u <= to;
   }
   if (g[0] * d[1] - g[1] * d[0] !== 0) return false; // side by side
+  /** @type {(v: number[]) => number} */
   const along = (v) => ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
   const a = along(r), b = along(s), rise = Math.sign(b - a);
   const ends = [from === -Infinity ? -rise * Infinity : a, to === Infinity ? rise * Infinity : b];
   return Math.max(...ends) >= low && Math.min(...ends) <= high;
 }
 
-// Neighbours meet in their corner; more than that only if the second goes straight back over the first.
-function turnsBack(corners, i, j, isClosed, count) {
+/**
+ * Whether neighbours meet in more than their corner: the second goes straight back over the first.
+ * @param {number[][]} corners
+ * @param {number} i
+ * @param {number} j
+ * @param {number} count
+ */
+function turnsBack(corners, i, j, count) {
   const n = corners.length, [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
   const [p, q, r] = [corners[f], corners[(f + 1) % n], corners[(g + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [r[0] - q[0], r[1] - q[1]];

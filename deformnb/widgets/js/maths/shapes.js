@@ -1,15 +1,28 @@
-// Edits of cuts and rigid parts as plain data. Pure functions, no DOM. Needs maths/points.js.
-// A cut is {name, enabled, region}, a part also {weight, reach, motion}; no edit changes an object it was given.
+// Edits of cuts and rigid parts as plain data. Pure functions; no edit changes an object it was given.
+
+/** @import { HalfSpaceData, OutlineData, RegionData, ShapeData, ShapeKind } from "../types.d.ts" */
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
 
+/**
+ * The shapes with one of them changed.
+ * @template {ShapeData} S
+ * @param {S[]} shapes
+ * @param {number} index
+ * @param {Partial<S>} change
+ */
 export function withShape(shapes, index, change) {
   return shapes.map((shape, k) => (k === index ? { ...shape, ...change } : shape));
 }
 
-// Where the shape at a place of a list is after an edit of the list, or null: the same one is equal, or the only one
-// that was changed. Python follows by the same rule (widgets/protocol.py).
+/**
+ * The index of a shape after an edit of its list, or null: the same shape is the equal one, or the only one that was
+ * changed. Python follows by the same rule (widgets/protocol.py).
+ * @param {ShapeData[]} before
+ * @param {ShapeData[]} after
+ * @param {number} index
+ */
 export function followedShape(before, after, index) {
   if (before[index] === undefined) return null;
   const texts = after.map((shape) => JSON.stringify(shape)), was = before.map((shape) => JSON.stringify(shape));
@@ -19,15 +32,22 @@ export function followedShape(before, after, index) {
   return isChanged ? index : null;
 }
 
-// As much of a shape as tells it from others in a message: a mask without its pixels.
+/** A shape in a message that need only identify it: a mask without its pixels. @param {ShapeData} shape */
 export function toldShape(shape) {
+  if (shape.region.kind !== "mask") return shape;
   const { bits, ...region } = shape.region;
   return { ...shape, region };
 }
 
-// ---- the corners that a hand moves ----------------------------------------------------------------------------------
+// ---- the corners that the user drags --------------------------------------------------------------------------------
 
-// Of a half plane they are two places on its line, `reach` apart from the one that is told. A mask has none.
+/**
+ * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has
+ * none.
+ * @param {RegionData} region
+ * @param {number} reach
+ * @returns {number[][]}
+ */
 export function cornersOf(region, reach) {
   if (region.kind === "half_space") {
     const [a, b] = region.point, [na, nb] = region.normal;
@@ -36,48 +56,91 @@ export function cornersOf(region, reach) {
   return region.vertices ?? [];
 }
 
+/**
+ * The region with corner k at a place.
+ * @param {RegionData} region
+ * @param {number} k
+ * @param {number[]} place
+ * @param {number} reach
+ * @returns {RegionData}
+ */
 export function movedCorner(region, k, place, reach) {
-  if (region.kind !== "half_space") return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
+  if (region.kind === "mask") return region;
+  if (region.kind !== "half_space") {
+    return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
+  }
   const other = cornersOf(region, reach)[1 - k], [p, q] = k === 0 ? [place, other] : [other, place];
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]);
   if (length === 0) return region;
   const along = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], way = k === 0 ? reach : -reach;
-  return { kind: "half_space", point: [place[0] + way * along[0], place[1] + way * along[1]], normal: [-along[1], along[0]] };
+  return { kind: "half_space", point: [place[0] + way * along[0], place[1] + way * along[1]],
+    normal: [-along[1], along[0]] };
 }
 
-// Between corner k and the next one.
+/**
+ * The region with a new corner between corner k and the next one.
+ * @param {RegionData} region
+ * @param {number} k
+ * @param {number[]} place
+ * @returns {RegionData}
+ */
 export function insertedCorner(region, k, place) {
+  if (!region.vertices) return region;
   return { ...region, vertices: [...region.vertices.slice(0, k + 1), [...place], ...region.vertices.slice(k + 1)] };
 }
 
-// null where too few would be left.
+/**
+ * The region without corner k; null where too few would be left.
+ * @param {RegionData} region
+ * @param {number} k
+ * @returns {OutlineData | null}
+ */
 export function removedCorner(region, k) {
   if (!region.vertices || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
   return { ...region, vertices: region.vertices.filter((_, i) => i !== k) };
 }
 
+/** @param {RegionData} region @param {number} da @param {number} db @returns {RegionData} */
 export function movedRegion(region, da, db) {
+  /** @type {(place: number[]) => number[]} */
   const by = ([a, b]) => [a + da, b + db];
   if (region.kind === "half_space") return { ...region, point: by(region.point) };
-  return region.kind === "mask" ? { ...region, origin: by(region.origin) } : { ...region, vertices: region.vertices.map(by) };
+  if (region.kind === "mask") return { ...region, origin: by(region.origin) };
+  return { ...region, vertices: region.vertices.map(by) };
 }
 
-// The other side of a straight or open line; what is closed has only one inside.
+/**
+ * The other side of a straight or open line; null for closed ones, which have only one inside.
+ * @param {RegionData} region
+ * @returns {RegionData | null}
+ */
 export function turnedRegion(region) {
-  if (region.kind === "half_space") return { ...region, normal: region.normal.map((v) => -v) };
+  if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
   return region.kind === "line" ? { ...region, vertices: [...region.vertices].reverse() } : null;
 }
 
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
-// All on the other side of the line from p to q than the middle of the picture.
+/**
+ * The half plane on the other side of the line from p to q than the middle of the picture.
+ * @param {number[]} p
+ * @param {number[]} q
+ * @param {number[]} middle
+ * @returns {HalfSpaceData}
+ */
 export function groundThrough(p, q, middle) {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (middle[0] - p[0]) * n[0] + (middle[1] - p[1]) * n[1] >= 0;
-  return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2], normal: n.map((v) => (isTowards ? v : -v) + 0) };
+  return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
+    normal: n.map((v) => (isTowards ? v : -v) + 0) };
 }
 
-// The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker).
+/**
+ * The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker).
+ * @param {number[][]} path
+ * @param {number} tolerance
+ * @returns {number[][]}
+ */
 export function simplified(path, tolerance) {
   if (path.length < 3) return path;
   const [p, q] = [path[0], path[path.length - 1]], d = [q[0] - p[0], q[1] - p[1]], size = d[0] * d[0] + d[1] * d[1];
@@ -93,13 +156,16 @@ export function simplified(path, tolerance) {
 
 // ---- words ----------------------------------------------------------------------------------------------------------
 
+/** @param {ShapeData} shape @param {ShapeKind} what @param {number} index */
 export function shapeName(shape, what, index) { return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`; }
 
+/** @type {Record<string, string>} */
 const REGION_WORDS = { line: "open line", polygon: "closed line", half_space: "half plane", mask: "mask" };
 
+/** The label of a shape for screen readers. @param {ShapeData} shape @param {ShapeKind} what @param {number} index */
 export function shapeLabel(shape, what, index) {
   const { region } = shape, corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
   const sort = SHAPE_NAMES[what], name = shape.name ? ` ${shape.name}` : "";
   return `${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}, ${REGION_WORDS[region.kind]}${corners}` +
-    `${shape.motion ? ", moved" : ""}${shape.enabled ? "" : ", switched off"}`;
+    `${"motion" in shape && shape.motion ? ", moved" : ""}${shape.enabled ? "" : ", switched off"}`;
 }

@@ -1,18 +1,30 @@
-// What an editor shows of a fit: its slope, and where lines of the picture go. Needs maths/cuts.js. No DOM.
+// A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
 import { marginOf, regionKey } from "./cuts.js";
 import { RBF_KERNELS } from "./rbf.js";
 import { fieldAt, partsAt } from "./rigid_stages.js";
 
-export const NO_CUTS = { fits: [], regions: [], rule: "source", count: 0, byKey: new Map() };
+/** @import { Fit, LayeredFit, RbfFit } from "../types.d.ts" */
+
+/** @type {LayeredFit} */
+export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [], doubts: [],
+  count: 0, hasRest: false };
 
 const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
 
-// y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]. What rigid parts do is differenced.
+/**
+ * y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences.
+ * @param {Fit} fit
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} out
+ * @returns {Float64Array}
+ */
 export function fieldWithSlope(fit, a, b, out) {
-  if (fit.stages) return stagedWithSlope(fit, a, b, out);
-  if (!fit.rigid) return mapWithSlope(fit, a, b, out);
-  const { rigid, base } = fit, h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
+  if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
+  const { rigid, base } = fit;
+  if (!rigid || !base) return mapWithSlope(fit, a, b, out);
+  const h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
   partsAt(rigid, a, b, at);
   partsAt(rigid, a + h, b, east);
   partsAt(rigid, a - h, b, west);
@@ -31,8 +43,14 @@ export function fieldWithSlope(fit, a, b, out) {
 
 const STAGE_WORK = new Float64Array(6);
 
-// The same of stages, by the chain rule: the last comes first.
-function stagedWithSlope({ stages }, a, b, out) {
+/**
+ * The same of stages, by the chain rule: the last comes first.
+ * @param {Fit[]} stages
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} out
+ */
+function stagedWithSlope(stages, a, b, out) {
   const t = STAGE_WORK;
   let m00 = 1, m01 = 0, m10 = 0, m11 = 1, x = a, y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
@@ -45,7 +63,13 @@ function stagedWithSlope({ stages }, a, b, out) {
   return out;
 }
 
-// y + D(y) and its Jacobian at (a, b) in one pass over the centres: [a', b', j00, j01, j10, j11].
+/**
+ * The same of a plain fit, in one pass over the centres.
+ * @param {RbfFit} fit
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} out
+ */
 function mapWithSlope(fit, a, b, out) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
@@ -71,9 +95,17 @@ function mapWithSlope(fit, a, b, out) {
   return out;
 }
 
-// Where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton from a start; in stages,
-// where that goes astray, one after the other. Writes y to `at` (which holds the start) and returns true where it was
-// found; a fold may have no such place.
+/**
+ * The place where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton steps; in
+ * stages, where these do not converge, one after the other. Returns false where none was found; a fold may have no such
+ * place.
+ * @param {Fit} fit
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} at  the start, then y
+ * @param {number} tolerance
+ * @param {Float64Array} [work]  gets the last result of fieldWithSlope
+ */
 export function mapInverse(fit, a, b, at, tolerance, work) {
   if (newtonInverse(fit, a, b, at, tolerance, work)) return true;
   if (!fit.stages) return false;
@@ -83,6 +115,14 @@ export function mapInverse(fit, a, b, at, tolerance, work) {
   return newtonInverse(fit, a, b, at, tolerance, work);
 }
 
+/**
+ * @param {Fit} fit
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} at
+ * @param {number} tolerance
+ * @param {Float64Array} [work]
+ */
 function newtonInverse(fit, a, b, at, tolerance, work) {
   const t = work ?? new Float64Array(6);
   fieldWithSlope(fit, at[0], at[1], t);
@@ -106,7 +146,11 @@ function newtonInverse(fit, a, b, at, tolerance, work) {
   return error <= tolerance;
 }
 
-// The lines of a net of square cells over a box [a0, a1, b0, b1]; `cells` along its longer side.
+/**
+ * The lines of a grid of square cells over a box.
+ * @param {number[]} box  [a0, a1, b0, b1]
+ * @param {number} cells  along its longer side
+ */
 function netLines(box, cells) {
   const [a0, a1, b0, b1] = box, size = Math.max(a1 - a0, b1 - b0) / cells;
   const across = Math.max(1, Math.round((a1 - a0) / size)), down = Math.max(1, Math.round((b1 - b0) / size));
@@ -122,35 +166,60 @@ function netLines(box, cells) {
   return lines;
 }
 
-// Moves a place along with its image, by the Jacobian that the last look of mapWithSlope has left.
+/**
+ * Move a place along with its image, by the last result of fieldWithSlope.
+ * @param {Float64Array} at
+ * @param {number} da
+ * @param {number} db
+ * @param {Float64Array} slope
+ */
 export function follow(at, da, db, [, , j00, j01, j10, j11]) {
   const det = j00 * j11 - j01 * j10, isFlat = !(Math.abs(det) > 1e-3);
   at[0] += isFlat ? da : (j11 * da - j01 * db) / det;
   at[1] += isFlat ? db : (j00 * db - j10 * da) / det;
 }
 
-// The net as it lies on the deformed picture: each line as runs of places, broken where the map folds and at cuts.
-// `parts` pieces of a line per cell.
+/**
+ * The grid on the deformed picture: each line as runs of places, broken where the map folds and at cuts.
+ * @param {LayeredFit} layered
+ * @param {number[]} box
+ * @param {number} cells
+ * @param {number} parts  pieces of a line per cell
+ * @param {number} tolerance
+ */
 export function deformedNet(layered, box, cells, parts, tolerance) {
   const work = new Float64Array(6);
   return netLines(box, cells).map(({ from, to, pieces, isEdge }) => {
-    const n = pieces * parts, runs = [];
+    const n = pieces * parts;
+    /** @type {number[][]} */
+    const runs = [];
     for (const { first, last, k } of piecesOfLine(layered, from, to, n)) {
       const count = Math.max(1, Math.ceil((last - first) * n - 1e-9));
-      traceLine(layered, k, (at) => { const t = first + (last - first) * at / count;
-        return [from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t]; }, count, tolerance, work, runs);
+      traceLine(layered, k, (j) => {
+        const t = first + (last - first) * j / count;
+        return [from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t];
+      }, count, tolerance, work, runs);
     }
     return { runs, isEdge };
   });
 }
 
-// The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
+/**
+ * The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
+ * @param {LayeredFit} layered
+ * @param {number[]} from
+ * @param {number[]} to
+ * @param {number} n
+ */
 function piecesOfLine(layered, from, to, n) {
   if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
+  /** @type {(t: number) => number} */
   const keyAt = (t) => regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
+  /** @type {{ first: number, last: number, k: number }[]} */
   const found = [];
   let first = 0, key = keyAt(0);
-  const end = (last) => found.push({ first, last, k: layered.byKey.get(key) ?? -1 });
+  /** @type {(last: number) => void} */
+  const end = (last) => { found.push({ first, last, k: layered.byKey.get(key) ?? -1 }); };
   for (let i = 1; i <= n; i++) {
     const next = keyAt(i / n);
     if (next === key) continue;
@@ -168,87 +237,108 @@ function piecesOfLine(layered, from, to, n) {
   return found;
 }
 
-// Each place is found from the one before it and the slope there, so that Newton has a step to do at most.
+/**
+ * Trace a line through fit k (-1: what does not move) and add its runs. Each place is found from the one before it and
+ * the slope there, so that Newton's method has a step to do at most.
+ * @param {LayeredFit} layered
+ * @param {number} k
+ * @param {(j: number) => number[]} place  of the line, j from 0 to count
+ * @param {number} count
+ * @param {number} tolerance
+ * @param {Float64Array} work
+ * @param {number[][]} runs
+ */
 function traceLine(layered, k, place, count, tolerance, work, runs) {
   const fit = k < 0 ? null : layered.fits[k].fit, at = new Float64Array(2), hasCuts = layered.regions.length > 0;
-  let run = null, before = null;
+  /** @type {number[] | null} */
+  let run = null;
+  let before = place(0);
+  /** @type {(x: number, y: number) => boolean} */
   const find = (x, y) => {
     if (!fit) { at[0] = x; at[1] = y; return true; }
     if (run) follow(at, x - before[0], y - before[1], work);
-    else {
-      const [da, db] = fieldAt(fit, x, y);
-      at[0] = x - da;
-      at[1] = y - db;
-    }
+    else startFrom(fit, x, y, at);
     if (mapInverse(fit, x, y, at, tolerance, work)) return true;
     at[0] = x;
     at[1] = y;
     return mapInverse(fit, x, y, at, tolerance, work);
   };
+  const begin = (/** @type {number[]} */ places) => { runs.push(places); return places; };
   for (let j = 0; j <= count; j++) {
     const [x, y] = place(j);
     const isSeen = find(x, y) && (!hasCuts || isSeenFrom(layered, k, at[0], at[1]));
-    // Where other matter begins to cover the line, it is followed to the very place.
+    // Where other tissue begins to cover the line, it is followed to the very place.
     if (hasCuts && j > 0 && isSeen !== (run !== null) && fit) {
       let low = j - 1, high = j;
-      const kept = run, last = [at[0], at[1]];
+      /** @type {number[]} */
+      let edge = []; // the last place that is seen
+      const kept = run, [a, b] = at;
       run = null;
       for (let turn = 0; turn < 6; turn++) {
-        const middle = (low + high) / 2, good = find(...place(middle)) && isSeenFrom(layered, k, at[0], at[1]);
-        if (good === isSeen) { high = middle; if (isSeen) last.splice(2, 2, at[0], at[1]); }
-        else { low = middle; if (!isSeen) last.splice(2, 2, at[0], at[1]); }
+        const middle = (low + high) / 2, [p, q] = place(middle);
+        const isGood = find(p, q) && isSeenFrom(layered, k, at[0], at[1]);
+        if (isGood) edge = [at[0], at[1]];
+        if (isGood === isSeen) high = middle;
+        else low = middle;
       }
-      if (!isSeen) { if (kept && last.length > 2) kept.push(last[2], last[3]); }
+      if (!isSeen) kept?.push(...edge);
       else {
-        runs.push(run = last.length > 2 ? [last[2], last[3]] : []);
-        [at[0], at[1]] = last;
-        fieldWithSlope(fit, at[0], at[1], work);
+        run = begin(edge);
+        at.set([a, b]);
+        fieldWithSlope(fit, a, b, work);
       }
     }
-    if (isSeen && run === null) runs.push(run = []);
-    if (isSeen) run.push(at[0], at[1]);
-    else run = null;
+    if (isSeen) {
+      run ??= begin([]);
+      run.push(at[0], at[1]);
+    } else run = null;
     before = [x, y];
   }
 }
 
-// Whether a place of the result shows what fit k (-1: what stays) has brought there.
+/**
+ * Whether a place of the result shows what fit k (-1: what does not move) has brought there.
+ * @param {LayeredFit} layered
+ * @param {number} k
+ * @param {number} a
+ * @param {number} b
+ */
 function isSeenFrom(layered, k, a, b) {
   const own = regionKey(layered, a, b), at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
-  if (at < 0) return true; // what stays gives way to what comes
+  if (at < 0) return true; // what does not move is covered by what comes
   const [da, db] = fieldAt(layered.fits[at].fit, a, b);
   return marginOf(layered.regions, own, a + da, b + db) < 0;
 }
 
-// Where the nodes of the net are on the deformed picture, and how matter is strained there. Needs maths/warp_map.js. No DOM.
-//
-//   netShape(box, cells)                     -> [across, down]: cells of the net that netLines draws
-//   netPlaces(layered, box, cells, tolerance) -> {columns, rows, source, target, isSeen}: nodes row by row, as numbers
-//                                                a, b, a, b, ...; where a node is not seen its target says nothing
-//   placeSeen(layered, source, tolerance)    -> [a, b] where the matter of a place is seen, null where it is not
-//   strainsAt(layered, places)               -> {stretch, angle}: for each node both principal stretches of the matter
-//                                                there (2 is twice as long) and the direction of the first; NaN where
-//                                                the map folds or the node is not seen
-//   strainGain(strains)                      -> a plain factor by which the longest arm is nearly a cell long
+// ---- the nodes of the grid on the deformed picture, and the strains there ------------------------------------------
 
 export const LONGEST_ARM = 0.9; // of a cell, tip to tip of a cross
 
+/** The cells of the grid that netLines draws: [across, down]. @param {number[]} box @param {number} cells */
 export function netShape([a0, a1, b0, b1], cells) {
   const size = Math.max(a1 - a0, b1 - b0) / cells;
   return [Math.max(1, Math.round((a1 - a0) / size)), Math.max(1, Math.round((b1 - b0) / size))];
 }
 
+/**
+ * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of a node that is not seen is meaningless.
+ * @param {LayeredFit | null} layered
+ * @param {number[]} box
+ * @param {number} cells
+ * @param {number} tolerance
+ */
 export function netPlaces(layered, box, cells, tolerance) {
   const [a0, a1, b0, b1] = box, [across, down] = netShape(box, cells), columns = across + 1, rows = down + 1;
   const count = columns * rows, source = new Float64Array(2 * count), target = new Float64Array(2 * count);
   const isSeen = new Uint8Array(count), work = new Float64Array(6), at = new Float64Array(2);
-  let last = null; // the fit of the node before, whose slope is in `work`
+  const { regions } = layered ?? NO_CUTS;
+  /** @type {Fit | null} the fit of the node before, whose slope is in `work` */
+  let last = null;
   for (let n = 0; n < count; n++) {
     const x = a0 + (a1 - a0) * (n % columns) / across, y = b0 + (b1 - b0) * Math.floor(n / columns) / down;
     source.set([x, y], 2 * n);
-    const k = layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1;
-    const fit = k < 0 ? null : layered.fits[k].fit;
+    const k = fitFrom(layered, x, y), fit = layered?.fits[k]?.fit ?? null;
     let isFound = true;
     if (!fit) { at[0] = x; at[1] = y; }
     else {
@@ -259,15 +349,31 @@ export function netPlaces(layered, box, cells, tolerance) {
       if (!isFound) { at[0] = x; at[1] = y; isFound = mapInverse(fit, x, y, at, tolerance, work); }
     }
     last = isFound ? fit : null;
-    isSeen[n] = isFound && (!layered?.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? 1 : 0;
+    isSeen[n] = isFound && (!layered || !regions.length || isSeenFrom(layered, k, at[0], at[1])) ? 1 : 0;
     target.set(at, 2 * n);
   }
   return { columns, rows, source, target, isSeen };
 }
 
+/**
+ * The number of the fit of the region of a place, -1 for none.
+ * @param {LayeredFit | null} layered
+ * @param {number} x
+ * @param {number} y
+ */
+function fitFrom(layered, x, y) {
+  return layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1;
+}
+
+/**
+ * The place where the tissue of a place is seen, null where it is not.
+ * @param {LayeredFit | null} layered
+ * @param {number[]} source
+ * @param {number} tolerance
+ */
 export function placeSeen(layered, [x, y], tolerance) {
-  const k = layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1, at = new Float64Array(2);
-  if (k < 0) return [x, y];
+  const k = fitFrom(layered, x, y), at = new Float64Array(2);
+  if (!layered || k < 0) return [x, y];
   const { fit } = layered.fits[k];
   startFrom(fit, x, y, at);
   let isFound = mapInverse(fit, x, y, at, tolerance);
@@ -275,23 +381,30 @@ export function placeSeen(layered, [x, y], tolerance) {
   return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [...at] : null;
 }
 
+/** A first guess of the inverse. @param {Fit} fit @param {number} x @param {number} y @param {Float64Array} at */
 function startFrom(fit, x, y, at) {
   const [da, db] = fieldAt(fit, x, y);
   at[0] = x - da;
   at[1] = y - db;
 }
 
+/**
+ * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where
+ * the map folds or the node is not seen.
+ * @param {LayeredFit | null} layered
+ * @param {{ source: Float64Array, target: Float64Array, isSeen: Uint8Array }} places
+ */
 export function strainsAt(layered, { source, target, isSeen }) {
   const count = isSeen.length, stretch = new Float64Array(2 * count).fill(NaN), angle = new Float64Array(count);
   const work = new Float64Array(6);
   for (let n = 0; n < count; n++) {
     if (!isSeen[n]) continue;
-    const k = layered?.fits.length ? layered.byKey.get(regionKey(layered, source[2 * n], source[2 * n + 1])) ?? -1 : -1;
-    if (k < 0) { stretch.fill(1, 2 * n, 2 * n + 2); continue; }
+    const k = fitFrom(layered, source[2 * n], source[2 * n + 1]);
+    if (!layered || k < 0) { stretch.fill(1, 2 * n, 2 * n + 2); continue; }
     fieldWithSlope(layered.fits[k].fit, target[2 * n], target[2 * n + 1], work);
     const [,, j00, j01, j10, j11] = work;
     if (!(j00 * j11 - j01 * j10 > 0)) continue;
-    // The map looks backwards: matter is stretched by 1 / s where s^2 are the eigenvalues of J^T J.
+    // The map is backward: tissue is stretched by 1 / s where s^2 are the eigenvalues of J^T J.
     const p = j00 * j00 + j10 * j10, q = j00 * j01 + j10 * j11, r = j01 * j01 + j11 * j11;
     const mean = (p + r) / 2, spread = Math.hypot((p - r) / 2, q);
     stretch[2 * n] = 1 / Math.sqrt(Math.max(mean - spread, 1e-12 * mean));
@@ -301,14 +414,15 @@ export function strainsAt(layered, { source, target, isSeen }) {
   return { stretch, angle };
 }
 
+/** A plain factor by which the longest arm is nearly a cell long. @param {{ stretch: Float64Array }} strains */
 export function strainGain({ stretch }) {
   const known = [...stretch].filter(Number.isFinite).map((s) => Math.abs(s - 1)).sort((p, q) => p - q);
   const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 0;
   return most > 1e-9 ? plainNumber(Math.min(1e4, LONGEST_ARM / most)) : 1;
 }
 
-// The largest of 1, 2, 5, 10, ... up to a positive number.
+/** The largest of 1, 2, 5, 10, ... up to a positive number. @param {number} most */
 export function plainNumber(most) {
   const power = 10 ** Math.floor(Math.log10(most));
-  return Number((power * [5, 2, 1].find((step) => step * power <= most * (1 + 1e-9))).toPrecision(3));
+  return Number((power * ([5, 2].find((step) => step * power <= most * (1 + 1e-9)) ?? 1)).toPrecision(3));
 }

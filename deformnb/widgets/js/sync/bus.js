@@ -1,50 +1,79 @@
-// What widgets of one page share without the kernel: the live points of an editor, by the editor's uid. No DOM.
+// What the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
 //
 // A front end hands each widget a proxy of its model, never the same object twice, so nothing can be stored on the
-// model itself. An editor therefore has a trait `uid`, and its bus is found under that name on the page:
+// model itself. An editor therefore has a trait `uid`, and its bus is found by that name in the window:
 //
-//   const bus = busOf(editorModel);              the same EventTarget for everyone who asks, made when first asked for
-//   bus.addEventListener("deformnb:points", ...) event.detail = {points, settings, layered, fit,
-//                                                phase: "move" | "end"}
+//   const bus = busOf(editorModel);              the same EventTarget for all callers, made by the first call
+//   bus.addEventListener("deformnb:points", ...) event.detail: PointsDetail
 //   bus.latest                                   the last detail, or null before the editor has drawn anything
 //
-// `layered` is what layeredFit made of points and settings (null where they cannot be fitted): a listener need not fit
-// again. `fit` is its only fit where there are no cuts, else null.
+// A listener need not fit again: the detail holds the result of layeredFit.
 
+/** @import { Bus, FitSettings, Model, Point, PointsDetail } from "../types.d.ts" */
+
+const KEY = Symbol.for("deformnb.widgets");
+
+/** @type {Record<symbol, Map<string, Bus> | undefined>} */
+const shared = Object(globalThis);
+
+/**
+ * The bus of an editor or a player.
+ * @param {Model} model
+ * @returns {Bus}
+ */
 export function busOf(model) {
-  const key = Symbol.for("deformnb.widgets");
-  const buses = (globalThis[key] ??= new Map());
-  const uid = model.get("uid");
-  if (!buses.has(uid)) buses.set(uid, Object.assign(new EventTarget(), { latest: null, owners: 0 }));
-  const bus = buses.get(uid);
-  model.deformnb = bus; // where the front end hands out the model itself, this is the short way
+  const buses = shared[KEY] ?? new Map(), uid = model.get("uid");
+  shared[KEY] = buses;
+  const bus = buses.get(uid) ?? Object.assign(new EventTarget(), { latest: null, owners: 0 });
+  buses.set(uid, bus);
+  Object.assign(model, { deformnb: bus }); // where the front end hands out the model itself, this is the short way
   return bus;
 }
 
-// The points that a window holds for an editor: an edit is there before Python has heard of it.
+/**
+ * The points that a window holds for an editor: an edit is there before Python has received it.
+ * @param {Bus} bus
+ * @param {Model} model
+ * @returns {Point[]}
+ */
 export function pointsOf(bus, model) {
   bus.sender?.receive();
   return bus.sender?.points ?? model.get("points");
 }
 
+/**
+ * @param {Bus} bus
+ * @param {PointsDetail} detail
+ */
 export function publishPoints(bus, detail) {
   bus.latest = detail;
   bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));
 }
 
-// The settings of a fit as the traits of an editor hold them.
+/**
+ * The settings of a fit as the traits of an editor hold them.
+ * @param {Model} model
+ * @returns {FitSettings}
+ */
 export function settingsOf(model) {
   const names = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cuts",
     "cut_rule", "parts", "stages"];
   return Object.fromEntries(names.map((name) => [name, model.get(name)]));
 }
 
-// A bus lives as long as someone holds it: the editor's model and whoever follows it. Views come and go in between.
+/**
+ * Hold a bus. It lives as long as someone holds it: the editor's model and its followers. Views come and go in between.
+ * @param {Bus} bus
+ */
 export function holdBus(bus) {
   bus.owners += 1;
 }
 
+/**
+ * @param {Bus} bus
+ * @param {string} uid
+ */
 export function releaseBus(bus, uid) {
   bus.owners -= 1;
-  if (bus.owners <= 0) globalThis[Symbol.for("deformnb.widgets")]?.delete(uid);
+  if (bus.owners <= 0) shared[KEY]?.delete(uid);
 }

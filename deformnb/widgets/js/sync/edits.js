@@ -1,35 +1,83 @@
-// The points of an editor in this window, and the one way in which they go to Python. No DOM.
+// The edits of this window on their way to Python: a Sender for the points, cuts and parts of an editor, an EditLink
+// for a single value such as a curve.
 //
-// The page sends points as numbered messages only, never as a trait: a front end holds trait updates back while the
-// kernel works, and they would overtake each other. Python tells its points by the trait `points`, and by the trait
-// `seen` which message of each sender it has taken in. While one of ours is still on its way, Python's points are an
-// echo of what we had before, and it will have ours in the end: they are left alone. Otherwise they are news.
-// So Python's order decides, and all windows and views end with what Python has.
+// Edits are sent as numbered messages only, never as a trait: a front end holds trait updates back while the kernel
+// works, and they would overtake each other. At most two are in flight, and the newest waits; ends of edits are always
+// sent, and do not wait behind movements. Python sends with its values (the trait `seen`) the number of the last
+// message it has received from each sender. While one of ours is still on its way, Python's values are an echo of what
+// we had before, and it will have ours in the end: they are left alone. Otherwise they are new. So Python's order
+// decides, and all windows and views end with what Python has.
 //
-// There is one sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share it.
+// There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
+// it.
 
 import { cleanPoints, cleanShapes, History, nextId, samePoints, sameShapes } from "../maths/points.js";
 
-const EDITS_IN_FLIGHT = 2; // movements, and as many ends: beyond that the newest waits
-const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
-const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours goes before what Python says meanwhile
-export const LONGEST_EDIT = 500000; // characters that Python takes of one edit
+/** @import { Bus, Model, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 
-export const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms), cancel: (id) => clearTimeout(id) };
+/**
+ * @typedef {{ points: Point[], shapes: Shapes }} State
+ * @typedef {"points" | "status" | "history"} Change
+ * @typedef {{ now: () => number, later: (f: () => void, ms: number) => number, cancel: (id: number) => void }} Clock
+ */
+
+const MOST_IN_FLIGHT = 2; // movements, and as many ends
+const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
+const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
+export const LONGEST_EDIT = 500000; // characters that Python accepts of one edit
+
+/** @type {ShapeKind[]} */
+const SHAPE_KINDS = ["cuts", "parts"];
+
+const newId = () => Math.random().toString(36).slice(2, 12);
+
+/** @type {Clock} */
+export const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms),
+  cancel: (id) => clearTimeout(id) };
 
 export class Sender {
+  #isFilled = false; // whether points have been received
+  #isGreeted = false;
+  #timer = 0;
+  #greeting = 0;
+
   constructor(clock = CLOCK) {
-    Object.assign(this, { clock, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, lastAt: -Infinity,
-      points: null, nextId: 0, models: [], listeners: new Set(), history: new History(), timer: null, sentAt: 0,
-      waiting: { move: new Set(), end: new Set() }, pending: { move: null, end: null }, status: "", isHeard: false,
-      isCut: false, shapes: { cuts: [], parts: [] }, drawn: null, steps: [] });
+    this.clock = clock;
+    this.id = newId();
+    this.seq = 0; // number of the last message
+    this.last = 0; // number of the last message that Python has to have seen before its values are taken
+    this.lastAt = -Infinity;
+    /** @type {Point[]} */
+    this.points = [];
+    /** @type {Shapes} */
+    this.shapes = { cuts: [], parts: [] };
+    this.nextId = 0;
+    /** @type {{ model: Model, handlers: Record<string, (...args: any[]) => void> }[]} */
+    this.models = [];
+    /** @type {Set<(what: Change) => void>} */
+    this.listeners = new Set();
+    /** @type {History<State>} */
+    this.history = new History();
+    /** @type {Record<"move" | "end", Set<number>>} numbers of the messages in flight */
+    this.waiting = { move: new Set(), end: new Set() };
+    /** @type {{ move: Point[] | null, end: { kind: string, joins: boolean, points: Point[] } | null }} */
+    this.pending = { move: null, end: null };
+    this.status = ""; // "", "busy", "silent", "deaf" or "lost"
+    this.isHeard = false;
+    this.isCut = false;
+    /** @type {any} measurements of a view during a drag, sent with its end */
+    this.drawn = null;
+    /** @type {{ seq: number, what: string }[]} */
+    this.steps = [];
   }
 
-  // ---- models and listeners: whoever shows the points ---------------------------------------------------------------
+  // ---- models and listeners -----------------------------------------------------------------------------------------
 
+  /** @param {Model} model */
   attach(model) {
     if (this.models.some((held) => held.model === model)) return;
     const news = () => this.receive(true, model);
+    /** @type {Record<string, (...args: any[]) => void>} */
     const handlers = { "change:points": news, "change:cuts": news, "change:parts": news,
       "change:seen": () => { this.receive(false, model); this.#notify("history"); },
       "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
@@ -39,17 +87,21 @@ export class Sender {
     this.receive();
   }
 
+  /** @param {Model} model */
   detach(model) {
     const at = this.models.findIndex((held) => held.model === model);
     if (at < 0) return;
     this.flush();
     for (const [name, handler] of Object.entries(this.models[at].handlers)) model.off(name, handler);
     this.models.splice(at, 1);
-    if (this.models.length === 0) for (const timer of [this.timer, this.greeting]) this.clock.cancel(timer);
+    if (this.models.length === 0) for (const timer of [this.#timer, this.#greeting]) this.clock.cancel(timer);
   }
 
-  // listener("points") after other points are there, listener("status") after `status` has changed, listener("history")
-  // when other things may be undone although all of that is the same: a step was asked for, or Python has seen it.
+  /**
+   * Call a listener after changes of the points or of `status`, or ("history") when other steps may be undone although
+   * all of that is the same: a step was requested, or Python has seen it. Returns the function that ends it.
+   * @param {(what: Change) => void} listener
+   */
   listen(listener) {
     this.listeners.add(listener);
     return () => this.listeners.delete(listener);
@@ -59,61 +111,89 @@ export class Sender {
 
   // ---- from Python --------------------------------------------------------------------------------------------------
 
-  isBehind(model = this.model) { return this.pending.end !== null || (model?.get("seen")?.[this.id] ?? 0) < this.last; }
+  /** Whether Python's values are older than ours. */
+  isBehind(model = this.model) {
+    return this.pending.end !== null || (model?.get("seen")?.[this.id] ?? 0) < this.last;
+  }
 
   receive(isNews = false, model = this.model) {
     if (!model) return;
     this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
     const isLate = isNews && this.clock.now() - this.lastAt > TRUSTED_FOR; // an answer that is lost blocks nothing
-    if (this.points !== null && this.isBehind(model) && !isLate) return;
-    const points = cleanPoints(model.get("points")), shapes = this.#shapesOf(model);
-    if (this.points !== null && samePoints(points, this.points) && sameShapes(shapes, this.shapes)) return;
-    if (this.points !== null) this.history.record(this.state);
+    if (this.#isFilled && this.isBehind(model) && !isLate) return;
+    const points = cleanPoints(model.get("points"));
+    const shapes = { cuts: this.#shapesOf(model, "cuts"), parts: this.#shapesOf(model, "parts") };
+    if (this.#isFilled && samePoints(points, this.points) && sameShapes(shapes, this.shapes)) return;
+    if (this.#isFilled) this.history.record(this.state);
+    this.#isFilled = true;
     this.#take(points, shapes);
   }
 
-  // What can be undone: points, cuts and parts together.
+  /** The state that an undo restores: points, cuts and parts together. */
   get state() { return { points: this.points, shapes: this.shapes }; }
 
-  #shapesOf(model) {
-    const made = {};
-    for (const what of ["cuts", "parts"]) {
-      const clean = cleanShapes(model.get(what), what, this.shapes[what]);
-      made[what] = sameShapes(clean, this.shapes[what]) ? this.shapes[what] : clean;
-    }
-    return made;
+  /**
+   * The shapes of a model; the same list where nothing has changed.
+   * @template {ShapeKind} K
+   * @param {Model} model
+   * @param {K} what
+   */
+  #shapesOf(model, what) {
+    const held = this.shapes[what], clean = cleanShapes(model.get(what), what, held);
+    return sameShapes(clean, held) ? held : clean;
   }
 
+  /**
+   * Take the answer to a message.
+   * @param {number} seq
+   * @param {string} [sender]
+   */
   done(seq, sender = this.id) {
     if (sender !== this.id) return; // another window's
-    for (const kind of ["move", "end"]) this.waiting[kind].delete(seq);
+    this.waiting.move.delete(seq);
+    this.waiting.end.delete(seq);
     this.isHeard = true;
     this.isCut = false;
-    this.#tell("");
+    this.#setStatus("");
     this.#next();
   }
 
   // ---- to Python ----------------------------------------------------------------------------------------------------
 
-  // `kind` says what was done; edits that share `join` in quick succession are undone as one.
+  /**
+   * Send the points after an edit; edits that share `join` in quick succession are undone as one.
+   * @param {Point[]} points
+   * @param {string} kind  of the edit, for the history
+   * @param {string | null} [join]
+   */
   edit(points, kind, join = null) {
     const joins = this.history.record(this.state, join);
     this.#leave(points, kind, joins);
   }
 
-  // All cuts or all parts after an edit of one, and the points if it changes them too; `kind` says what was done.
+  /**
+   * Send all cuts or all parts after an edit of one, and the points if it changes them too.
+   * @param {ShapeKind} what
+   * @param {ShapeData[]} shapes
+   * @param {string} kind
+   * @param {Point[]} [points]
+   */
   editShapes(what, shapes, kind, points = this.points) {
     this.history.record(this.state);
     this.#leaveShapes(what, shapes, kind, points);
   }
 
-  // The shape that is chosen, {what, index, shape} or null: Python's lists may have changed meanwhile.
+  /**
+   * Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile.
+   * @param {{ what: ShapeKind, index: number, shape: any } | null} chosen
+   */
   choose(chosen) {
     this.flush();
     this.last = this.seq + 1;
     this.#send("end", { type: "choose", what: null, ...chosen });
   }
 
+  /** Send points during a drag. @param {Point[]} points */
   move(points) {
     this.pending.move = points;
     this.#next();
@@ -121,35 +201,43 @@ export class Sender {
 
   get isPythons() { return typeof this.model?.get("history")?.undo === "string"; }
 
+  /** Whether there is a step to undo or redo. @param {"undo" | "redo"} way */
   canStep(way) {
     if (!this.isPythons) return (way === "undo" ? this.history.past : this.history.future).length > 0;
-    const history = this.model.get("history"), can = { undo: history.undo !== "", redo: history.redo !== "" };
+    const { undo, redo } = this.model?.get("history") ?? {}, can = { undo: undo !== "", redo: redo !== "" };
     for (const step of this.#unseen()) { // an edit can be undone, and leaves nothing to redo
       if (step === "edit") Object.assign(can, { undo: true, redo: false });
-      else if (can[step]) can[step === "undo" ? "redo" : "undo"] = true;
+      else if (step === "undo" && can.undo) can.redo = true;
+      else if (step === "redo" && can.redo) can.undo = true;
     }
     return can[way];
   }
 
-  // What this window did that Python's history does not have yet: "edit", "undo" or "redo", oldest first.
+  // The steps of this window that Python's history does not have yet: "edit", "undo" or "redo", oldest first.
   #unseen() {
     const seen = this.model?.get("seen")?.[this.id] ?? 0;
     this.steps = this.steps.filter(({ seq }) => seq > seen);
     return [...this.steps.map(({ what }) => what), ...(this.pending.end ? ["edit"] : [])];
   }
 
-  // The number of the next message, which changes what can be undone: until Python has seen it, we are ahead of it.
+  /**
+   * Note that the next message changes what can be undone: until Python has seen it, we are ahead of it.
+   * @param {string} what
+   */
   #counted(what) {
     this.last = this.seq + 1;
     this.steps.push({ seq: this.last, what });
   }
 
-  // One step of the history, this page's or Python's. False where there is none.
+  /**
+   * Do one step of the history, this window's or Python's; false where there is none.
+   * @param {"undo" | "redo"} way
+   */
   step(way) {
     if (!this.canStep(way)) return false;
     if (!this.isPythons) {
-      const { points, shapes } = this.history[way](this.state);
-      for (const what of ["cuts", "parts"]) {
+      const { points, shapes } = this.history[way](this.state) ?? this.state;
+      for (const what of SHAPE_KINDS) {
         if (!sameShapes(shapes[what], this.shapes[what])) this.#leaveShapes(what, shapes[what], way, points);
       }
       if (!samePoints(points, this.points)) this.#leave(points, way, false);
@@ -164,16 +252,17 @@ export class Sender {
     return true;
   }
 
-  // What waits is sent now, for whatever comes next must not overtake it.
+  /** Send an edit that waits, for the next message must not overtake it. */
   flush() {
     const { pending: { end }, drawn } = this;
     this.pending.end = null;
     if (!end) return;
     this.#counted("edit");
-    this.drawn = null; // what a view has measured in the drag goes along once
+    this.drawn = null; // sent once
     this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
+  /** @param {Point[]} points @param {string} kind @param {boolean} joins */
   #leave(points, kind, joins) {
     const waits = this.pending.end;
     this.pending.move = null;
@@ -184,7 +273,13 @@ export class Sender {
     this.#next();
   }
 
-  // Shapes are drawn now and then, and go at once, behind what waits.
+  /**
+   * Send shapes at once, behind what waits: they are drawn only now and then.
+   * @param {ShapeKind} what
+   * @param {ShapeData[]} shapes
+   * @param {string} kind
+   * @param {Point[]} [points]
+   */
   #leaveShapes(what, shapes, kind, points = this.points) {
     this.pending.move = null;
     this.flush();
@@ -195,6 +290,7 @@ export class Sender {
     this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others });
   }
 
+  /** @param {Point[]} points @param {Shapes} [shapes] */
   #take(points, shapes = this.shapes) {
     this.points = points;
     this.shapes = shapes;
@@ -204,102 +300,124 @@ export class Sender {
 
   #next() {
     const { pending, waiting } = this, isBusy = this.status !== "";
-    if (pending.end && waiting.end.size < (isBusy ? 1 : EDITS_IN_FLIGHT)) this.flush();
-    if (pending.move && !isBusy && waiting.move.size < EDITS_IN_FLIGHT) {
+    if (pending.end && waiting.end.size < (isBusy ? 1 : MOST_IN_FLIGHT)) this.flush();
+    if (pending.move && !isBusy && waiting.move.size < MOST_IN_FLIGHT) {
       const points = pending.move;
       pending.move = null;
       this.#send("move", { type: "edit", phase: "move", kind: "move", joins: false, points });
     }
   }
 
+  /** @param {"move" | "end"} group @param {any} content */
   #send(group, content) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
-    this.sentAt = this.clock.now();
-    this.#watch();
+    this.clock.cancel(this.#timer);
+    this.#timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
     try {
       this.model?.send({ ...content, sender: this.id, seq: this.seq });
-    } catch (error) { // the connection that it went by is closed
+    } catch (error) { // the connection is closed
       console.warn("an edit could not be sent:", error);
       this.isCut = true;
-      this.#tell("lost");
+      this.#setStatus("lost");
     }
   }
 
   // ---- a kernel that does not answer --------------------------------------------------------------------------------
 
-  #watch() {
-    this.clock.cancel(this.timer);
-    this.timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
-  }
-
-  // What was sent is not sent again: it will be answered late, or never. What waits goes its way.
+  // What was sent is not sent again: it will be answered late, or never. What waits is sent.
   #unanswered() {
     const { move, end } = this.waiting;
     if (move.size + end.size === 0) return;
     move.clear();
     end.clear();
-    this.#tell(this.isCut ? "lost" : this.isHeard ? "busy" : "silent");
-    if (this.status === "silent") this.timer = this.clock.later(() => this.#deaf(), LOST_AFTER);
+    this.#setStatus(this.isCut ? "lost" : this.isHeard ? "busy" : "silent");
+    if (this.status === "silent") this.#timer = this.clock.later(() => this.#deaf(), LOST_AFTER);
     this.#next();
   }
 
-  // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
-  // is too short, and then it drops all that comes for the model, for good, although the model is shown and can speak.
-  #deaf() {
-    if (!this.isHeard && this.model?.widget_manager?.kernel?.status === "idle") this.#tell("deaf");
+  /**
+   * The kernel of a Jupyter front end, null where it is gone; undefined of other hosts.
+   * @returns {{ status: string } | null | undefined}
+   */
+  get #kernel() {
+    /** @type {any} */
+    const manager = this.model?.widget_manager;
+    return manager?.kernel;
   }
 
-  // A page that opens says so to Python: where nobody hears it, that must be seen before anything is edited. A busy kernel
-  // answers later; of one that is idle, no answer will come.
+  // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
+  // is too short, and then it drops all messages to the model, for good, although the model is shown and can send.
+  #deaf() {
+    if (!this.isHeard && this.#kernel?.status === "idle") this.#setStatus("deaf");
+  }
+
+  /**
+   * Send a first message when a view opens: where no answer comes, that must be seen before anything is edited. A busy
+   * kernel answers later; of one that is idle, no answer will come.
+   */
   greet() {
-    if (this.isHeard || this.isGreeted || this.model?.widget_manager?.kernel === undefined) return; // a host that does not say
-    this.isGreeted = true;
-    try { this.model.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
+    if (this.isHeard || this.#isGreeted || this.#kernel === undefined) return;
+    this.#isGreeted = true;
+    try { this.model?.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
     this.#expectAnswer();
   }
 
   #expectAnswer() {
-    const kernel = this.model?.widget_manager?.kernel;
     if (this.isHeard) return;
-    if (this.isCut || kernel === null) { this.#tell("lost"); return; }
-    this.greeting = this.clock.later(() => { this.#deaf(); this.#expectAnswer(); }, LOST_AFTER);
+    if (this.isCut || this.#kernel === null) { this.#setStatus("lost"); return; }
+    this.#greeting = this.clock.later(() => { this.#deaf(); this.#expectAnswer(); }, LOST_AFTER);
   }
 
-  #tell(status) {
-    if (status === this.status && status !== "lost") return; // what is lost is said of each edit
+  /** @param {string} status */
+  #setStatus(status) {
+    if (status === this.status && status !== "lost") return; // a loss is reported for each edit
     this.status = status;
     this.#notify("status");
   }
 
+  /** @param {Change} what */
   #notify(what) { for (const listener of this.listeners) listener(what); }
 }
 
-// A trait that a hand changes several times before it is done, such as what a band selects. It is told after a rest; until
-// then what Python says of it is from before.
-const REST_OF_HAND = 150; // milliseconds
+const REST = 150; // milliseconds
 
+/**
+ * A trait that the user changes several times in a row, such as the selection of a band. It is sent after a rest; until
+ * then Python's value is old.
+ */
 export class RestingTrait {
-  constructor(model, name) { Object.assign(this, { model, name, timer: null }); }
+  #timer = 0;
 
-  get isAhead() { return this.timer !== null; }
+  /** @param {Model} model @param {string} name */
+  constructor(model, name) {
+    this.model = model;
+    this.name = name;
+  }
 
+  get isAhead() { return this.#timer !== 0; }
+
+  /** @param {any} value */
   tellSoon(value) {
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => {
-      this.timer = null;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => {
+      this.#timer = 0;
       this.model.set(this.name, value);
       this.model.save_changes();
-    }, REST_OF_HAND);
+    }, REST);
   }
 
   close() {
-    clearTimeout(this.timer);
-    this.timer = null;
+    clearTimeout(this.#timer);
+    this.#timer = 0;
   }
 }
 
-// The sender of an editor's bus, made when first asked for; anywidget's `initialize` asks before any view does.
+/**
+ * The sender of an editor's bus, made by the first call, which is that of anywidget's `initialize`.
+ * @param {Bus} bus
+ * @param {Model} model
+ */
 export function senderOf(bus, model) {
   if (!bus.sender) {
     bus.sender = new Sender();
@@ -308,44 +426,61 @@ export function senderOf(bus, model) {
   return bus.sender;
 }
 
-// A value on its way to Python: movements at most two in flight, the newest kept; ends always sent, and none waits behind
-// a movement. Python says in what it shows which end of each page it has seen last: until that is ours, what it shows is
-// from before, and the hand goes first. No DOM.
-
-const MOVES_IN_FLIGHT = 2;
-
+/** A value of one view on its way to Python, such as a curve. */
 export class EditLink {
+  #sentAt = 0;
+  #endedAt = 0;
+  /** @type {any} a movement that waits, null for none */
+  #pending = null;
+
+  /**
+   * @param {(message: any) => void} send
+   * @param {() => number} [now]  milliseconds
+   */
   constructor(send, now = () => performance.now()) {
-    Object.assign(this, { post: send, now, id: Math.random().toString(36).slice(2, 12), seq: 0, last: 0, endedAt: 0,
-      waiting: new Set(), pending: null, sentAt: 0 });
+    this.post = send;
+    this.now = now;
+    this.id = newId();
+    this.seq = 0;
+    this.last = 0; // number of the last end
+    /** @type {Set<number>} */
+    this.waiting = new Set();
   }
 
+  /** Send a value during a drag. @param {any} value */
   move(value) {
-    if (this.waiting.size && this.now() - this.sentAt > LOST_AFTER) this.waiting.clear();
-    if (this.waiting.size >= MOVES_IN_FLIGHT) { this.pending = value; return; }
+    if (this.waiting.size && this.now() - this.#sentAt > LOST_AFTER) this.waiting.clear();
+    if (this.waiting.size >= MOST_IN_FLIGHT) { this.#pending = value; return; }
     this.#send("move", value);
   }
 
+  /** Send a value at the end of an edit. @param {any} value */
   end(value) {
-    this.pending = null;
+    this.#pending = null;
     this.#send("end", value);
     this.last = this.seq;
-    this.endedAt = this.now();
+    this.#endedAt = this.now();
   }
 
+  /** Take the answer to a message. @param {number} seq */
   done(seq) {
     this.waiting.delete(seq);
-    if (this.pending === null || this.waiting.size >= MOVES_IN_FLIGHT) return;
-    const value = this.pending;
-    this.pending = null;
+    if (this.#pending === null || this.waiting.size >= MOST_IN_FLIGHT) return;
+    const value = this.#pending;
+    this.#pending = null;
     this.#send("move", value);
   }
 
-  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.endedAt < TRUSTED_FOR; }
+  /**
+   * Whether Python's value is older than ours. `seen`: the last end that it has received of each view.
+   * @param {Record<string, number> | null | undefined} seen
+   */
+  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < TRUSTED_FOR; }
 
+  /** @param {"move" | "end"} phase @param {any} value */
   #send(phase, value) {
     this.seq += 1;
-    if (phase === "move") { this.waiting.add(this.seq); this.sentAt = this.now(); }
+    if (phase === "move") { this.waiting.add(this.seq); this.#sentAt = this.now(); }
     this.post({ type: "edit", seq: this.seq, view: this.id, phase, value });
   }
 }

@@ -1,10 +1,24 @@
-// Elements of a page.
+// Elements of the document.
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
 export const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
-export const SLACK = { mouse: 2, pen: 3, touch: 6 }; // CSS pixels: a press that moves less is a click
+/**
+ * CSS pixels: a press that moves less is a click.
+ * @type {Record<string, number>}
+ */
+export const SLACK = { mouse: 2, pen: 3, touch: 6 };
 
+/** @typedef {Record<string, string | number | boolean>} Attributes */
+
+/**
+ * A new HTML element with a class name ("" for none) at the end of a parent.
+ * @template {keyof HTMLElementTagNameMap} T
+ * @param {T} tag
+ * @param {string} className
+ * @param {ParentNode | null} [parent]
+ * @param {Attributes} [attributes]
+ */
 export function pageElement(tag, className, parent, attributes = {}) {
   const made = document.createElement(tag);
   if (className) made.className = className;
@@ -13,6 +27,13 @@ export function pageElement(tag, className, parent, attributes = {}) {
   return made;
 }
 
+/**
+ * A new SVG element at the end of a parent.
+ * @template {keyof SVGElementTagNameMap} T
+ * @param {T} tag
+ * @param {Attributes} attributes
+ * @param {ParentNode | null} [parent]
+ */
 export function svgElement(tag, attributes, parent) {
   const made = document.createElementNS(SVG_SPACE, tag);
   setAttributes(made, attributes);
@@ -20,12 +41,22 @@ export function svgElement(tag, attributes, parent) {
   return made;
 }
 
+/**
+ * Set the attributes that differ.
+ * @param {Element} node
+ * @param {Attributes} attributes
+ */
 export function setAttributes(node, attributes) {
   for (const [name, value] of Object.entries(attributes)) {
-    if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
+    if (node.getAttribute(name) !== String(value)) node.setAttribute(name, String(value));
   }
 }
 
+/**
+ * Set the text of a node if it differs.
+ * @param {Node} node
+ * @param {string} text
+ */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }

@@ -1,43 +1,53 @@
-// The keys and gestures of the editors: one table for what they do, for the list on "?", and for the tips of the buttons.
-// A row is [shown, what it does, {command, keys}]: `keys` are those that the handlers hear, letters small, "Shift+" and
-// "Alt+" before what needs them.
+// The keys and gestures of the editors: one table for the handlers, the list on "?", and the tips of the buttons.
 
 import { OWN_KEYS, pageElement } from "./dom.js";
 
-const MANY_KEYS = ["Points", [
+/**
+ * `keys` are those that the handlers look for, letters small, "Shift+" and "Alt+" before the keys that need them.
+ * @typedef {[shown: string, what: string, about?: { command?: string, keys: string[] }]} KeyRow
+ * @typedef {[title: string, rows: KeyRow[]][]} KeyTable
+ */
+
+/** @type {KeyRow[]} */
+const MANY_KEYS = [
   ["Drag a disc", "move a feature"], ["Drag a ring", "where it was taken"], ["Alt + drag", "move both"],
   ["Del, right click", "delete", { command: "remove", keys: ["Delete", "Backspace"] }],
   ["Home", "put back", { command: "reset", keys: ["Home"] }],
   ["O", "switch on or off", { command: "switch", keys: ["o"] }],
   ["L", "lock, unlock", { command: "lock", keys: ["l"] }],
-]];
+];
 
-const CHOICE_KEYS = ["Choice", [
+/** @type {KeyRow[]} */
+const CHOICE_KEYS = [
   ["Shift + click", "add to the selected"], ["Ctrl + A", "select all", { keys: ["Control+a"] }],
   ["Esc", "select none, give up", { keys: ["Escape"] }],
   ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
   ["Tab", "to the points, to each line", { keys: ["Tab"] }],
-  ["Ctrl + arrows", "next point, the one before", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) }],
+  ["Ctrl + arrows", "next point, the one before",
+    { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) }],
   ["Enter on a point", "select it", { keys: ["Enter"] }],
-]];
+];
 
+/** @type {KeyRow[]} */
 const HISTORY_KEYS = [
   ["Ctrl + Z", "undo", { command: "undo", keys: ["Control+z"] }],
   ["Ctrl + Y", "redo", { command: "redo", keys: ["Control+y", "Control+Shift+z"] }],
 ];
 
+/** @type {KeyRow} */
 const HELP_KEY = ["?", "this list", { command: "help", keys: ["?"] }];
 
+/** @type {KeyTable} */
 export const EDITOR_KEYS = [
   ["Points", [
     ["Double-click, A", "add a point", { command: "add", keys: ["a"] }],
     ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
-    ...MANY_KEYS[1],
+    ...MANY_KEYS,
     ["F2, double-click", "rename", { command: "rename", keys: ["F2"] }],
     ["(Shift +) arrows", "move 1 (10) pixels", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
   ]],
   ["Several points", [
-    ["Drag on the picture", "select by a band"], ...CHOICE_KEYS[1],
+    ["Drag on the picture", "select by a band"], ...CHOICE_KEYS,
     [", and .", "turn by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
     ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
     ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
@@ -69,18 +79,20 @@ export const EDITOR_KEYS = [
   ]],
 ];
 
+/** @type {KeyTable} */
 export const SPACE_EDITOR_KEYS = [
   ["Points", [
     ["Double-click, A", "add a point on the slice, or on what is seen", { command: "add", keys: ["a"] }],
     ["Enter on a picture", "add a point at the cross-hair", { keys: ["Enter"] }],
-    ...MANY_KEYS[1],
+    ...MANY_KEYS,
     ["F2", "rename", { command: "rename", keys: ["F2"] }],
-    ["Arrows", "move by one voxel: points, else the cross-hair", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+    ["Arrows", "move by one voxel: points, else the cross-hair",
+      { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
     ["Shift + arrows", "move by ten"],
     ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
   ]],
   ["Several points", [
-    ["Shift + drag", "select by a band"], ...CHOICE_KEYS[1],
+    ["Shift + drag", "select by a band"], ...CHOICE_KEYS,
     [", and .", "turn in the picture by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
     ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
     ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
@@ -104,47 +116,78 @@ export const SPACE_EDITOR_KEYS = [
   ]],
 ];
 
-// What the live view hears (view/pointer.js). It shows no list; they are kept here so that one table holds all keys.
+/**
+ * Keys of the live view (view/pointer.js). It shows no list; they are kept here so that one module holds all keys.
+ * @type {KeyTable}
+ */
 export const VIEW_KEYS = [["View", [
   ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
   ["+, -", "zoom", { keys: ["+", "=", "-"] }], ["0", "as at first", { keys: ["0"] }],
   ["Hold space", "before", { keys: [" "] }],
 ]]];
 
+/** @param {KeyTable} table */
 export function keyRows(table) { return table.flatMap(([, rows]) => rows); }
 
-// Buttons that share a row of the table with others, and the key of theirs.
+/**
+ * Buttons that share a row of the table with others: the row's command, and the key of the button.
+ * @type {Record<string, [row: string, key: string]>}
+ */
 const SAME_ROW = { "zoom-in": ["zoom", "+"], "zoom-out": ["zoom", "-"], "turn-left": ["rotate", "Shift + ,"],
   "turn-right": ["rotate", "Shift + ."] };
 
+/** @param {KeyTable} table @param {string} given */
 function keyRow(table, given) {
   const command = SAME_ROW[given]?.[0] ?? given;
   return keyRows(table).find(([, , about]) => about?.command === command);
 }
 
-// What a key commands, for keys of which one command is all they do.
-export function commandOf(table, key) { return keyRows(table).find(([, , about]) => about?.keys?.includes(key))?.[2].command ?? null; }
+/**
+ * The command of a key, for keys of which one command is all they do; else null.
+ * @param {KeyTable} table
+ * @param {string} key
+ */
+export function commandOf(table, key) {
+  return keyRows(table).find(([, , about]) => about?.keys.includes(key))?.[2]?.command ?? null;
+}
 
-// The keys as they are shown, "" for none.
+/**
+ * The keys of a command as they are shown, "" for none.
+ * @param {KeyTable} table
+ * @param {string} command
+ */
 export function keyWords(table, command) { return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? ""; }
 
-// The tip of a button: what it does, and by which keys.
+/**
+ * The tip of a button: what it does, and by which keys.
+ * @param {KeyTable} table
+ * @param {string} command
+ * @param {string} text
+ */
 export function tipOf(table, command, text) {
   const words = keyWords(table, command);
   return words ? `${text} (${words.replaceAll(" + ", "+")})` : text;
 }
 
-// The same for the browser: aria-keyshortcuts.
+/**
+ * The same for the browser: aria-keyshortcuts.
+ * @param {KeyTable} table
+ * @param {string} command
+ */
 export function shortcutsOf(table, command) {
-  const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2].keys ?? [];
-  return keys.map((key) => (key.length === 1 ? key.toUpperCase() : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`)))
-    .join(" ");
+  const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2]?.keys ?? [];
+  return keys.map((key) => (key.length === 1 ? key.toUpperCase()
+    : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`))).join(" ");
 }
 
-// The list over the picture. `open` and `close` of the page show it.
+/**
+ * The list over the picture, hidden at first.
+ * @param {Element} parent
+ * @param {KeyTable} [table]
+ */
 export function helpPanel(parent, table = EDITOR_KEYS) {
-  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures", hidden: "",
-    "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
+  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
+    hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
   const list = pageElement("div", "dnb-ed-entries", panel);
   for (const [title, rows] of table) {
     const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });

@@ -1,28 +1,37 @@
 // A small cube in a corner that turns with the camera: its faces bear the letters of a patient's sides, and a click on
 // one looks from there. Where one face hides all others, arrows beside it lead to its neighbours.
 
-import { cross, dot, scaled, unitVector } from "../maths/camera.js";
+import { cross, dot, scaled } from "../maths/camera.js";
 import { OWN_KEYS, pageElement, svgElement } from "./dom.js";
 import { VIEW_NAMES, VIEW_TITLES } from "./view_parts.js";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
-const FLAT = 0.985; // a face that is seen as straight as this hides the others
+const FLAT = 0.985; // cosine: a face that is seen as straight as this hides the others
+
+/** @type {(a: number[]) => number[]} */
+const unit = (a) => scaled(a, 1 / Math.hypot(...a));
 
 export class OrientationCube {
-  /** parent: the element around it; choose(view) is called with the name of a view, home() with nothing. */
+  /**
+   * @param {Element} parent
+   * @param {(view: string) => void} choose  called with the name of a view
+   * @param {() => void} home
+   */
   constructor(parent, choose, home) {
     this.root = pageElement("div", "dnb-compass", parent);
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
     this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
     this.arrows = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) => {
-      const arrow = svgElement("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
+      const path = svgElement("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
         transform: `translate(50 50) rotate(${(-Math.atan2(y, x) * 180) / Math.PI})` }, this.svg);
-      arrow.addEventListener("click", () => { if (arrow.view) choose(arrow.view); });
-      return { arrow, x, y };
+      const arrow = { path, x, y, view: "" };
+      path.addEventListener("click", () => { if (arrow.view) choose(arrow.view); });
+      return arrow;
     });
     this.#buttons(choose, home);
   }
 
+  /** @param {string} view @param {string} letter @param {(view: string) => void} choose */
   #face(view, letter, choose) {
     const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
     svgElement("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
@@ -33,11 +42,17 @@ export class OrientationCube {
     return { view, group, sheet };
   }
 
-  // The same for the keyboard and for screen readers: out of sight until one of them has the focus.
+  /**
+   * The same for the keyboard and for screen readers: out of sight until one of them has the focus.
+   * @param {(view: string) => void} choose
+   * @param {() => void} home
+   */
   #buttons(choose, home) {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
+    /** @type {(text: string, title: string, label: string, action: () => void, parent: Element) => void} */
     const add = (text, title, label, action, parent) => {
-      const button = pageElement("button", "dnb-button", parent, { type: "button", title, "aria-label": label, ...OWN_KEYS });
+      const button = pageElement("button", "dnb-button", parent,
+        { type: "button", title, "aria-label": label, ...OWN_KEYS });
       button.textContent = text;
       button.addEventListener("click", action);
     };
@@ -47,11 +62,17 @@ export class OrientationCube {
     add("\u27f2", "reset (0 or double click)", "reset the view", home, pageElement("div", "dnb-home", this.root));
   }
 
-  /** views: direction and up of each view; camera: direction, up and right. All in space. */
+  /**
+   * Draw the cube as the camera sees it. All vectors are in space.
+   * @param {Record<string, { direction: number[], up: number[] }>} views
+   * @param {{ direction: number[], up: number[], right: number[] }} camera
+   */
   draw(views, { direction, up, right }) {
     const sides = this.faces.map(({ view, group, sheet }) => {
-      const n = scaled(unitVector(views[view].direction), -1), top = unitVector(views[view].up), across = cross(top, n);
-      const near = -dot(n, direction), flat = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
+      const n = scaled(unit(views[view].direction), -1), top = unit(views[view].up), across = cross(top, n);
+      /** @type {(v: number[], k: number) => number[]} */
+      const flat = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
+      const near = -dot(n, direction);
       const [a, b] = flat(across, 0.1), [c, d] = flat(top, -0.1), [e, f] = flat(n, 1); // a face is 20 units wide
       group.setAttribute("transform", `matrix(${[a, b, c, d, 50 + e, 50 + f].map((x) => x.toFixed(3)).join(" ")})`);
       group.style.display = near > 0.02 ? "" : "none";
@@ -59,10 +80,10 @@ export class OrientationCube {
       return { view, near, x: dot(n, right), y: dot(n, up) };
     });
     const isFlat = sides.some(({ near }) => near > FLAT);
-    for (const { arrow, x, y } of this.arrows) {
-      const best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
-      arrow.view = isFlat ? best.view : null;
-      arrow.style.display = isFlat ? "" : "none";
+    for (const arrow of this.arrows) {
+      const { path, x, y } = arrow, best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
+      arrow.view = isFlat ? best.view : "";
+      path.style.display = isFlat ? "" : "none";
     }
   }
 }

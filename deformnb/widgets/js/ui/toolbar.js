@@ -1,9 +1,24 @@
-// The buttons over the picture, and the menu of those that are rarely used. Needs ui/dom.js and ui/key_help.js.
+// The buttons over the picture, and the menu of those that are rarely used.
 
+/** @import { KeyTable } from "./key_help.js" */
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.js";
 import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./key_help.js";
 
-// Icons of 16 x 16, drawn with lines of the text's colour.
+/**
+ * A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ...
+ * @typedef {[command: string, label: string, tip: string, stays?: boolean, needs?: Need]} ToolEntry
+ * @typedef {"points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future"} Need
+ */
+
+/**
+ * The page around a toolbar: `guard` shows an error of f, `run` does a command.
+ * @typedef {{ guard: (f: () => void) => void, run: (command: string, focused: null) => void }} ToolPage
+ */
+
+/**
+ * Icons of 16 x 16, drawn with lines of the text's colour.
+ * @type {Record<string, string>}
+ */
 const ICONS = {
   add: "M8 3v10M3 8h10",
   select: "M2.5 5V2.5H5M8 2.5h3M13.5 4.5V6M2.5 8v3M2.5 13.5H6M8 7l6 2.4-2.6 1L10.3 13z",
@@ -25,7 +40,8 @@ const ICONS = {
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   go: "M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4M8 8h.01",
   smudge: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
-  size: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
+  size: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
+    "M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
   lock: "M4 7.5h8v6H4zM5.5 7.5V5a2.5 2.5 0 0 1 5 0v2.5",
   mirror: "M8 1.5v13M6 4L2 12h4zM10 4l4 8h-4z",
   "mirror-axis": "M1.5 8h13M4 6l8-4v4zM4 10l8 4v-4z",
@@ -37,7 +53,7 @@ const ICONS = {
   help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
 };
 
-// command, label, tip, whether it stays pressed, what it needs: points, a selection, or history
+/** @type {ToolEntry[][]} */
 const GROUPS = [
   [["add", "Add", "Add points: click where", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
@@ -56,27 +72,41 @@ const GROUPS = [
   [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
 ];
 
-// The menu: groups of the same, each with the words of its line.
+/**
+ * The menu: groups of the same, each with the words of its line.
+ * @type {ToolEntry[][]}
+ */
 const MORE = [
   [["mirror", "Mirror", "Do the same on both sides of a line", true],
     ["mirror-axis", "Mirror the other way", "Lay the line of the mirror level or upright", false],
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
     ["stop", "Stop at folds", "Hold points back before the picture folds", true],
     ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"]],
-  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it", false, "points_selected"],
+  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it",
+    false, "points_selected"],
     ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right", false, "points_selected"],
     ["turn", "Turn a line over", "Turn the chosen line over to its other side", false, "turns"]],
   [["radius", "Reach of points", "Show how far points reach", true],
     ["zoom-in", "Zoom in", "Zoom in", false], ["zoom-out", "Zoom out", "Zoom out", false]],
 ];
 
-export const EDITS = ["add", "cut", "part", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo", "smudge", "size",
-  "lock", "turn-left", "turn-right"]; // what nobody can do with points that are only shown
+/** The commands that are disabled for points that are only shown. */
+export const EDITS = ["add", "cut", "part", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
+  "smudge", "size", "lock", "turn-left", "turn-right"];
 
 export class Toolbar {
+  /**
+   * @param {ToolPage} page
+   * @param {HTMLElement} parent
+   * @param {ToolEntry[][]} [groups]
+   * @param {KeyTable} [table]
+   * @param {ToolEntry[][]} [more]
+   */
   constructor(page, parent, groups = GROUPS, table = EDITOR_KEYS, more = MORE) {
+    this.parent = parent;
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
     this.page = page;
+    /** @type {Map<string, { button: HTMLButtonElement, tip: string, needs?: Need, isItem?: boolean }>} */
     this.buttons = new Map();
     for (const group of groups) {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
@@ -86,7 +116,7 @@ export class Toolbar {
         if (label) pageElement("span", "dnb-ed-label", button).textContent = label;
         if (stays) button.setAttribute("aria-pressed", "false");
         button.tabIndex = this.buttons.size ? -1 : 0; // one stop for Tab, arrows between the buttons
-        if (command === "more") button.addEventListener("click", () => page.guard(() => this.menu.toggle()));
+        if (command === "more") button.addEventListener("click", () => page.guard(() => this.menu?.toggle()));
         else button.addEventListener("click", () => page.guard(() => page.run(command, null)));
         this.buttons.set(command, { button, tip, needs });
       }
@@ -95,6 +125,13 @@ export class Toolbar {
     this.menu = opener ? new MoreMenu(this, opener, more, table) : null;
   }
 
+  /**
+   * @param {string} name
+   * @param {Element} parent
+   * @param {string} command
+   * @param {string} tip
+   * @param {KeyTable} table
+   */
   #button(name, parent, command, tip, table) {
     const keys = shortcutsOf(table, command);
     const button = pageElement("button", name, parent, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS,
@@ -104,7 +141,12 @@ export class Toolbar {
     return button;
   }
 
-  // A line of the menu.
+  /**
+   * A line of the menu.
+   * @param {Element} parent
+   * @param {ToolEntry} entry
+   * @param {KeyTable} table
+   */
   item(parent, [command, label, text, stays, needs], table) {
     const tip = tipOf(table, command, text), item = this.#button("dnb-ed-item", parent, command, tip, table);
     setAttributes(item, { role: stays ? "menuitemcheckbox" : "menuitem", tabindex: "-1",
@@ -115,9 +157,14 @@ export class Toolbar {
     return item;
   }
 
-  update({ count, selected, pointsSelected = selected, turns, past, future, steps, pressed, readOnly }) {
-    const met = { points: count > 0, selection: selected > 0, points_selected: pointsSelected > 0, one: selected === 1, turns,
-      past, future };
+  /**
+   * Enable and press the buttons by the state of the editor. `steps` are the words for the next undo and redo.
+   * @param {{ count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean,
+   *   future: boolean, steps: Record<string, string>, pressed: string[], readOnly: boolean }} state
+   */
+  update({ count, selected, pointsSelected = selected, turns = false, past, future, steps, pressed, readOnly }) {
+    const met = { points: count > 0, selection: selected > 0, points_selected: pointsSelected > 0, one: selected === 1,
+      turns, past, future };
     for (const [command, { button, tip, needs }] of this.buttons) {
       const isOff = (needs !== undefined && !met[needs]) || (readOnly && EDITS.includes(command));
       if (button.ariaDisabled !== String(isOff)) button.setAttribute("aria-disabled", String(isOff));
@@ -128,7 +175,12 @@ export class Toolbar {
     }
   }
 
-  // Where Python owns the history, the tip says what would be undone.
+  /**
+   * Set the tip of a button. Where Python owns the history, it names the step that would be undone.
+   * @param {HTMLElement} button
+   * @param {string} tip
+   * @param {string | undefined} step
+   */
   #say(button, tip, step) {
     const text = step ? tip.replace(" (", ` ${step} (`) : tip;
     if (button.title === text) return;
@@ -136,8 +188,14 @@ export class Toolbar {
     button.setAttribute("aria-label", text);
   }
 
+  /** @param {string} command */
   isOff(command) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
 
+  /**
+   * Move the focus from a button to its neighbour; false for keys that do not.
+   * @param {HTMLButtonElement} button
+   * @param {string} key
+   */
   focusNext(button, key) {
     if (key === "ArrowUp" || key === "ArrowDown") return false;
     const all = [...this.buttons.values()].filter((b) => !b.isItem).map((b) => b.button), at = all.indexOf(button);
@@ -148,25 +206,36 @@ export class Toolbar {
   }
 }
 
-// A menu of tools under its button; it goes when something in it is chosen, by Escape, and when the focus leaves it.
+/** A menu of tools under its button; it closes when an item is chosen, by Escape, and when the focus leaves it. */
 class MoreMenu {
+  /**
+   * @param {Toolbar} toolbar
+   * @param {HTMLElement} opener
+   * @param {ToolEntry[][]} groups
+   * @param {KeyTable} table
+   */
   constructor(toolbar, opener, groups, table) {
-    Object.assign(this, { toolbar, opener, items: [] });
+    this.toolbar = toolbar;
+    this.opener = opener;
+    /** @type {HTMLElement[]} */
+    this.items = [];
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
-    this.root = pageElement("div", "dnb-ed-more", toolbar.root.parentElement, { role: "menu", "aria-label": "More tools", hidden: "" });
+    this.root = pageElement("div", "dnb-ed-more", toolbar.parent,
+      { role: "menu", "aria-label": "More tools", hidden: "" });
     this.isOverAll = typeof this.root.showPopover === "function"; // older browsers show it inside the editor
     if (this.isOverAll) this.root.popover = "manual";
     groups.forEach((group, k) => {
       if (k > 0) pageElement("div", "dnb-ed-line", this.root, { "aria-hidden": "true" });
       for (const entry of group) this.items.push(toolbar.item(this.root, entry, table));
     });
-    const { page } = toolbar, on = (name, handler) => this.root.addEventListener(name, (event) => page.guard(() => handler(event)));
-    on("click", (event) => this.#choose(event.target.closest(".dnb-ed-item")));
-    on("keydown", (event) => this.#key(event));
-    on("focusout", (event) => {
-      if (!this.root.contains(event.relatedTarget) && event.relatedTarget !== this.opener) this.close(false);
-    });
-    this.leave = ({ target }) => { if (target !== this.root) this.close(); }; // it would stay behind what scrolls
+    const { page } = toolbar;
+    this.root.addEventListener("click", ({ target }) => page.guard(() => this.#choose(target)));
+    this.root.addEventListener("keydown", (event) => page.guard(() => this.#key(event)));
+    this.root.addEventListener("focusout", ({ relatedTarget: next }) => page.guard(() => {
+      if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);
+    }));
+    /** @type {(event: Event) => void} */
+    this.leave = ({ target }) => { if (target !== this.root) this.close(); }; // it would not move with what scrolls
   }
 
   get isOpen() { return !this.root.hidden; }
@@ -183,9 +252,10 @@ class MoreMenu {
 
   // Under its button, as far as there is room.
   #place() {
-    const box = this.opener.getBoundingClientRect(), around = this.toolbar.root.parentElement.getBoundingClientRect();
+    const box = this.opener.getBoundingClientRect(), around = this.toolbar.parent.getBoundingClientRect();
     const frame = this.isOverAll ? { left: 0, top: 0, width: window.innerWidth } : around;
-    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8), top = box.bottom - frame.top + 2;
+    const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8);
+    const top = box.bottom - frame.top + 2;
     const room = this.isOverAll ? window.innerHeight - this.root.offsetHeight - 8 : top;
     Object.assign(this.root.style, { left: `${Math.max(4, left)}px`, top: `${Math.max(4, Math.min(top, room))}px` });
   }
@@ -193,23 +263,31 @@ class MoreMenu {
   close(givesBack = true) {
     if (!this.isOpen) return;
     for (const name of ["scroll", "resize"]) window.removeEventListener(name, this.leave, { capture: true });
-    const { activeElement } = this.root.getRootNode(), hadFocus = this.root.contains(activeElement);
+    const place = /** @type {Document | ShadowRoot} */ (this.root.getRootNode());
+    const hadFocus = this.root.contains(place.activeElement);
     this.root.hidden = true; // a second close, by the focus that leaves, finds it closed
     if (this.isOverAll && this.root.isConnected) this.root.hidePopover();
     this.opener.setAttribute("aria-expanded", "false");
     if (givesBack && hadFocus) this.opener.focus({ preventScroll: true });
   }
 
-  #choose(item) {
-    if (!item || item.getAttribute("aria-disabled") === "true") return;
+  /** @param {EventTarget | null} target */
+  #choose(target) {
+    const item = target instanceof Element ? target.closest(".dnb-ed-item") : null;
+    const command = item?.getAttribute("data-command");
+    if (!item || !command || item.getAttribute("aria-disabled") === "true") return;
     this.close();
-    this.toolbar.page.run(item.dataset.command, null);
+    this.toolbar.page.run(command, null);
   }
 
+  /** @param {KeyboardEvent} event */
   #key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { items } = this, at = items.indexOf(event.target);
-    const next = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 }[event.key];
+    const { items } = this, at = event.target instanceof HTMLElement ? items.indexOf(event.target) : -1;
+    /** @type {Record<string, number>} */
+    const places = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 };
+    /** @type {number | undefined} */
+    const next = places[event.key];
     if (next !== undefined) items[next % items.length].focus();
     else if (event.key === "Escape") this.close();
     else if (event.key !== "Enter" && event.key !== " ") { if (event.key !== "Tab") event.stopPropagation(); return; }

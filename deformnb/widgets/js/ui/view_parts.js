@@ -1,24 +1,35 @@
-// How long things are on a picture: a bar of 1, 2 or 5 times a power of ten, as long as it is in the volume.
+// Small parts of a view: its scale bar, size, captions and letters of directions, its theme, and the alternation of
+// the layers of a picture that flickers.
+
+/** @import { Model, Sides } from "../types.d.ts" */
 
 import { scaled, sideOf } from "../maths/camera.js";
 import { pageElement, setText } from "./dom.js";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
-const NO_SCALE = "In perspective no length holds for the whole picture: what is near is larger. Parallel views have a scale.";
+const NO_SCALE = "In perspective no length holds for the whole picture: what is near is larger. " +
+  "Parallel views have a scale.";
 
-/** The largest of 1, 2, 5 times a power of ten that is at most so long. */
+/** The largest of 1, 2, 5 times a power of ten that is at most so long. @param {number} most */
 function roundLength(most) {
-  const ten = 10 ** Math.floor(Math.log10(most) + 1e-9), times = [5, 2, 1].find((n) => n * ten <= most * (1 + 1e-9)) ?? 1;
-  return times * ten;
+  const ten = 10 ** Math.floor(Math.log10(most) + 1e-9);
+  return ten * ([5, 2, 1].find((n) => n * ten <= most * (1 + 1e-9)) ?? 1);
 }
 
-/** A round length with its unit: 50 mm, 20 m where mm would have five digits, 20 \u00b5m below a tenth of a mm. */
+/**
+ * A round length with its unit: 50 mm, 20 m where mm would have five digits, 20 \u00b5m below a tenth of a mm.
+ * @param {number} length
+ * @param {string} unit
+ */
 export function lengthText(length, unit) {
-  const [factor, name] = unit !== "mm" ? [1, unit] : length >= 1e4 ? [1e-3, "m"] : length < 0.1 ? [1e3, "\u00b5m"] : [1, unit];
+  const [factor, name] = unit === "mm" && length >= 1e4 ? [1e-3, "m"]
+    : unit === "mm" && length < 0.1 ? [1e3, "\u00b5m"] : [1, unit];
   return `${Number((length * factor).toPrecision(1))} ${name}`;
 }
 
+/** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */
 class ScaleBar {
+  /** @param {Element} root */
   constructor(root) {
     this.root = root;
     this.element = pageElement("div", "dnb-scale", root, { hidden: "" });
@@ -26,92 +37,143 @@ class ScaleBar {
     this.bar = pageElement("div", "dnb-scale-bar", this.element, { "aria-hidden": "true" });
   }
 
-  /** height: the length in space that the picture is high; bend: of a perspective; unit: none shows no bar; parts: side by side. */
+  /**
+   * @param {{ height: number, bend: number }} camera  height: of the view, a length in space; bend: of a perspective
+   * @param {string | null | undefined} unit  none shows no bar
+   * @param {number} [parts]  pictures side by side
+   */
   write({ height, bend }, unit, parts = 1) {
     const { clientWidth, clientHeight } = this.root;
-    this.element.hidden = !(unit && height > 0 && clientHeight > 0);
-    if (this.element.hidden) return;
+    const isShown = unit && height > 0 && clientHeight > 0;
+    this.element.hidden = !isShown;
+    if (!isShown) return;
     this.element.classList.toggle("dnb-scale-none", bend > 0);
     this.element.title = bend > 0 ? NO_SCALE : "";
     if (bend > 0) { setText(this.text, "perspective"); return; }
-    const pixel = height / clientHeight, most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * clientWidth) / parts));
-    const length = roundLength(most * pixel);
+    const most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * clientWidth) / parts));
+    const pixel = height / clientHeight, length = roundLength(most * pixel);
     this.bar.style.width = `${(length / pixel).toFixed(1)}px`;
     setText(this.text, lengthText(length, unit));
   }
 }
 
-// Small parts of a view's page: its size, captions and letters of directions, the page's theme, the turns of
-// a picture that flickers.
-
+/** @type {Record<string, string>} */
 export const VIEW_NAMES = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
-export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right", S: "from above",
-  I: "from below" };
+/** @type {Record<string, string>} */
+export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right",
+  S: "from above", I: "from below" };
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
-/** Gives a view's root the size that its model asks for, as far as there is room; returns its pixels. */
+/**
+ * Give a view's root the size of its model's traits, as far as there is room; returns its size in pixels.
+ * @param {HTMLElement} root
+ * @param {HTMLElement} host
+ * @param {Model} model
+ */
 export function sized(root, host, model) {
   const width = model.get("width"), height = model.get("height");
   root.style.width = `${width}px`;
   root.style.setProperty("--dnb-shape", `${width} / ${height}`);
   root.style.maxHeight = `${height}px`;
-  root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // the size of the box it stands in instead
+  root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // instead the size of the box around it
   host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
   const ratio = Math.min(2, window.devicePixelRatio || 1), box = root.getBoundingClientRect();
   return [(box.width || width) * ratio, (box.height || height) * ratio].map(Math.round);
 }
 
+/** @type {Record<string, string[]>} */
 const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
-/** What people must know of what they see. */
+/**
+ * Remarks on the picture for the user.
+ * @param {{ info?: { note?: string } | null, field?: { coarse?: boolean } | null, caster?: { folds?: any } | null,
+ *   isScarce?: boolean }} view
+ */
 export function remarksOn({ info, field, caster, isScarce }) {
-  return [info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note, field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
+  return [info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note,
+    field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
 }
 
-/** What stands over each picture; layer: the one that is seen of a picture that flickers. */
-export function captionsOf(shows, layer) { return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows]; }
+/**
+ * The caption of each picture; layer: the one that is seen of a picture that flickers.
+ * @param {string} shows
+ * @param {number} layer
+ */
+export function captionsOf(shows, layer) {
+  return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows];
+}
 
-/** The same in words, behind a name. */
+/** The same in words, to follow a name. @param {string} shows */
 export function aboutShown(shows) {
-  return { deformed: "", flicker: ", original and deformed in turn" }[shows] ?? `, ${CAPTIONS[shows].join(" and ")}`;
+  if (shows === "deformed") return "";
+  return shows === "flicker" ? ", original and deformed in turn" : `, ${CAPTIONS[shows].join(" and ")}`;
 }
 
-/** What is seen in a canvas of this width: see FrameLoop. */
+/** @typedef {{ layer: number, original: boolean, x: number, width: number }} Picture */
+
+/**
+ * The pictures in a canvas of this width: see FrameLoop.
+ * @param {string} shows
+ * @param {number} width
+ */
 export function picturesOf(shows, width) {
-  const one = (layer, original, x, w) => ({ layer, original, x, width: w }), half = Math.floor(width / 2);
+  /** @type {(layer: number, original: boolean, x: number, w: number) => Picture} */
+  const one = (layer, original, x, w) => ({ layer, original, x, width: w });
+  const half = Math.floor(width / 2);
   if (shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
   if (shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
   return [one(0, shows === "original", 0, width)];
 }
 
-/** The corners of a box along the axes of a volume, from its middle, in space. */
+/**
+ * The corners of a box along the axes of a volume, from its middle, in space.
+ * @param {Sides} box
+ * @param {number[][]} axes
+ */
 export function boxCorners({ low, high }, axes) {
   const half = low.map((l, i) => (high[i] - l) / 2);
   return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
     sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
 }
 
-/** Hears what a model tells; what goes wrong is said, and `handlers` keeps what is to be taken off at the end. */
+/** @typedef {[name: string, handler: (...args: any[]) => void][]} Handlers */
+
+/**
+ * Handle an event of a model; errors go to `fail`, and `handlers` collects the handlers to be removed at the end.
+ * @param {Model} model
+ * @param {string} name
+ * @param {(...args: any[]) => any} handler
+ * @param {Handlers} handlers
+ * @param {(error: unknown) => void} fail
+ */
 export function listen(model, name, handler, handlers, fail) {
+  /** @type {(...args: any[]) => void} */
   const guarded = (...args) => {
     try {
       const result = handler(...args);
-      if (result && result.catch) result.catch(fail);
+      result?.catch?.(fail);
     } catch (error) { fail(error); }
   };
   model.on(name, guarded);
   handlers.push([name, guarded]);
 }
 
-/** What ends a page that has just been drawn. */
+/**
+ * The function that closes a view that has just been drawn.
+ * @param {{ root: HTMLElement, close: () => void }} page
+ */
 export function opened(page) {
-  page.root.deformnb = page; // for tests and for whoever looks into the page
+  Object.assign(page.root, { deformnb: page }); // for tests and for debugging
   return () => page.close();
 }
 
-/** What a FrameLoop has measured, as Python is told. */
+/**
+ * The measurements of a FrameLoop, as they are sent to Python.
+ * @param {{ times: { drag: number[], full: number, passes: number, frames: number }, scale: number,
+ *   caster: { canvas: { width: number, height: number } } }} loop
+ */
 export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { canvas } }) {
   const sorted = [...drag].sort((a, b) => a - b);
   return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width: canvas.width,
@@ -120,16 +182,18 @@ export function measuredBy({ times: { drag, full, passes, frames }, scale, caste
 
 /** A caption and four letters of directions over each picture that is seen, one or two side by side, and a scale. */
 export class Frames {
+  /** @param {Element} root */
   constructor(root) {
     this.scale = new ScaleBar(root);
     this.frames = [0, 1].map(() => {
       const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
       return { frame, caption: pageElement("div", "dnb-caption", frame),
-        letters: ["left", "right", "top", "bottom"].map((side) => pageElement("span", `dnb-letter dnb-${side}`, frame)) };
+        letters: ["left", "right", "top", "bottom"].map(
+          (side) => pageElement("span", `dnb-letter dnb-${side}`, frame)) };
     });
   }
 
-  /** captions: one for each picture; empty shows none. */
+  /** @param {string[]} captions  one for each picture; an empty one is hidden */
   show(captions) {
     this.frames.forEach(({ frame, caption }, i) => {
       frame.hidden = i >= captions.length;
@@ -140,7 +204,11 @@ export class Frames {
     });
   }
 
-  /** unit: of lengths; without one nothing is told of them. */
+  /**
+   * Write the letters of the directions and the scale.
+   * @param {{ right: number[], up: number[], height: number, bend: number }} camera
+   * @param {string | null | undefined} unit  of lengths; without one there is no scale
+   */
   write(camera, unit) {
     const { right, up } = camera;
     this.scale.write(camera, unit, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
@@ -149,8 +217,9 @@ export class Frames {
   }
 }
 
-/** Whether the page around is dark: by Jupyter's word, by the colours of VS Code, else by the browser's preference. */
+/** The theme of the document around: from Jupyter's attribute, the colours of VS Code, or the browser's preference. */
 export class PageTheme {
+  /** @param {Element} root @param {() => void} changed */
   constructor(root, changed) {
     this.probe = pageElement("span", "dnb-paper", root, { hidden: "" });
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -162,7 +231,7 @@ export class PageTheme {
   }
 
   get name() {
-    const told = document.body.dataset.jpThemeLight; // Jupyter's own word: in Voila the colours come after the widgets
+    const told = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
     if (told !== undefined) return told === "false" ? "dark" : "light";
     const [r, g, b, alpha = 1] = (getComputedStyle(this.probe).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
     const isDark = alpha > 0 && b !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
@@ -175,19 +244,28 @@ export class PageTheme {
   }
 }
 
-/** Turns between two layers, while it can be seen and motion is welcome; else a press turns them. */
+/** Alternates two layers while they are visible and the user does not prefer reduced motion; else a press does. */
 export class Flicker {
+  /** @param {Element} root @param {(layer: number) => void} flip */
   constructor(root, flip) {
-    Object.assign(this, { flip, layer: 0, isOn: false, isPaused: false, isSeen: true });
+    this.flip = flip;
+    this.layer = 0;
+    this.isOn = false;
+    this.isPaused = false;
+    this.isSeen = true;
+    this.timer = 0;
     this.still = window.matchMedia("(prefers-reduced-motion: reduce)");
     this.look = () => this.#run();
     this.still.addEventListener("change", this.look);
     document.addEventListener("visibilitychange", this.look);
-    this.observer = new IntersectionObserver((entries) => { this.isSeen = entries.at(-1).isIntersecting; this.#run(); });
+    this.observer = new IntersectionObserver((entries) => {
+      this.isSeen = Boolean(entries.at(-1)?.isIntersecting);
+      this.#run();
+    });
     this.observer.observe(root);
   }
 
-  /** Starts or ends; either way the first layer is shown. */
+  /** Start or end; either way the first layer is shown. @param {boolean} isOn */
   set(isOn) {
     this.isOn = isOn;
     this.isPaused = false;
@@ -200,7 +278,10 @@ export class Flicker {
     this.flip(this.layer);
   }
 
-  /** Space: where nothing moves by itself it turns, elsewhere it stops and goes on. A click turns, never stops. */
+  /**
+   * A press: with reduced motion it shows the other layer; else the space key stops and continues.
+   * @param {boolean} isKey
+   */
   press(isKey) {
     if (!this.isOn) return false;
     if (this.still.matches) this.turn();
