@@ -1,7 +1,7 @@
 // The curve editor: f(z) over the depth, drawn by hand or given by a formula.
 
+/** @import { NodeRules } from "../maths/curves.js" */
 /** @import { Model } from "../types.d.ts" */
-/** @import { CurveRules } from "./curve_plot.js" */
 
 import { shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
@@ -106,7 +106,7 @@ class CurveEditorPage extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  /** @returns {CurveRules} */
+  /** @returns {NodeRules} */
   rules() { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
 
   /** @returns {number[][]} */

@@ -1,6 +1,7 @@
 // A plot with a curve through nodes that are dragged, added and removed. A widget extends it and defines its axes:
 // rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
 
+/** @import { NodeRules } from "../maths/curves.js" */
 /** @import { Model } from "../types.d.ts" */
 
 import {
@@ -14,11 +15,6 @@ const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
 /** @type {Record<string, number[]>} */
 export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-
-/**
- * Rules of edits, see maths/curves.js.
- * @typedef {{ x: number[], y: number[], step: number, gap: number, isPinned: boolean, most: number }} CurveRules
- */
 
 /**
  * A drag of a node.
@@ -108,7 +104,7 @@ export class CurvePlot extends EditedPage {
 
   // ---- the axes -----------------------------------------------------------------------------------------------------
 
-  /** The rules of edits. @returns {CurveRules} */
+  /** The rules of edits. @returns {NodeRules} */
   rules() { return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
 
   /** The ends of the axes when nothing is dragged. @returns {number[][]} */

@@ -1,7 +1,8 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
 
+/** @import { NodeRules } from "../maths/curves.js" */
 /** @import { Model } from "../types.d.ts" */
-/** @import { CurveRules, NodeDrag, PlotDrag } from "./curve_plot.js" */
+/** @import { NodeDrag, PlotDrag } from "./curve_plot.js" */
 
 import { lineAt, shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
@@ -873,7 +874,7 @@ class TransferEditorPage extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  /** @returns {CurveRules} */
+  /** @returns {NodeRules} */
   rules() { return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
 
   /** @returns {number[][]} */
