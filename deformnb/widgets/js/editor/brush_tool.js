@@ -18,23 +18,24 @@ const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
+/** A brush in use, its circle and its bar. */
 export class Brush {
   /** @param {EditorPage} page */
   constructor(page) {
     this.page = page;
     /** @type {string | null} */
     this.tool = null;
-    /** Where the circle is, in CSS pixels. @type {number[] | null} */
+    /** The place of the circle in CSS pixels. @type {number[] | null} */
     this.at = null;
-    this.from = [0, 0]; // where the stroke began
+    this.from = [0, 0]; // the start of the stroke
     /** @type {Stroke | null} */
     this.stroke = null;
     this.isByKeys = false;
     this.timer = 0;
     this.bar = pageElement("div", "dnb-ed-brush", page.stage, { hidden: "", role: "group", "aria-label": "Brush" });
     this.title = pageElement("span", "", this.bar);
-    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100, "aria-label": "radius of the brush",
-      ...OWN_KEYS });
+    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100,
+      "aria-label": "radius of the brush", ...OWN_KEYS });
     this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.done = pageElement("button", "dnb-ed-button", this.bar, { type: "button",
       "aria-label": "put the brush away", ...OWN_KEYS });

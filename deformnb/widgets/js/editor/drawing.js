@@ -1,6 +1,6 @@
-// The part that the editor of a picture and that in space have in common: frames, messages, colours of the theme. And the
-// rate at which pictures follow the pointer, which goes to Python with the edit that ends a drag: a message of its own
-// would cost the drag time.
+// The part that the editor of a picture and that in space have in common: frames, messages, colours of the theme. And
+// the rate at which pictures follow the pointer, which goes to Python with the edit that ends a drag: a message of its
+// own would cost the drag time.
 
 import { busOf } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
@@ -9,7 +9,7 @@ import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 /** @import { Model } from "../types.d.ts" */
 /** @typedef {DocumentOrShadowRoot & { readonly activeElement: HTMLElement | SVGElement | null }} Tree */
 
-const FEWEST_PICTURES = 4; // of a drag, below which a rate says nothing
+const FEWEST_PICTURES = 4; // of a drag, below which a rate means nothing
 const MOST_PICTURES = 1200;
 const PAUSE = 400; // milliseconds: after such a rest of the pointer the next picture is not a slow one
 
@@ -78,7 +78,7 @@ const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
  */
 export function treeOf(node) { return /** @type {Tree} */ (/** @type {unknown} */ (node.getRootNode())); }
 
-/** What both editors draw and report. */
+/** The drawing and the messages that both editors share. */
 export class EditorDrawing {
   /** @param {Model} model */
   constructor(model) {
@@ -125,7 +125,7 @@ export class EditorDrawing {
     this.guard(() => this.draw());
   }
 
-  /** Take the colours of the page around, light or dark: Jupyter's and VS Code's variables, else the browser's preference. */
+  /** Take the colours of the page around, light or dark: Jupyter's or VS Code's, else the browser's preference. */
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
     const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
@@ -174,7 +174,7 @@ export class EditorDrawing {
   hideHint(texts) { if (texts.includes(this.tip.textContent)) this.tip.hidden = true; }
 
   /**
-   * Let a screen reader say something.
+   * Give a text to screen readers.
    * @param {string} text
    */
   speak(text) { setText(this.spoken, text); }

@@ -1,5 +1,6 @@
 // The editor of a picture, which follows its control points.
-// To Python: edit and history, by sync/edits.js. From Python: done (sender, seq), error (message), draw (tool), look (id).
+// Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
+// draw (tool), look (id).
 
 import { layeredFit } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
@@ -23,9 +24,8 @@ import { Gestures } from "./pointer.js";
 import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
 import { StatusLine } from "./status_line.js";
 
-/** @import { FitSettings, LayeredFit, Model, Point } from "../types.d.ts" */
+/** @import { FitSettings, LayeredFit, Model, Point, PointsDetail, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */
-/** @import { Shapes } from "./shape_handles.js" */
 /** @typedef {ReturnType<typeof deformedNet>} NetLines */
 /** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
 
@@ -34,11 +34,12 @@ import { StatusLine } from "./status_line.js";
  * @property {() => boolean} focus gives the focus back; false if the named thing is gone
  */
 
-export const SETTINGS = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support", "cut_rule", "stages"];
+export const SETTINGS = ["kernel", "support", "chosen_support", "trend", "smoothing", "strength", "lone_support",
+  "cut_rule", "stages"];
 
 /** Other traits that the drawing depends on. */
-const SHOWN = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius",
-  "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+const SHOWN = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
+  "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
@@ -60,9 +61,10 @@ const COMMANDS = {
   cut: (page) => page.setPen("cut"), part: (page) => page.setPen("part"), ground: (page) => page.setPen("ground"),
   mirror: (page) => page.pointTools.toggleMirror(), "mirror-axis": (page) => page.pointTools.turnMirror(),
   snap: (page) => page.pointTools.toggleSnap(), stop: (page) => page.toggle("stop_at_folds"),
-  "turn-left": (page) => page.pointTools.turnKey(-1, { isLarge: true }),
-  "turn-right": (page) => page.pointTools.turnKey(1, { isLarge: true }),
-  net: (page) => page.toggle("show_net"), radius: (page) => page.toggle("show_radius"), overlay: (page) => page.overlay.next(),
+  "turn-left": (page) => page.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
+  "turn-right": (page) => page.pointTools.turnKey(1, { isLarge: true, isScale: false }),
+  net: (page) => page.toggle("show_net"), radius: (page) => page.toggle("show_radius"),
+  overlay: (page) => page.overlay.next(),
   compare: (page) => { page.isComparing = !page.isComparing; page.invalidate(); },
   "zoom-in": (page) => page.zoomAt(1.25), "zoom-out": (page) => page.zoomAt(0.8), fit: (page) => page.fitView(),
   help: (page) => page.toggleHelp(),
@@ -72,8 +74,10 @@ const COMMANDS = {
  * The same where a shape is chosen.
  * @type {Record<string, (tools: ShapeTools) => void>}
  */
-const SHAPE_COMMANDS = { remove: (tools) => tools.remove(), rename: (tools) => tools.rename(), switch: (tools) => tools.switch(),
-  turn: (tools) => tools.turn() };
+const SHAPE_COMMANDS = {
+  remove: (tools) => tools.remove(), rename: (tools) => tools.rename(), switch: (tools) => tools.switch(),
+  turn: (tools) => tools.turn(),
+};
 
 /** The front end of one view of an editor. */
 export class EditorPage extends EditorDrawing {
@@ -135,9 +139,7 @@ export class EditorPage extends EditorDrawing {
     this.bus.views = (this.bus.views ?? 0) + 1;
     this.sender.receive();
     this.selection = new RestingTrait(model, "selected");
-    /** @type {Point[]} */
     this.points = this.sender.points;
-    /** @type {Shapes} */
     this.shapes = this.sender.shapes;
     /** @type {Set<number>} */
     this.selected = new Set(model.get("selected"));
@@ -160,6 +162,7 @@ export class EditorPage extends EditorDrawing {
     this.ghost = new Ghost(this);
     this.overlay = new Overlay(this);
     this.shapeTools = new ShapeTools(this); // whose shapes lie under the points
+    /** @type {Handles<Point>} */
     this.handles = new Handles(this.svg);
     this.pointTools = new PointTools(this);
     this.pen = new Pen(this);
@@ -194,11 +197,10 @@ export class EditorPage extends EditorDrawing {
     for (const name of SETTINGS) on(`change:${name}`, () => this.changed());
     for (const name of SHOWN) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
-    /** @type {Record<string, () => void>} */
     const news = { points: () => this.receive(), status: () => this.showStatus(),
       history: () => { this.shapeTools.receiveChosen(); this.invalidate(); } };
-    this.#ends.push(sender.listen((/** @type {string} */ what) => this.guard(news[what])));
-    /** @param {CustomEvent} event */
+    this.#ends.push(sender.listen((what) => this.guard(news[what])));
+    /** @param {CustomEvent<PointsDetail>} event */
     const moved = (event) => this.guard(() => this.#receiveMove(event.detail));
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
@@ -251,11 +253,11 @@ export class EditorPage extends EditorDrawing {
     this.changed();
   }
 
-  /** @param {{ origin: string, points: Point[], settings: FitSettings, phase: string }} detail */
+  /** @param {PointsDetail} detail */
   #receiveMove({ origin, points, phase, settings }) {
     if (origin === this.id || this.isDragging) return;
     if (phase !== "move") { this.receive(); return; }
-    this.isFollowing = true; // only the view in which the user drags tells the others
+    this.isFollowing = true; // only the view in which the user drags publishes points
     this.points = points;
     this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
     this.changed(true);
@@ -350,7 +352,8 @@ export class EditorPage extends EditorDrawing {
     const [a0, a1, b0, b1] = this.sheet, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
     const isFilling = Boolean(this.model.get("fill")); // the application gives the editor a place to fill, Jupyter none
     const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH), label = this.model.get("label") || "Picture";
-    const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, (width - 2 * MARGIN) * aspect + 2 * MARGIN)));
+    const whole = (width - 2 * MARGIN) * aspect + 2 * MARGIN;
+    const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, whole)));
     this.stage.style.height = `${height}px`;
     this.stage.classList.toggle("dnb-ed-filling", isFilling);
     this.root.setAttribute("aria-label", `Editor of ${label}`);
@@ -419,7 +422,7 @@ export class EditorPage extends EditorDrawing {
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
     this.#keepInSight();
     this.moving();
-    this.stage.scrollIntoView({ block: "nearest" }); // whoever asks from a table below may not see the picture
+    this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight
     this.handles.blink([id]);
   }
 
@@ -443,7 +446,11 @@ export class EditorPage extends EditorDrawing {
   moving() {
     this.isMoving = true;
     clearTimeout(this.restTimer);
-    this.restTimer = setTimeout(() => { this.isMoving = false; this.net = this.folds = null; this.invalidate(); }, REST);
+    this.restTimer = setTimeout(() => {
+      this.isMoving = false;
+      this.net = this.folds = null;
+      this.invalidate();
+    }, REST);
     this.invalidate();
   }
 
@@ -461,12 +468,11 @@ export class EditorPage extends EditorDrawing {
     const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
     this.netNodes.update(fit);
-    const shown = this.netNodes.shown(this.points);
-    const isPointLost = this.handles.update(shown, this.selected, view, radius, reach, (p) => this.shapeTools.markOf(p));
-    if (isPointLost || isLost) this.focusStage();
-    this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected, brush: this.brush,
-      pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null, isAdding: this.isAdding,
-      onView: (place) => this.onView(place) });
+    const shown = this.netNodes.shown(this.points), marks = (/** @type {Point} */ p) => this.shapeTools.markOf(p);
+    if (this.handles.update(shown, this.selected, view, radius, reach, marks) || isLost) this.focusStage();
+    this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected,
+      brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
+      isAdding: this.isAdding, onView: (place) => this.onView(place) });
     this.brush.show();
     this.statusLine.update();
     this.#updateToolbar();
@@ -512,7 +518,7 @@ export class EditorPage extends EditorDrawing {
   }
 
   /**
-   * Where the map folds; only at rest as finely as the status line tells.
+   * The folds of the map; only at rest as finely as the status line reports them.
    * @param {LayeredFit} layered
    */
   #measuredFolds(layered) {
@@ -520,25 +526,27 @@ export class EditorPage extends EditorDrawing {
     return { ...foldsOf(layered, this.box, layered.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes };
   }
 
-  /** How far a point reaches, in units of the picture; 0 where nothing tells. */
+  /** The reach of a point in units of the picture; 0 where that is not known. */
   #reach() {
     const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
     if (!fit) return 0;
-    const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has a reach of its own: that of the first is told
+    const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
     return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels know no radius
   }
 
   #updateToolbar() {
     const { points, selected, model, brush, pointTools, shapeTools, sender } = this, tool = this.pen.draft?.tool;
-    const isShape = shapeTools.chosenShape !== null && selected.size === 0, own = points.filter((p) => selected.has(p.id));
+    const isShape = shapeTools.chosenShape !== null && selected.size === 0;
+    const own = points.filter((p) => selected.has(p.id));
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
-      size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0, stop: model.get("stop_at_folds"),
-      lock: own.length > 0 && own.every((p) => p.locked), net: model.get("show_net"), radius: model.get("show_radius"),
-      help: !this.help.hidden });
+      size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
+      stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
+      net: model.get("show_net"), radius: model.get("show_radius"), help: !this.help.hidden });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
-      steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
+      steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
+      readOnly: this.isLocked });
   }
 
   /**
@@ -736,13 +744,13 @@ function render({ model, el }) {
 function initialize({ model }) {
   const bus = busOf(model), uid = model.get("uid");
   holdBus(bus);
-  const sender = senderOf(bus, model), leave = () => sender.flush(); // a page that goes says its last word
+  const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes
   sender.attach(model); // two consoles of one kernel have two models of one editor
   window.addEventListener("pagehide", leave);
   model.on("destroy", () => {
     window.removeEventListener("pagehide", leave);
     sender.detach(model);
-    if (sender.models.length === 0) bus.sender = null;
+    if (sender.models.length === 0) bus.sender = undefined;
     releaseBus(bus, uid);
   });
 }

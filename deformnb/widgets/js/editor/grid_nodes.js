@@ -1,5 +1,5 @@
-// The nodes of the deformed grid, to be dragged: a node that is dragged becomes an ordinary control point, whose source is
-// the node's place on the original. Also which grid a view shows beside other views.
+// The nodes of the deformed grid, to be dragged: a node that is dragged becomes an ordinary control point, whose source
+// is the node's place on the original. Also which grid a view shows beside other views.
 //
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_net` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
@@ -12,7 +12,9 @@ import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.j
 /** @import { EditorPage } from "./editor.js" */
 /** @typedef {ReturnType<typeof netPlaces>} NetPlaces */
 /** @typedef {{ root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number }} NodeParts */
-/** @typedef {{ n: number, pointer: number, from: number[], id: number | null, slack: number }} NodeDrag id: of the new point */
+/** id: of the new point.
+ * @typedef {{ n: number, pointer: number, from: number[], id: number | null, slack: number }} NodeDrag
+ */
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
@@ -21,6 +23,7 @@ const NODE_STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], A
 const NODE_HINT = "Drag a node of the net where it shall be; Enter takes hold of it, Delete lets it go";
 const STILL_NET = "Drags are magnified 0 times: the net stands as on the original. Set the slider to 1 to drag";
 
+/** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class NetNodes {
   /** @param {EditorPage} page */
   constructor(page) {
@@ -42,7 +45,10 @@ export class NetNodes {
     for (const name of /** @type {const} */ (["pointercancel", "lostpointercapture"])) {
       group.addEventListener(name, (e) => page.guard(() => this.#up(e, true)), { signal });
     }
-    group.addEventListener("dblclick", (e) => page.guard(() => { e.stopPropagation(); this.#take(this.#at(e)); }), { signal });
+    group.addEventListener("dblclick", (e) => {
+      e.stopPropagation();
+      page.guard(() => this.#take(this.#at(e)));
+    }, { signal });
     group.addEventListener("keydown", (e) => page.guard(() => this.#keyDown(e)), { signal });
     page.root.addEventListener("keydown", (e) => {
       const { drag } = this;
@@ -62,10 +68,10 @@ export class NetNodes {
 
   get isOn() {
     const { model } = this.page, isWanted = this.side === "after" || (this.side === "" && model.get("drag_net"));
-    return Boolean(isWanted) && model.get("show_net") && model.get("density") > 0;
+    return Boolean(isWanted && model.get("show_net") && model.get("density") > 0);
   }
 
-  /** How far a target must go for what it holds to go by one; 0 where it cannot. */
+  /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
   get pull() {
     const strength = this.page.strength;
     return !this.isOn ? 1 : Math.abs(strength) < LEAST_STRENGTH ? 0 : 1 / strength;
@@ -89,7 +95,8 @@ export class NetNodes {
    */
   warning(folds) {
     const { strength } = this.page, isBeyond = strength < 0 || strength > 1;
-    return this.isOn && isBeyond && folds.least <= 0 ? `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less` : "";
+    if (!this.isOn || !isBeyond || folds.least > 0) return "";
+    return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -99,7 +106,8 @@ export class NetNodes {
    * @param {LayeredFit} layered
    */
   placesOf(layered) {
-    const { page: { model, box, view }, made } = this, cells = model.get("density") || 12, key = [layered, cells, String(box)];
+    const { page: { model, box, view }, made } = this, cells = model.get("density") || 12;
+    const key = [layered, cells, String(box)];
     if (made && key.every((value, k) => value === made.key[k])) return made.places;
     this.made = { key, places: netPlaces(layered, box, cells, 0.05 / view.k) };
     return this.made.places;
@@ -116,8 +124,10 @@ export class NetNodes {
     for (let n = 0; n < columns * rows; n++) {
       const node = this.nodes[n] ?? this.#make(n);
       const isFree = isSeen[n] === 1 && !held.has(n), kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
-      setAttributes(node.root, { transform: `translate(${(k * target[2 * n] + x).toFixed(2)} ${(k * target[2 * n + 1] + y).toFixed(2)})`,
-        class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node", tabindex: n === this.current && isFree ? "0" : "-1" });
+      const at = [k * target[2 * n] + x, k * target[2 * n + 1] + y];
+      setAttributes(node.root, { transform: `translate(${at[0].toFixed(2)} ${at[1].toFixed(2)})`,
+        class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node",
+        tabindex: n === this.current && isFree ? "0" : "-1" });
       setAttributes(node.hit, { r: reach.toFixed(1) });
       if (node.columns !== columns) this.#name(node, n, columns);
     }
@@ -133,8 +143,8 @@ export class NetNodes {
 
   /** @param {number} n */
   #make(n) {
-    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the net", ...OWN_KEYS },
-      this.group);
+    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the net",
+      ...OWN_KEYS }, this.group);
     const tip = svgElement("title", {}, root), hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
     svgElement("path", { class: "dnb-ed-node-mark", d: "M0-3.6L3.6 0L0 3.6L-3.6 0Z" }, root);
     this.nodes[n] = { root, tip, hit, columns: 0 };
@@ -151,12 +161,14 @@ export class NetNodes {
 
   /** The numbers of the nodes that are control points. */
   #held() {
-    const { box: [a0, a1, b0, b1], points } = this.page, [across, down] = netShape(this.page.box, this.page.model.get("density"));
+    const { box, points, model } = this.page, [a0, a1, b0, b1] = box;
+    const [across, down] = netShape(box, model.get("density"));
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0), held = new Set();
     for (const { source: [a, b] } of points) {
       const i = Math.round((a - a0) / (a1 - a0) * across), j = Math.round((b - b0) / (b1 - b0) * down);
       if (i < 0 || j < 0 || i > across || j > down) continue;
-      if (Math.hypot(a0 + (a1 - a0) * i / across - a, b0 + (b1 - b0) * j / down - b) < near) held.add(i + j * (across + 1));
+      const away = Math.hypot(a0 + (a1 - a0) * i / across - a, b0 + (b1 - b0) * j / down - b);
+      if (away < near) held.add(i + j * (across + 1));
     }
     return held;
   }
@@ -180,8 +192,9 @@ export class NetNodes {
   #point({ columns, source, target }, n) {
     const { page, pull } = this, id = nextId(page.points, page.sender.nextId);
     const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
-    const target0 = from.map((value, k) => value + pull * (at[k] - value));
-    return { id, points: [...page.points, newPoint(id, from, target0, `net ${n % columns},${Math.floor(n / columns)}`)] };
+    const to = from.map((value, k) => value + pull * (at[k] - value));
+    const name = `net ${n % columns},${Math.floor(n / columns)}`;
+    return { id, points: [...page.points, newPoint(id, from, to, name)] };
   }
 
   /** Whether nodes can be dragged now; a hint if their drags would come to nothing. */
@@ -203,7 +216,8 @@ export class NetNodes {
     this.#focusable(n);
     this.nodes[n].root.focus({ preventScroll: true });
     this.group.setPointerCapture(event.pointerId);
-    this.drag = { n, pointer: event.pointerId, from: page.gestures.place(event), id: null, slack: SLACK[event.pointerType] ?? 2 };
+    this.drag = { n, pointer: event.pointerId, from: page.gestures.place(event), id: null,
+      slack: SLACK[event.pointerType] ?? 2 };
   }
 
   /** @param {PointerEvent} event */
@@ -271,7 +285,8 @@ export class NetNodes {
    * @param {number[]} step
    */
   #walk({ columns, rows }, n, [di, dj]) {
-    for (let i = n % columns + di, j = Math.floor(n / columns) + dj; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
+    let i = n % columns + di, j = Math.floor(n / columns) + dj;
+    for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
       const node = this.nodes[i + j * columns].root;
       if (node.classList.contains("dnb-ed-node-gone")) continue;
       this.#focusable(i + j * columns);

@@ -1,5 +1,5 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
-// Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
+// Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
 import { shownLength } from "../maths/numbers.js";
 import { middleOf } from "../maths/points.js";
@@ -20,7 +20,7 @@ import { REGION_FORMS } from "./shape_handles.js";
  * @typedef {{ label: (p: P) => string, tip: (p: P, reach: number) => string }} PointWords
  */
 
-/** What HandMarks draw.
+/** The scene that HandMarks draw.
  * @typedef {object} MarksScene
  * @property {Mirror} mirror
  * @property {View} view
@@ -37,13 +37,14 @@ import { REGION_FORMS } from "./shape_handles.js";
 
 /** @typedef {ReturnType<Handles<any>["make"]>} HandleParts */
 
-const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown where the mouse is, as numbers are
+const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown under the mouse, as numbers are
 /** @type {Record<string, number>} */
 export const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
 /**
- * Whether the right button was pressed. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click, a key.
+ * Whether the right button was pressed. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click,
+ * a key.
  * @param {MouseEvent} event
  */
 export function isRightClick(event) {
@@ -71,7 +72,8 @@ export function pointLabel(p) {
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
   const name = p.name ? ` ${p.name}` : "";
-  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
+  const states = `${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
+  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${states}`;
 }
 
 /**
@@ -84,10 +86,14 @@ function pointTip(p, reach) {
   /** @param {number[]} at */
   const place = (at) => at.map(shownLength).join(", ");
   const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
-  return `${p.name || `point ${p.id}`}: ${drag}${p.active ? reach ? `; reaches ${shownLength(reach)}` : "" : "; switched off"}`;
+  const state = !p.active ? "; switched off" : reach ? `; reaches ${shownLength(reach)}` : "";
+  return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
 
-/** @template {DrawnPoint} [P=DrawnPoint] */
+/**
+ * The points as elements, which can have the focus and be dragged.
+ * @template {DrawnPoint} [P=DrawnPoint]
+ */
 export class Handles {
   /**
    * @param {SVGSVGElement} svg
@@ -120,7 +126,7 @@ export class Handles {
    * @param {View} view
    * @param {number} radius around the selected points in units of the picture, or 0 for none
    * @param {number} reach for the tips
-   * @param {(point: P) => number | null} markOf the number of the region that a point belongs to (editor/shape_handles.js)
+   * @param {(point: P) => number | null} markOf the number of the region of a point (editor/shape_handles.js)
    */
   update(points, selected, view, radius, reach, markOf = () => null) {
     const seen = new Set(points.map((p) => p.id)), focused = treeOf(this.svg).activeElement;
@@ -135,8 +141,8 @@ export class Handles {
     points.forEach((p, k) => {
       const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
-      this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
-        ? p.radius ?? radius : 0);
+      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id));
+      this.#place(parts, p, selected.has(p.id), view, hasRadius ? p.radius ?? radius : 0);
       this.#mark(parts, markOf(p));
       const isSuspect = this.suspects.has(p.id);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
@@ -161,7 +167,8 @@ export class Handles {
   }
 
   /**
-   * Give the focus to the next point of a list of ids or, by -1, to the one before; from none of them to where Tab leads.
+   * Give the focus to the next point of a list of ids or, by -1, to the one before; from none of them to that at
+   * which Tab stops.
    * @param {number[]} ids
    * @param {number} by
    * @param {number | null} from
@@ -171,7 +178,10 @@ export class Handles {
     return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
   }
 
-  /** @param {number} id */
+  /**
+   * The elements of a new point.
+   * @param {number} id
+   */
   make(id) {
     const arrow = svgElement("g", {}, this.arrows);
     svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
@@ -262,7 +272,8 @@ export class Handles {
     const length = Math.hypot(at[0] - from[0], at[1] - from[1]);
     source.setAttribute("visibility", length < 3 ? "hidden" : "visible");
     parts.radius.setAttribute("visibility", radius > 0 ? "visible" : "hidden");
-    if (radius > 0) setAttributes(parts.radius, { cx: at[0].toFixed(1), cy: at[1].toFixed(1), r: (radius * k).toFixed(1) });
+    if (radius <= 0) return;
+    setAttributes(parts.radius, { cx: at[0].toFixed(1), cy: at[1].toFixed(1), r: (radius * k).toFixed(1) });
   }
 
   /**
@@ -328,8 +339,8 @@ const TURN_AWAY = 38; // CSS pixels from the middle of the selection, or from it
 const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
 
 /**
- * What a user can drag besides points and shapes: the handle that turns what is selected, and the axis of a mirror. And the
- * circle of the brush, which shows where it works.
+ * Marks that can be dragged besides points and shapes: the handle that turns what is selected, and the axis of a
+ * mirror. And the circle of the brush, which shows where it works.
  */
 export class HandMarks {
   /**
@@ -379,10 +390,9 @@ export class HandMarks {
     const isUpright = mirror.axis === "a", at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
     const line = isUpright ? `M ${at.toFixed(1)} 0 V ${view.height}` : `M 0 ${at.toFixed(1)} H ${view.width}`;
     for (const path of this.lines) path.setAttribute("d", line);
-    const place = isUpright ? [at, gripAway] : [gripAway, at];
-    this.grip.setAttribute("transform", `translate(${place.map((v) => v.toFixed(1)).join(" ")})${isUpright ? "" : " rotate(90)"}`);
-    setAttributes(this.grip, { "aria-valuenow": shownLength(mirror.at),
-      "aria-orientation": isUpright ? "horizontal" : "vertical" });
+    const place = (isUpright ? [at, gripAway] : [gripAway, at]).map((v) => v.toFixed(1)).join(" ");
+    setAttributes(this.grip, { transform: `translate(${place})${isUpright ? "" : " rotate(90)"}`,
+      "aria-valuenow": shownLength(mirror.at), "aria-orientation": isUpright ? "horizontal" : "vertical" });
   }
 
   /**

@@ -14,7 +14,7 @@ import { bytesOf, context2d, drawNet } from "./painter.js";
 /** @typedef {[level: number, text: string][]} HazeLegend */
 /** @typedef {ReturnType<typeof foldPieces>} FoldPieces */
 
-// ---- crosses of the principal strains at the nodes of the grid: solid where tissue is stretched, dashed where pressed -----
+// ---- crosses of the principal strains at the nodes of the grid: solid where stretched, dashed where pressed ---------
 
 const STRAIN_INKS = { grows: "#7ee08a", shrinks: "#dba6f0" }; // on the grey of a picture, in light and dark pages
 const STRAIN_DASH = [3.5, 2.5];
@@ -77,7 +77,8 @@ function strainKey(parent, gain, cell) {
   const percent = Number((100 * share).toPrecision(3));
   pageElement("div", "", parent).textContent = "principal strains";
   for (const grows of [true, false]) {
-    const row = pageElement("div", "dnb-ed-key-arm", parent), width = Math.ceil(long) + 2, d = `M1 4H${(1 + long).toFixed(1)}`;
+    const row = pageElement("div", "dnb-ed-key-arm", parent), width = Math.ceil(long) + 2;
+    const d = `M1 4H${(1 + long).toFixed(1)}`;
     const icon = svgElement("svg", { width, height: 8, viewBox: `0 0 ${width} 8`, "aria-hidden": "true" }, row);
     svgElement("path", { d, stroke: "rgba(0, 0, 0, 0.7)", "stroke-width": 4.2, fill: "none" }, icon);
     svgElement("path", { d, stroke: STRAIN_INKS[grows ? "grows" : "shrinks"], "stroke-width": 2, fill: "none",
@@ -86,7 +87,8 @@ function strainKey(parent, gain, cell) {
   }
   const size = gain === 1 ? "in their own size" : `${gain > 1 ? "exaggerated" : "drawn"} \u00d7 ${gain}`;
   pageElement("div", "", parent).textContent = size;
-  setAttributes(parent, { "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, dashed arms pressed` });
+  setAttributes(parent, { "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, ` +
+    "dashed arms pressed" });
 }
 
 // ---- another picture ------------------------------------------------------------------------------------------------
@@ -98,7 +100,8 @@ export class Ghost {
   /** @param {EditorPage} page */
   constructor(page) {
     this.page = page;
-    this.image = pageElement("img", "dnb-ed-ghost", page.stage, { alt: "", "aria-hidden": "true", draggable: "false", hidden: "" });
+    this.image = pageElement("img", "dnb-ed-ghost", page.stage, { alt: "", "aria-hidden": "true", draggable: "false",
+      hidden: "" });
     page.svg.before(this.image);
     /** @type {DataView<ArrayBuffer> | null} */
     this.bytes = null;
@@ -112,8 +115,8 @@ export class Ghost {
     if (bytes !== this.bytes) this.#load(bytes);
     this.image.hidden = !this.url || opacity <= 0;
     if (this.image.hidden) return;
-    Object.assign(this.image.style, { opacity: String(opacity), left: `${k * a0 + x}px`, top: `${k * b0 + y}px`, width: `${k * (a1 - a0)}px`,
-      height: `${k * (b1 - b0)}px` });
+    Object.assign(this.image.style, { opacity: String(opacity), left: `${k * a0 + x}px`, top: `${k * b0 + y}px`,
+      width: `${k * (a1 - a0)}px`, height: `${k * (b1 - b0)}px` });
   }
 
   /** @param {DataView<ArrayBuffer> | null} bytes of a PNG */
@@ -131,7 +134,7 @@ export class Ghost {
   }
 }
 
-// ---- maps of the deformation ------------------------------------------------------------------------------------------
+// ---- maps of the deformation ----------------------------------------------------------------------------------------
 
 /**
  * Of each overlay the label in the menu and the title.
@@ -151,7 +154,7 @@ const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
 const HAZE_COLOUR = [150, 153, 160], HAZE_ALPHA = 0.88;
 const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
-const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // the first that is free
+const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
@@ -164,15 +167,15 @@ export class Overlay {
     this.small = document.createElement("canvas"); // for an image that is magnified
     this.hatch = hatchPattern(this.context);
     this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, page.svg);
-    for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
+    for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
     this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", "aria-label": "legend", hidden: "" });
-    /** What the canvas was drawn from. @type {unknown[] | null} */
+    /** The values that the canvas was drawn from. @type {unknown[] | null} */
     this.drawn = null;
-    /** What folds there, in places of the picture. @type {FoldPieces | null} */
+    /** The folds that are drawn, in places of the picture. @type {FoldPieces | null} */
     this.pieces = null;
     this.isUsed = false; // whether there is anything on the canvas
-    this.described = ""; // what the legend was made from
-    this.gain = ""; // what the legend of the strains was made from
+    this.described = ""; // the values that the legend was made from
+    this.gain = ""; // the same of the strains
     page.svg.before(this.canvas); // the handles lie over it
     const menus = page.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
@@ -218,8 +221,8 @@ export class Overlay {
   /** @param {LayeredFit | null} layered @param {string} kind @param {Folds | null} folds @param {boolean} isMoving */
   #lay(layered, kind, folds, isMoving) {
     const { view, model, box, sheet } = this.page;
-    const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
-      String(box), String(sheet), model.get("density"), model.get("show_net"),
+    const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
+      model.get("density"), model.get("show_net"),
       ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
@@ -245,18 +248,20 @@ export class Overlay {
   /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
   #visible() {
     const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.page;
-    const part = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k), Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
-    return part[1] > part[0] && part[3] > part[2] ? part : null;
+    const [left, right] = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k)];
+    const [top, bottom] = [Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
+    return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
   /** @param {LayeredFit} layered @param {number[]} part @param {Folds} folds @param {boolean} isMoving */
   #drawMap(layered, part, folds, isMoving) {
-    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, work = OVERLAY_WORK[isMoving ? "moving" : "resting"];
-    const size = OVERLAY_CELL[isMoving ? "moving" : "resting"] / k, cost = Math.max(1, layered.count);
+    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, layered.count);
+    const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
     const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
     const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
     /** @type {Raster} */
-    const raster = { shape: [rows, columns], spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)], origin: [a0, b0] };
+    const raster = { shape: [rows, columns], origin: [a0, b0],
+      spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)] };
     const dets = detsOnRaster(layered, raster);
     if (kind === "area") this.#drawArea(dets, raster, part);
     if (kind === "strain") this.#drawStrain(layered);
@@ -272,7 +277,7 @@ export class Overlay {
     const { context: c } = this, { k, x, y, ratio } = this.page.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
       red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
-      // Not closed: a fill does that, and Chromium measures the whole path at each closePath, for seconds in a large fold.
+      // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
       for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
     }
     for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
@@ -304,12 +309,13 @@ export class Overlay {
 
   /** @param {LayeredFit} layered */
   #drawStrain(layered) {
-    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered), cell = (a1 - a0) / (places.columns - 1);
-    const { gain, arms } = strainArms(layered, places, cell), told = `${gain} ${(cell * view.k).toFixed(0)}`;
+    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered);
+    const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
+    const described = `${gain} ${(cell * view.k).toFixed(0)}`;
     drawStrain(this.context, view, arms);
     this.isUsed = true;
-    if (told === this.gain) return;
-    this.gain = told;
+    if (described === this.gain) return;
+    this.gain = described;
     this.key.replaceChildren();
     strainKey(this.key, gain, cell * view.k);
   }
@@ -348,7 +354,8 @@ export class Overlay {
     const { width, height, legend } = this.#hazeFacts, given = this.page.model.get("haze");
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
-    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box, da = (a1 - a0) / width, db = (b1 - b0) / height;
+    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box;
+    const da = (a1 - a0) / width, db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++) image.data.set([...HAZE_COLOUR, HAZE_ALPHA * values[n]], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
@@ -386,7 +393,7 @@ export class Overlay {
    */
   #placeKey(isMoving) {
     if (this.key.hidden || isMoving) return;
-    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc and the distance from the edge
+    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
     const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.page.onView(at));
     /** @param {string[]} corner */
@@ -418,22 +425,24 @@ export class Overlay {
     const rgb = (colour) => `rgb(${colour.join(" ")})`;
     this.#bar("area of matter", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
       [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
-    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white the same, ` +
-      `green ${most} times or more` });
+    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white ` +
+      `the same, green ${most} times or more` });
   }
 
   /** @param {HazeLegend} legend */
   #hazeKey(legend) {
     const colour = HAZE_COLOUR.join(" ");
     this.key.classList.add("dnb-ed-key-wide");
-    const { bar, row } = this.#bar("uncertainty", `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`, []);
-    row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks tell the places
+    const background = `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`;
+    const { bar, row } = this.#bar("uncertainty", background, []);
+    row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks show the places
     for (const [level, text] of legend) {
       pageElement("i", "", bar).style.left = `${(level / 2.55).toFixed(1)}%`;
       pageElement("span", "", row).textContent = text;
     }
     if (!legend.length) pageElement("div", "", this.key).textContent = "not known yet";
-    setAttributes(this.key, { "aria-label": `Uncertainty: ${legend.map(([, text]) => text).join(", ") || "not known yet"}` });
+    const texts = legend.map(([, text]) => text).join(", ");
+    setAttributes(this.key, { "aria-label": `Uncertainty: ${texts || "not known yet"}` });
   }
 
   /**

@@ -5,8 +5,8 @@ import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 
 /** @import { LayeredFit, Raster } from "../types.d.ts" */
 
-/** The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS pixels,
- * and the ratio of the canvas's pixels to those.
+/** The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
+ * pixels, and the ratio of the canvas's pixels to those.
  * @typedef {{ k: number, x: number, y: number, width: number, height: number, ratio: number }} View
  */
 
@@ -14,15 +14,20 @@ import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 /** @typedef {ArrayBuffer | ArrayBufferView<ArrayBuffer>} Buffered */
 /** @typedef {{ pixels: Bytes, width: number, height: number }} Level the pixels of a picture at one size */
 /** @typedef {{ x: number, y: number, width: number, height: number }} Part of the canvas, in its own pixels */
-/** @typedef {{ rows: number, columns: number, a0: number, b0: number, step: number }} Lattice places of nodes in the picture */
+/** Places of nodes in the picture.
+ * @typedef {{ rows: number, columns: number, a0: number, b0: number, step: number }} Lattice
+ */
 /** @typedef {{ distance: (a: number, b: number) => number }} NearRegion */
-/** @typedef {{ origin: number[], scale: number[], shift: number }} LevelPlaces p = (a - origin) * scale + shift, in pixels of a level */
+/** p = (a - origin) * scale + shift, in pixels of a level.
+ * @typedef {{ origin: number[], scale: number[], shift: number }} LevelPlaces
+ */
 
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
 const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the pointer has come to rest
 const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
 const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, grid, handles and the browser
 
+/** The pixels of a picture, at as many sizes as are looked at. */
 class PictureSource {
   /**
    * @param {Bytes} pixels height * width * channels
@@ -82,7 +87,8 @@ export async function decodePicture(bytes, raster) {
  * @param {Buffered} bytes
  */
 export function bytesOf(bytes) {
-  return ArrayBuffer.isView(bytes) ? new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength) : new Uint8Array(bytes);
+  if (!ArrayBuffer.isView(bytes)) return new Uint8Array(bytes);
+  return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 }
 
 /**
@@ -117,6 +123,7 @@ export function halved({ pixels, width, height }, channels) {
   return { pixels: out, width: w, height: h };
 }
 
+/** Warps a picture and draws it on a canvas. */
 export class Painter {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
@@ -153,7 +160,8 @@ export class Painter {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
-    this.paper = [1, 3, 5].map((k) => parseInt(String(c.fillStyle).slice(k, k + 2), 16) || 0); // #rrggbb, whatever was set
+    const hex = String(c.fillStyle); // #rrggbb, whatever was set
+    this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
     const part = this.visible(view, sheet);
     if (part.width <= 0 || part.height <= 0) return;
@@ -214,7 +222,8 @@ export class Painter {
    * @param {boolean} isMoving
    */
   #warp(source, { k, x, y, ratio }, fit, part, step, isMoving) {
-    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step), lattice = this.latticeStep(fit, w, h, isMoving);
+    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+    const lattice = this.latticeStep(fit, w, h, isMoving);
     if (this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
     const { raster } = source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
     const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
@@ -227,7 +236,7 @@ export class Painter {
     const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
     const cutFit = fit && fit.regions.length > 0 ? fit : null, count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
-      if (!this.maps[m] || this.maps[m].length < rows * columns * 2) this.maps[m] = new Float32Array(rows * columns * 2);
+      if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
       const map = this.maps[m], one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
       else map.fill(0, 0, rows * columns * 2);
@@ -242,8 +251,9 @@ export class Painter {
     }
     const pixels = source.level(level), { channels, fill } = source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
+    const softness = Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2);
     const layers = cutFit ? new LayerPlan(cutFit, this.maps, { rows, columns, a0, b0, step: lattice * size },
-      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2), isMoving) : null;
+      { origin: raster.origin, scale, shift }, softness, isMoving) : null;
     const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
     lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
@@ -307,7 +317,7 @@ const OPAQUE = 0xff000000;
  * @param {number} lattice
  * @param {Level} level
  * @param {number} fill the value beyond the picture
- * @param {number} rim half a pixel of the full picture: so far beyond the outermost centres a place takes the edge pixel
+ * @param {number} rim half a pixel of the full picture: so far beyond the outer centres a place takes the edge pixel
  */
 
 /** @type {LookUp} */
@@ -328,8 +338,8 @@ function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, he
         let p = u, q = v;
         if (!(p >= 0 && q >= 0 && p < right && q < bottom)) {
           if (!(p >= -rim && q >= -rim && p < right + rim && q < bottom + rim)) { out[line + x] = empty; continue; }
-          p = p < 0 ? 0 : p > right ? right : p;
-          q = q < 0 ? 0 : q > bottom ? bottom : q;
+          p = Math.max(0, Math.min(right, p));
+          q = Math.max(0, Math.min(bottom, q));
         }
         const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi, at = qi * width + pi;
         const east = pi < right ? 1 : 0, south = qi < bottom ? width : 0;
@@ -357,7 +367,7 @@ function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, 
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;
       for (; x < last; x++, u += du, v += dv) {
         if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) { out[line + x] = empty; continue; }
-        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v;
+        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v));
         const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi;
         const at = 4 * (qi * width + pi), east = pi < right ? 4 : 0, low = at + (qi < bottom ? 4 * width : 0);
         let colour = OPAQUE;
@@ -378,15 +388,18 @@ const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for t
 /**
  * The choice between several smooth maps in every pixel of a picture with cuts.
  *
- * The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, which their
- * corners decide: a distance changes by no more than the way that is walked. Only where a cut runs through a cell, each of
- * its pixels is decided by itself, and no displacement is ever interpolated across a cut.
+ * The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, which
+ * their corners decide: a distance changes by no more than the way that is walked. Only where a cut runs through a
+ * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
  */
 class LayerPlan {
   /** Regions as a cell sees them. @type {Map<number, NearRegion[]>} */
   near = new Map();
 
-  work = { pixels: new Float64Array(512), covers: new Float64Array(256), moves: /** @type {number[][]} */ ([]), out: [0, 0, 1, 0] };
+  work = { pixels: new Float64Array(512), covers: new Float64Array(256), out: [0, 0, 1, 0] };
+
+  /** The displacement of each fit at a place. @type {number[][]} */
+  moves = [];
 
   /**
    * @param {LayeredFit} layered
@@ -418,7 +431,7 @@ class LayerPlan {
     }
   }
 
-  /** Measure the distances. Far from all cuts a bound will do: a distance changes by no more than the way from the node before. */
+  /** Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node. */
   #measure() {
     const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this;
     const enough = 6 * step + this.softness;
@@ -453,7 +466,7 @@ class LayerPlan {
   #b(q) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
 
   /**
-   * What all of a cell shows: the number of a map, nothing, or not the same everywhere.
+   * The content of all of a cell: the number of a map, nothing, or not the same everywhere.
    * @param {number} i
    * @param {number} j
    */
@@ -524,20 +537,22 @@ class LayerPlan {
     const right = Math.min(j + 1, columns - 1);
     const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
     for (const map of maps.slice(0, this.layered.fits.length)) {
-      for (const c of corners) radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+      for (const c of corners) {
+        radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+      }
     }
     return regions.map((region) => ({ distance: region.near(a, b, radius) }));
   }
 
   /**
-   * What one pixel shows: writes [p, q, opacity] in pixels of the level.
+   * Look up one pixel: writes [p, q, opacity] in pixels of the level.
    * @param {number} cell
    * @param {number} s the place of the pixel in its cell
    * @param {number} t
    * @param {number[]} out
    */
   look(cell, s, t, out) {
-    // Between several cuts, what stays is not told from one distance.
+    // Between several cuts, one distance does not decide what stays.
     if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
     else this.#lookExactly(cell, s, t, out);
   }
@@ -580,14 +595,14 @@ class LayerPlan {
 
   /** @param {number} cell @param {number} s @param {number} t @param {number[]} out */
   #lookExactly(cell, s, t, out) {
-    const { columns } = this.nodes, { layered, maps, work } = this, j = cell % columns, i = (cell - j) / columns;
+    const { columns } = this.nodes, { layered, maps, moves, work } = this, j = cell % columns, i = (cell - j) / columns;
     const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
     const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
     for (let k = 0; k < layered.fits.length; k++) {
       for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
-      work.moves[k] ??= [0, 0];
-      work.moves[k][0] = this.#a(work.pixels[2 * k]) - a;
-      work.moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
+      moves[k] ??= [0, 0];
+      moves[k][0] = this.#a(work.pixels[2 * k]) - a;
+      moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
     }
     const [,, opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
     out[2] = opacity;
@@ -601,7 +616,7 @@ class LayerPlan {
   }
 
   /** @param {number} k */
-  move = (k) => this.work.moves[k];
+  move = (k) => this.moves[k];
 }
 
 /**
@@ -619,7 +634,7 @@ export function between(values, at, east, south, s, t) {
 }
 
 /**
- * How far two nodes' images lie apart in the picture.
+ * The distance of two nodes' images in the picture.
  * @param {Float32Array} map
  * @param {number} m
  * @param {number} n
@@ -657,7 +672,7 @@ function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, cha
         const [u, v, opacity] = seen;
         if (opacity === 0) { out[y * w + x] = empty; continue; }
         const isIn = u >= -rim && v >= -rim && u < right + rim && v < bottom + rim;
-        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v, pi = p | 0, qi = q | 0;
+        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v)), pi = p | 0, qi = q | 0;
         const s = p - pi, f = q - qi, at = channels * (qi * width + pi), east = pi < right ? channels : 0;
         const low = at + (qi < bottom ? channels * width : 0);
         let colour = OPAQUE;

@@ -1,12 +1,12 @@
-// The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and the strokes of brushes.
+// The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and strokes of brushes.
 
 import { Stroke } from "../maths/brushes.js";
 import { layeredFit, placeOf } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
 import { shownLength } from "../maths/numbers.js";
 import {
-  freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint,
-  resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims,
+  freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints,
+  renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims,
 } from "../maths/points.js";
 import { RbfError, rbfLabel } from "../maths/rbf.js";
 import { heldPoints, partLabel } from "../maths/rigid_stages.js";
@@ -15,17 +15,15 @@ import { LONGEST_EDIT } from "../sync/edits.js";
 import { treeOf } from "./drawing.js";
 import { pointLabel } from "./handles.js";
 
-/** @import { LayeredFit, PartData, Point } from "../types.d.ts" */
+/** @import { LayeredFit, PartData, Point, Shapes } from "../types.d.ts" */
 /** @import { EditorPage } from "./editor.js" */
-/** @import { Shapes } from "./shape_handles.js" */
 /** @typedef {"target" | "source" | "both"} Moved the places of points that a drag moves */
-/** @typedef {{ points: Point[], ids: number[], about: number[] }} Turn points, the ids of those that turn, and about which place */
-/** @typedef {{ isLarge?: boolean, isScale?: boolean }} KeyTurn */
+/** @typedef {{ points: Point[], ids: number[], about: number[] }} Turn points, ids of those that turn, the centre */
 /** @typedef {{ point: Point, part: PartData }} Held a point that a rigid part does not let in */
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
 const HOLD_LEAST = 0.05; // of det J, at which a drag is stopped that must not fold the map
-const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, on a lattice of so many nodes a side
+const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
 
 /**
@@ -60,6 +58,7 @@ function allowedMove(before, points, parts, strength) {
   return { points: between(low), held };
 }
 
+/** Edits of the control points. */
 export class PointTools {
   /** @param {EditorPage} page */
   constructor(page) {
@@ -153,12 +152,13 @@ export class PointTools {
   }
 
   /**
-   * Show points on their way, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is where they began.
+   * Show points on their way, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is the start.
    * @param {Point[]} drag0
    * @param {(share: number) => Point[]} make
    */
   #show(drag0, make) {
-    const { page } = this, { points, held } = allowedMove(drag0, this.#withoutFolds(make), page.shapes.parts, page.strength);
+    const { page } = this, wanted = this.#withoutFolds(make);
+    const { points, held } = allowedMove(drag0, wanted, page.shapes.parts, page.strength);
     page.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.#hintHeld(held[0]);
     page.rate.moved(performance.now());
@@ -300,7 +300,8 @@ export class PointTools {
   }
 
   /**
-   * Add a point that takes hold of what is seen at a place of the view: its source is where the map looks, so nothing moves.
+   * Add a point that takes hold of what is seen at a place of the view: its source is where the map looks, so nothing
+   * moves.
    * @param {number[]} at CSS pixels
    * @returns {number | null} its id, that of a point which is there already, or null in a gap
    */
@@ -450,7 +451,8 @@ export class PointTools {
 
   toggleSnap() {
     this.page.set("snap", this.snap > 0 ? 0 : this.#cell);
-    if (this.snap > 0) this.page.hint(`Targets keep to a grid of ${shownLength(this.snap)}; hold Alt to go between`, 4000);
+    const { snap } = this;
+    if (snap > 0) this.page.hint(`Targets keep to a grid of ${shownLength(snap)}; hold Alt to go between`, 4000);
   }
 
   /**
@@ -495,15 +497,15 @@ export class PointTools {
     if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target };
     const room = points.reduce((least, p) => (p.id === pin.id || !p.active ? least
       : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1]))), Infinity);
-    const rimmed = rimmedPoints(points, pin, Math.min(page.brush.radius, 0.6 * room), nextId(points, page.sender.nextId),
-      this.#sourcesOf(page.layered));
+    const id = nextId(points, page.sender.nextId), distance = Math.min(page.brush.radius, 0.6 * room);
+    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(page.layered));
     return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target };
   }
 
   /**
    * Turn or scale by a key. Quick presses are undone as one.
    * @param {number} way -1 or 1
-   * @param {KeyTurn} how
+   * @param {{ isLarge: boolean, isScale: boolean }} how
    */
   turnKey(way, how) {
     const { page } = this, [angle, factor] = turnOfKey(way, how), turn = page.isLocked ? null : this.#turnables();
@@ -556,9 +558,10 @@ export class PointTools {
     if (page.isLocked) return null;
     /** @param {number[]} at */
     const isNear = (at) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
-    const stroke = new Stroke(page.points, place, radius, { tool, box: page.box, id: nextId(page.points, page.sender.nextId),
+    const stroke = new Stroke(page.points, place, radius, { tool, box: page.box,
+      id: nextId(page.points, page.sender.nextId), reach: typeof settings.support === "number" ? settings.support : 0,
       sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? layeredFit(points, settings) : null),
-      reach: typeof settings.support === "number" ? settings.support : 0, settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
+      settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
     if (stroke.lockedBy) { this.hintLocked([stroke.lockedBy.id]); return null; }
     if (!stroke.isPossible) { page.hint("There is nothing here to take hold of"); return null; }
     this.strokeSide = mirror.on ? mirrorSide(mirror, place, 0) : 0;
@@ -575,7 +578,10 @@ export class PointTools {
     if (!drag0) return false;
     const points = this.symmetric(drag0, stroke.points, this.strokeSide), { shapes: { parts }, strength } = page;
     const held = parts.length ? heldPoints(points, parts, strength) : [];
-    if (held.length > heldPoints(drag0, parts, strength).length) { this.#hintHeld(held[held.length - 1]); return false; }
+    if (held.length > heldPoints(drag0, parts, strength).length) {
+      this.#hintHeld(held[held.length - 1]);
+      return false;
+    }
     this.stopNote = "";
     if (this.#wouldFold(points)) {
       this.stopNote = "The brush stops before the picture folds";

@@ -58,7 +58,10 @@ class EditorKeys {
       if (event.key === "Escape" && event.target === page.brush.slider) { page.brush.stop(); page.focusStage(); }
       return;
     }
-    if (!isCommand && around(event, ".dnb-ed-help")) { if (event.key === "Escape" || event.key === "?") page.closeHelp(); return; }
+    if (!isCommand && around(event, ".dnb-ed-help")) {
+      if (event.key === "Escape" || event.key === "?") page.closeHelp();
+      return;
+    }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const handled = isCommand ? this.#command(key, event) : this.#plain(key, event, isAlt);
     if (!handled) return;
@@ -85,10 +88,14 @@ class EditorKeys {
    * @param {ShapeGrip} shape
    */
   #shapeKey(key, event, shape) {
-    const { page, page: { shapeTools } } = this, isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
-    const arrow = arrows[key], command = commandOf(EDITOR_KEYS, key), isDelete = key === "Delete" || key === "Backspace";
-    if (key === "Enter" && shape.middle !== null) { if (!page.isLocked) shapeTools.insertCorner(shape.middle); return true; }
-    if (key === "Enter") { shapeTools.choose(isOther || shape.corner !== null ? shape.chosen : null); return true; }
+    const { page, page: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
+    const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
+    const isDelete = key === "Delete" || key === "Backspace";
+    if (key === "Enter") {
+      if (shape.middle === null) shapeTools.choose(isOther || shape.corner !== null ? shape.chosen : null);
+      else if (!page.isLocked) shapeTools.insertCorner(shape.middle);
+      return true;
+    }
     if (!arrow && !isDelete && !["F2", "o", "f"].includes(key)) return false;
     if (isOther) shapeTools.choose(shape.chosen);
     if (page.isLocked) return true;
@@ -107,7 +114,7 @@ class EditorKeys {
     if (!onButton && page.brush.isOn && !isAlt && page.brush.key(key, event, arrow)) return true;
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
-    if (onButton && arrow) return page.toolbar.focusNext(onButton, key);
+    if (onButton instanceof HTMLButtonElement && arrow) return page.toolbar.focusNext(onButton, key);
     if (onButton && (key === "Enter" || key === " ")) return false;
     if (arrow) {
       page.pointTools.nudge(focused?.id ?? null, arrow, event.shiftKey ? 10 : 1, isAlt ? "both" : "target");
@@ -140,9 +147,9 @@ class EditorKeys {
 }
 
 /**
- * Pointers and the wheel. The mouse drags points, draws a band or, with space or the middle button, moves the view. One finger
- * drags points and moves the view, or draws a band while several are selected; two fingers move and zoom it. Until someone
- * works in the editor, a finger scrolls the page around.
+ * Pointers and the wheel. The mouse drags points, draws a band or, with space or the middle button, moves the view. One
+ * finger drags points and moves the view, or draws a band while several are selected; two fingers move and zoom it.
+ * Until someone works in the editor, a finger scrolls the page around.
  */
 export class Gestures {
   /** @param {EditorPage} page */
@@ -163,8 +170,9 @@ export class Gestures {
     svg.addEventListener("pointerup", (e) => page.guard(() => this.#up(e)), { signal });
     svg.addEventListener("pointercancel", (e) => page.guard(() => this.#up(e, true)), { signal });
     svg.addEventListener("pointerleave", () => page.guard(() => this.#leave()), { signal });
-    svg.addEventListener("lostpointercapture", (e) => { if (this.pointers.has(e.pointerId)) page.guard(() => this.#up(e, true)); },
-      { signal });
+    svg.addEventListener("lostpointercapture", (e) => {
+      if (this.pointers.has(e.pointerId)) page.guard(() => this.#up(e, true));
+    }, { signal });
     svg.addEventListener("dblclick", (e) => page.guard(() => this.#doubleClick(e)), { signal });
     svg.addEventListener("contextmenu", (e) => page.guard(() => this.#contextMenu(e)), { signal });
     svg.addEventListener("touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, options);
@@ -179,7 +187,7 @@ export class Gestures {
   close() { this.closing.abort(); }
 
   /**
-   * Where a pointer is, in CSS pixels of the view.
+   * The place of a pointer in CSS pixels of the view.
    * @param {MouseEvent} event
    */
   place(event) {
@@ -188,7 +196,7 @@ export class Gestures {
   }
 
   /**
-   * The element that an event is about. While a pointer is captured, the targets of its clicks are not what lies under them.
+   * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target.
    * @param {Event} event
    */
   #hit(event) {
@@ -216,7 +224,8 @@ export class Gestures {
     const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.page.shapeTools;
     if (grip && chosen) return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle) };
     const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
-    return what === "cuts" || what === "parts" ? { chosen: { what, index: Number(index) }, corner: null, middle: null } : null;
+    if (what !== "cuts" && what !== "parts") return null;
+    return { chosen: { what, index: Number(index) }, corner: null, middle: null };
   }
 
   /**
@@ -236,7 +245,8 @@ export class Gestures {
     this.kind = event.pointerType || "mouse";
     this.isOthers = this.kind === "touch" && !page.isWorkedIn; // before this press gives it the focus
     page.svg.setPointerCapture(event.pointerId);
-    if (this.pointers.size === 2 && !["points", "turn", "axis"].includes(this.gesture?.kind ?? "")) { this.#startPinch(); return; }
+    const { kind = "" } = this.gesture ?? {};
+    if (this.pointers.size === 2 && !["points", "turn", "axis"].includes(kind)) { this.#startPinch(); return; }
     if (this.gesture) return;
     const grabbed = this.pointAt(event), mark = this.markAt(event), shape = grabbed ? null : this.#ownShapeAt(event);
     event.preventDefault();
@@ -306,12 +316,13 @@ export class Gestures {
   }
 
   /**
-   * The part of the chosen shape that an event is about. Another shape is chosen by a click: a drag that begins on its line
-   * is one on the picture, and nobody moves what he did not see.
+   * The part of the chosen shape that an event is about. Another shape is chosen by a click: a drag that begins on its
+   * line is one on the picture, and nobody moves what he did not see.
    * @param {Event} event
    */
   #ownShapeAt(event) {
-    const { page } = this, grip = page.isAdding || page.isSelecting ? null : this.shapeAt(event), { chosen } = page.shapeTools;
+    const { page } = this, { chosen } = page.shapeTools;
+    const grip = page.isAdding || page.isSelecting ? null : this.shapeAt(event);
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
@@ -508,9 +519,8 @@ export class Gestures {
   /** Give up what is under way, one thing after the other; false where nothing is. */
   escape() {
     const { page, page: { shapeTools } } = this;
-    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp() || page.stopModes() || shapeTools.dropOffer()) {
-      return true;
-    }
+    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp()) return true;
+    if (page.stopModes() || shapeTools.dropOffer()) return true;
     if (page.selected.size === 0 && !shapeTools.chosen) return false;
     shapeTools.choose(null);
     page.select([]);

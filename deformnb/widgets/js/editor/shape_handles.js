@@ -1,6 +1,6 @@
 // Cuts and rigid parts as SVG over the picture, under the control points. A cut is a line with a band in the colour of
-// the region on each of its sides; a rigid part is hatched. The line can be dragged, and of the chosen shape its corners
-// (squares) and the middles of its edges (dots).
+// the region on each of its sides; a rigid part is hatched. The line can be dragged, and of the chosen shape its
+// corners (squares) and the middles of its edges (dots).
 
 import { shownLength } from "../maths/numbers.js";
 import { maskPixels } from "../maths/regions.js";
@@ -8,12 +8,10 @@ import { cornersOf, SHAPE_NAMES, shapeLabel, shapeName } from "../maths/shapes.j
 import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
 import { treeOf } from "./drawing.js";
 
-/** @import { CutData, Motion, PartData, RegionData, ShapeData } from "../types.d.ts" */
+/** @import { CutData, MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */
-/** @typedef {"cuts" | "parts"} ShapeKind */
-/** @typedef {{ cuts: CutData[], parts: PartData[] }} Shapes */
 /** @typedef {{ what: ShapeKind, index: number }} Chosen */
-/** @typedef {{ corner: number | null, middle: number | null }} Grip a corner, the middle of an edge, or neither: all of a shape */
+/** @typedef {{ corner: number | null, middle: number | null }} Grip a corner, the middle of an edge, or neither */
 /** @typedef {(a: number, b: number) => number} SideKey the number of the region in which a place lies */
 
 /** A shape that is being drawn: the places that are set, and the one that would come next.
@@ -28,11 +26,13 @@ import { treeOf } from "./drawing.js";
 /** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
 
 export const REGION_MARKS = 8; // colours and forms of regions; more than eight regions begin again
-// Forms tell the regions apart without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
-export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z", "M-4.2-7.3H4.2L8.4 0 4.2 7.3H-4.2L-8.4 0Z",
+// Forms of regions, for readers without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
+export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z",
+  "M-4.2-7.3H4.2L8.4 0 4.2 7.3H-4.2L-8.4 0Z",
   "M0-9L2.6-3.2 8.7-2.7 4.1 1.4 5.5 7.5 0 4.3-5.5 7.5-4.1 1.4-8.7-2.7-2.6-3.2Z",
   "M-2.8-8H2.8V-2.8H8V2.8H2.8V8H-2.8V2.8H-8V-2.8H-2.8Z", "M-8.5-4H8.5V4H-8.5Z", "M0-9L6 1A6 6 0 1 1-6 1Z"];
 
+/** The shapes as elements, which can have the focus and be dragged. */
 export class ShapeHandles {
   /** @param {SVGSVGElement} svg */
   constructor(svg) {
@@ -49,8 +49,8 @@ export class ShapeHandles {
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
     /** @type {Map<string, ShapeParts>} */
     this.shown = new Map();
-    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name) => svgElement(name === "start" || name === "cursor"
-      ? "circle" : "path", { class: `dnb-ed-draft-${name}` }, this.draft));
+    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) => (
+      svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft)));
   }
 
   /**
@@ -81,16 +81,22 @@ export class ShapeHandles {
     return this.#placeGrips(grips, view, focused) || isFocusLost;
   }
 
-  /** @param {string} key @param {ShapeKind} what */
+  /**
+   * The elements of a new shape.
+   * @param {string} key
+   * @param {ShapeKind} what
+   */
   make(key, what) {
     const root = svgElement("g", { class: `dnb-ed-shape dnb-ed-${what === "cuts" ? "cut" : "part"}`, "data-shape": key,
       tabindex: "0", role: "button", "aria-roledescription": SHAPE_NAMES[what], ...OWN_KEYS });
-    this.root.insertBefore(root, what === "parts" ? this.root.querySelector("[data-shape^=cuts]") : null); // cuts over parts
+    const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
+    this.root.insertBefore(root, what === "parts" ? firstCut : null);
     /** @param {string} name */
     const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, root);
-    const parts = { root, tip: svgElement("title", {}, root), fill: path("fill"), halo: path("halo"), case: path("case"),
-      bands: svgElement("g", { class: "dnb-ed-shape-bands" }, root), far: [path("far-case"), path("far")], line: path("line"),
-      moved: [path("moved-case"), path("moved")], hit: path("hit"), name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
+    const parts = { root, tip: svgElement("title", {}, root), fill: path("fill"), halo: path("halo"),
+      case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, root),
+      far: [path("far-case"), path("far")], line: path("line"), moved: [path("moved-case"), path("moved")],
+      hit: path("hit"), name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
     this.shown.set(key, parts);
     return parts;
@@ -115,8 +121,10 @@ export class ShapeHandles {
     setAttributes(parts.fill, { d: what === "parts" && shape.enabled ? inside : "" });
     for (const path of [parts.halo, parts.case, parts.line]) setAttributes(path, { d: whole });
     for (const path of parts.far) setAttributes(path, { d: region.kind === "line" ? far : "" });
+    const { motion } = shape, isMoved = Boolean(motion && shape.enabled);
     for (const path of parts.moved) {
-      setAttributes(path, shape.motion && shape.enabled ? { d: whole, transform: onScreen(shape.motion, view) } : { d: "" });
+      setAttributes(path, { d: isMoved ? whole : "" });
+      if (motion) setAttributes(path, { transform: onScreen(motion, view) });
     }
     setAttributes(parts.hit, { d: whole + (region.kind === "line" ? far : "") });
     const isNamed = Boolean(shape.name) || isChosen;
@@ -185,8 +193,8 @@ export class ShapeHandles {
     setAttributes(next, { d: end && last ? shapePath([last, end, ...back]) : "" });
     setAttributes(start, { r: draft.canClose ? 7 : 4, visibility: at.length ? "inherit" : "hidden",
       cx: (at[0]?.[0] ?? 0).toFixed(1), cy: (at[0]?.[1] ?? 0).toFixed(1) });
-    setAttributes(cursor, { r: 6, visibility: draft.isByKeys && end ? "inherit" : "hidden", cx: (end?.[0] ?? 0).toFixed(1),
-      cy: (end?.[1] ?? 0).toFixed(1) });
+    setAttributes(cursor, { r: 6, visibility: draft.isByKeys && end ? "inherit" : "hidden",
+      cx: (end?.[0] ?? 0).toFixed(1), cy: (end?.[1] ?? 0).toFixed(1) });
     this.draft.classList.toggle("dnb-ed-closing", Boolean(draft.isClosing));
   }
 }
@@ -198,7 +206,8 @@ export class ShapeHandles {
  * @param {number} reach
  */
 function gripsOf(shape, { what, index }, reach) {
-  const { region } = shape, corners = cornersOf(region, reach), n = corners.length, name = shapeName(shape, what, index);
+  const { region } = shape, name = shapeName(shape, what, index);
+  const corners = cornersOf(region, reach), n = corners.length;
   const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
   return [...corners.map((place, i) => ({ sort: "corner", number: i, place, room: Infinity,
     label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}` })), ...edges.map((p, i) => {
@@ -214,12 +223,14 @@ function gripsOf(shape, { what, index }, reach) {
  * @param {View} view
  */
 function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }, { k, x, y }) {
-  return `matrix(${[a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y].map((v) => v.toFixed(6)).join(" ")})`;
+  const values = [a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y];
+  return `matrix(${values.map((v) => v.toFixed(6)).join(" ")})`;
 }
 
 /** @param {number[][]} places */
 function shapePath(places, isClosed = false) {
-  return places.length ? `M${places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L")}${isClosed ? "Z" : ""}` : "";
+  const texts = places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
+  return texts.length ? `M${texts.join("L")}${isClosed ? "Z" : ""}` : "";
 }
 
 /**
@@ -244,7 +255,7 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
   const name = [Math.max(6, Math.min(width - 80, label[0] + 8)), Math.max(16, Math.min(height - 8, label[1] - 8))];
   const paths = { line: shapePath(at, region.kind === "polygon"), far: "", inside: "", label: name };
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
-  if (region.kind === "line") return { ...paths, far: shapePath([at[0], first]) + shapePath([at[n - 1], last]) };
+  if (region.kind !== "half_space") return { ...paths, far: shapePath([at[0], first]) + shapePath([at[n - 1], last]) };
   const [na, nb] = region.normal;
   /** @param {number[]} place */
   const back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
@@ -253,13 +264,13 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
 
 /**
  * Outlines of masks: faces from one place to another, and rows of pixels by their four corners.
- * @type {WeakMap<RegionData, { faces: number[][][], rows: number[][][] }>}
+ * @type {WeakMap<MaskData, { faces: number[][][], rows: number[][][] }>}
  */
 const maskOutlines = new WeakMap();
 
 /**
  * The faces of the pixels of a mask where it ends, row by row and column by column.
- * @param {RegionData} region
+ * @param {MaskData} region
  */
 function maskOutline(region) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = region, isSet = maskPixels(region);
@@ -290,7 +301,7 @@ function maskOutline(region) {
 }
 
 /**
- * @param {RegionData} region
+ * @param {MaskData} region
  * @param {(place: number[]) => number[]} on
  */
 function maskPaths(region, on) {

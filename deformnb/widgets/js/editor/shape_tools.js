@@ -14,16 +14,21 @@ import { LONGEST_EDIT } from "../sync/edits.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { REGION_MARKS, ShapeHandles, shapePaths } from "./shape_handles.js";
 
-/** @import { CutData, PartData, Point, RegionData, ShapeData } from "../types.d.ts" */
+/** @import { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 /** @import { EditorPage } from "./editor.js" */
-/** @import { Chosen, Draft, Grip, ShapeKind, Shapes } from "./shape_handles.js" */
-/** @typedef {Draft & { isSet: boolean, canClose: boolean, shown?: number }} PenDraft shown: places before the stroke under way */
-/** @typedef {{ shapes: Shapes, region: RegionData, corner: number | null, at: number[], wasFine: boolean }} ShapeDrag */
+/** @import { Chosen, Draft, Grip } from "./shape_handles.js" */
+/** `shown`: places before the stroke under way.
+ * @typedef {Draft & { isSet: boolean, canClose: boolean, shown?: number }} PenDraft
+ */
+
+/** The lists before a drag, the region, its corner that is dragged if it is one, and where that was.
+ * @typedef {{ shapes: Shapes, region: RegionData, corner: number | null, at: number[], wasFine: boolean }} ShapeDrag
+ */
 
 /** @type {Record<string, string>} */
 const PEN_HINTS = {
-  cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes it. An " +
-    "open cut goes on straight through the whole picture: it cannot end inside",
+  cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
+    "it. An open cut goes on straight through the whole picture: it cannot end inside",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
   ground: "Click two places, or drag a line: what lies on its far side stays where it is. F turns the side over",
 };
@@ -33,7 +38,7 @@ const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
-/** Draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
+/** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
   /** @param {EditorPage} page */
   constructor(page) {
@@ -56,7 +61,8 @@ export class Pen {
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
     page.stage.classList.add("dnb-ed-drawing");
     page.hint(PEN_HINTS[tool], 12000);
-    page.speak(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape gives up`);
+    page.speak(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` +
+      "Escape gives up");
     page.invalidate();
   }
 
@@ -124,10 +130,11 @@ export class Pen {
     if (!draft) return;
     if (!stroke) { this.click(at); return; }
     this.stroke = null;
-    const before = draft.places.slice(0, draft.shown), all = [page.placeAt(from), ...stroke], isWhole = before.length === 0;
+    const before = draft.places.slice(0, draft.shown), isWhole = before.length === 0;
+    const all = [page.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
     draft.shown = undefined;
     const path = draft.tool === "ground" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / page.view.k);
-    const isNear = this.#gap(all[0], at) < 2 * CLOSE_BY, isClosed = draft.tool === "part" || (path.length > 3 && isNear);
+    const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
     if (isWhole && !this.finish(isClosed)) { draft.places = before; this.#count(draft); }
@@ -176,7 +183,8 @@ export class Pen {
     }
     if (arrow) {
       const step = PEN_STEPS[event.shiftKey ? 0 : 1] / page.view.k;
-      const from = draft.next ?? draft.places[draft.places.length - 1] ?? page.placeAt([page.view.width / 2, page.view.height / 2]);
+      const middle = page.placeAt([page.view.width / 2, page.view.height / 2]);
+      const from = draft.next ?? draft.places[draft.places.length - 1] ?? middle;
       const next = from.map((v, c) => v + step * arrow[c]);
       Object.assign(draft, { next, isByKeys: true, isSet: false });
       page.speak(`pen at ${next.map(shownLength).join(", ")}`);
@@ -203,6 +211,7 @@ export class Pen {
     const { tool, places } = draft, least = isClosed || tool === "part" ? 3 : 2;
     if (places.length < least) { page.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000); return false; }
     const [a0, a1, b0, b1] = page.box;
+    /** @type {RegionData} */
     const region = tool === "ground" ? groundThrough(places[0], places[1], [(a0 + a1) / 2, (b0 + b1) / 2])
       : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
@@ -251,8 +260,8 @@ export class ShapeTools {
   draw() {
     const { page } = this, regions = page.layered?.regions ?? [];
     if (this.chosen && !this.chosenShape) this.chosen = null;
-    const isLost = this.handles.update(page.shapes, this.chosen, page.view, { reach: this.reach, isLocked: page.isLocked,
-      sideKey: (a, b) => sidesKey(regions, a, b) });
+    const isLost = this.handles.update(page.shapes, this.chosen, page.view, { reach: this.reach,
+      isLocked: page.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
     this.handles.showDraft(page.pen.draft ?? this.#offeredDraft, page.view);
     return isLost;
   }
@@ -286,7 +295,10 @@ export class ShapeTools {
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
     if (fault) { page.say(fault, true); return false; }
     if (wasFine && !page.pointTools.accepts(points, { ...page.shapes, [what]: shapes })) return false;
-    if (JSON.stringify(shapes).length > LONGEST_EDIT) { page.say("These shapes are too large to send.", true); return false; }
+    if (JSON.stringify(shapes).length > LONGEST_EDIT) {
+      page.say("These shapes are too large to send.", true);
+      return false;
+    }
     page.sender.editShapes(what, shapes, kind, points); // which notifies all views, this one too
     return true;
   }
@@ -300,7 +312,7 @@ export class ShapeTools {
     if (this.edit(what, [...this.page.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
     else {
       this.page.focusStage();
-      if (what === "parts") this.#offer(shape);
+      if ("motion" in shape) this.#offer(shape);
     }
   }
 
@@ -311,7 +323,8 @@ export class ShapeTools {
     page.drawNow();
     this.handles.focus(chosen);
     page.speak(`${shapeLabel(page.shapes[what][index], what, index)}, added`);
-    if (what === "cuts") page.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
+    if (what !== "cuts") return;
+    page.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
   }
 
   /**
@@ -328,7 +341,8 @@ export class ShapeTools {
   remove() {
     const { chosen, chosenShape: shape, page } = this;
     if (!chosen || !shape) return;
-    const { what, index } = chosen, name = shapeName(shape, what, index), others = page.shapes[what].filter((_, k) => k !== index);
+    const { what, index } = chosen, name = shapeName(shape, what, index);
+    const others = page.shapes[what].filter((_, k) => k !== index);
     if (!this.edit(what, others, `remove ${SHAPE_NAMES[what]}`)) return;
     this.chosen = null;
     page.drawNow();
@@ -352,8 +366,10 @@ export class ShapeTools {
     const { chosen, chosenShape: shape, page } = this;
     if (page.isLocked || !chosen || !shape) return;
     const { what, index } = chosen, [x, y] = shapePaths(shape.region, page.view, this.reach).label;
-    page.askName(shape.name, shapeName({ name: "" }, what, index), [x - 12, y + 18], {
-      take: (text) => { this.edit(what, withShape(page.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename"); },
+    page.askName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
+      take: (text) => {
+        this.edit(what, withShape(page.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
+      },
       focus: () => { this.handles.focus(chosen); return true; },
     });
   }
@@ -434,8 +450,9 @@ export class ShapeTools {
     page.stage.classList.remove("dnb-ed-refusing");
     if (!drag0 || !chosen) return;
     const { what } = chosen, name = this.chosenShape?.name || SHAPE_NAMES[what];
+    const kind = `${drag0.corner === null ? "move" : "change"} ${name}`;
     page.shapes = drag0.shapes;
-    if (!isCancelled && this.edit(what, shapes[what], `${drag0.corner === null ? "move" : "change"} ${name}`, drag0.wasFine)) {
+    if (!isCancelled && this.edit(what, shapes[what], kind, drag0.wasFine)) {
       page.drawNow();
       if (drag0.corner !== null) this.handles.focusCorner(drag0.corner); // of a new one: it had no grip yet
       return;
@@ -453,13 +470,14 @@ export class ShapeTools {
   #offer(shape) {
     const held = this.#heldBy(shape), { page } = this;
     if (!held.length) return;
-    const who = held.length === 1 ? rbfLabel(held[0]) : `${held.length} control points`, it = held.length === 1 ? "it" : "them";
-    const whose = held.length === 1 ? "its" : "their";
-    page.say(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part asks for another movement than the part's. Carry ${it} ` +
-      `with the part (${whose} drag goes), or switch ${it} off?`);
+    const [who, it, whose] = held.length === 1 ? [rbfLabel(held[0]), "it", "its"]
+      : [`${held.length} control points`, "them", "their"];
+    page.say(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part asks for another movement than the part's. ` +
+      `Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
     this.offered = shape;
     for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`]]) {
-      const button = pageElement("button", "dnb-ed-offer", page.alert, { type: "button", "data-offer": how, ...OWN_KEYS });
+      const button = pageElement("button", "dnb-ed-offer", page.alert, { type: "button", "data-offer": how,
+        ...OWN_KEYS });
       button.textContent = text;
       button.addEventListener("click", () => page.guard(() => this.#takeOffer(shape, how)));
     }
@@ -468,8 +486,8 @@ export class ShapeTools {
 
   /** @param {PartData} shape */
   #heldBy(shape) {
-    const { points, shapes, strength } = this.page;
-    return heldPoints(points, [...shapes.parts, shape], strength).filter(({ part }) => part === shape).map(({ point }) => point);
+    const { points, shapes, strength } = this.page, held = heldPoints(points, [...shapes.parts, shape], strength);
+    return held.filter(({ part }) => part === shape).map(({ point }) => point);
   }
 
   /**
@@ -534,7 +552,7 @@ export class ShapeTools {
   receiveChosen() {
     const { page } = this;
     if (page.sender.isBehind() || page.isDragging) return;
-    const told = /** @type {Partial<Chosen>} */ (page.model.get("chosen_shape") ?? {}), { what, index } = told;
+    const { what, index } = /** @type {Partial<Chosen>} */ (page.model.get("chosen_shape") ?? {});
     const chosen = what && index !== undefined && page.shapes[what]?.[index] ? { what, index } : null;
     if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
     this.chosen = chosen;
@@ -549,6 +567,8 @@ export class ShapeTools {
  * @param {number} k
  */
 function withMiddle(region, k) {
-  const { vertices } = region, p = vertices[k], q = vertices[(k + 1) % vertices.length];
+  const { vertices } = region;
+  if (!vertices) return region;
+  const p = vertices[k], q = vertices[(k + 1) % vertices.length];
   return insertedCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
 }

@@ -7,9 +7,10 @@ import { REGION_FORMS } from "./shape_handles.js";
 
 /** @import { EditorPage } from "./editor.js" */
 
-const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on the way back from this picture to the " +
-  "original. 1 keeps them; below 0 the picture folds over itself";
+const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on the way back from this picture to " +
+  "the original. 1 keeps them; below 0 the picture folds over itself";
 
+/** The line's elements and their texts. */
 export class StatusLine {
   /** @param {EditorPage} page */
   constructor(page) {
@@ -23,7 +24,8 @@ export class StatusLine {
   }
 
   update() {
-    const { points, selected, layered, error, pointTools, netNodes, shapeTools } = this.page, off = points.filter((p) => !p.active).length;
+    const { points, selected, layered, error, pointTools, netNodes, shapeTools } = this.page;
+    const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
@@ -43,10 +45,12 @@ export class StatusLine {
 
   /** @param {{ least: number, share: number }} folds */
   #updateFolds({ least, share }) {
-    const value = `min det J ${least.toFixed(2)}`, much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
+    const value = `min det J ${least.toFixed(2)}`;
+    const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     this.folds.classList.toggle("dnb-ed-bad", least <= 0);
     this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
-    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
+    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
+      : "\u2713 no folds";
     const hasPoints = this.page.points.length > 0;
     setText(this.folds, hasPoints ? `${words} (${value})` : "");
     setAttributes(this.folds, { title: hasPoints ? FOLD_TIP : "" });
@@ -75,13 +79,15 @@ export class StatusLine {
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }
 
-  /** What can be done next, where there is nothing to remark. */
+  /** Advice on the next step, for want of remarks. */
   #advice() {
     const { points, selected, model, brush, pen, isSelecting, shapeTools, netNodes } = this.page;
     if (model.get("read_only")) return "These points are shown only";
     const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
-    if (brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
+    if (brush.isOn) {
+      return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
+    }
     if (isSelecting) return "Drag a band around points, or tap them; a second tap takes one out again; Escape ends";
     if (pen.isOn) return "Backspace takes the last place back, Escape gives up";
     if (shapeTools.chosenShape) {
