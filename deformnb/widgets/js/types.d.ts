@@ -29,9 +29,15 @@ export interface Point {
   radius: number | null;
 }
 
-/** A region of a picture: a closed outline, or one side of an open line that continues without end. */
-export interface OutlineData {
-  kind: "line" | "polygon";
+/** The region within a closed outline. */
+export interface PolygonData {
+  kind: "polygon";
+  vertices: number[][];
+}
+
+/** The region on the left of an open line, which continues without end. */
+export interface LineData {
+  kind: "line";
   vertices: number[][];
 }
 
@@ -53,6 +59,9 @@ export interface MaskData {
   bits: string;
 }
 
+export type OutlineData = PolygonData | LineData;
+
+/** A region of a picture. */
 export type RegionData = OutlineData | HalfSpaceData | MaskData;
 
 /** A cut: what lies in the region is deformed by its own points alone. */
@@ -231,7 +240,7 @@ export interface TimeDetail {
 export interface Bus extends EventTarget {
   latest: PointsDetail | null;
   owners: number;
-  sender?: Sender;
+  sender?: Sender | null;
   /** The number of open views of an editor. */
   views?: number;
   clock?: PlayClock;

@@ -236,7 +236,7 @@ export function turnedPoints(points, ids, about, angle, factor = 1) {
 /**
  * The angle and the factor of a key, one of which does nothing.
  * @param {number} way
- * @param {{ isLarge: boolean, isScale: boolean }} modifiers
+ * @param {{ isLarge?: boolean, isScale?: boolean }} modifiers
  * @returns {Vector2}
  */
 export function turnOfKey(way, { isLarge, isScale }) {

@@ -10,7 +10,7 @@ export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
  * @template {ShapeData} S
  * @param {S[]} shapes
  * @param {number} index
- * @param {Partial<S>} change
+ * @param {Partial<NoInfer<S>>} change
  */
 export function withShape(shapes, index, change) {
   return shapes.map((shape, k) => (k === index ? { ...shape, ...change } : shape));
@@ -156,7 +156,7 @@ export function simplified(path, tolerance) {
 
 // ---- words ----------------------------------------------------------------------------------------------------------
 
-/** @param {ShapeData} shape @param {ShapeKind} what @param {number} index */
+/** @param {{ name: string }} shape @param {ShapeKind} what @param {number} index */
 export function shapeName(shape, what, index) { return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`; }
 
 /** @type {Record<string, string>} */

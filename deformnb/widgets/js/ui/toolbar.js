@@ -193,11 +193,12 @@ export class Toolbar {
 
   /**
    * Move the focus from a button to its neighbour; false for keys that do not.
-   * @param {HTMLButtonElement} button
+   * @param {Element & HTMLOrSVGElement} button
    * @param {string} key
    */
   focusNext(button, key) {
     if (key === "ArrowUp" || key === "ArrowDown") return false;
+    /** @type {(Element & HTMLOrSVGElement)[]} */
     const all = [...this.buttons.values()].filter((b) => !b.isItem).map((b) => b.button), at = all.indexOf(button);
     const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length];
     for (const other of all) other.tabIndex = other === next ? 0 : -1;
