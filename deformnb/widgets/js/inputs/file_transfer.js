@@ -2,7 +2,7 @@
 
 /** @import { Model } from "../types.d.ts" */
 
-const HAND_OVER_KEYS = { "data-lm-suppress-shortcuts": "true" };
+import { OWN_KEYS, setAttributes } from "../ui/dom.js";
 
 /** @param {string} text */
 async function copied(text) {
@@ -30,7 +30,7 @@ function render({ model, el }) {
   line.setAttribute("role", "status");
   const area = Object.assign(document.createElement("textarea"), { className: "dnb-hand-over-text", readOnly: true,
     hidden: true, ariaLabel: "text to copy", spellcheck: false });
-  for (const [name, value] of Object.entries(HAND_OVER_KEYS)) area.setAttribute(name, value);
+  setAttributes(area, OWN_KEYS);
   root.append(line, area);
   el.append(root);
 
