@@ -80,7 +80,7 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
     tab.drawn()
     assert tab.page.evaluate(f"['overlay', 'stop_at_folds', 'show_net'].map((n) => {EDITOR}.model.get(n))") == [
         "area", True, False]
-    assert tab.page.evaluate(f"{EDITOR}.mirror.on")
+    assert tab.page.evaluate(f"{EDITOR}.pointTools.mirror.on")
 
 
 def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:

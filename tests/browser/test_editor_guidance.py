@@ -133,7 +133,7 @@ def test_waiting_ends_a_drag_and_a_name_as_escape_does(opened: Any, picture: Pic
     editor.waiting = "Another picture"
     page.wait("document.querySelector('.dnb-ed-waiting') !== null")
     page.page.mouse.move(x + 60, y + 30, steps=3)
-    assert page.js(f"[{PAGE}.drag0, {PAGE}.points.map((p) => p.target)]") == [None, points.target.tolist()]
+    assert page.js(f"[{PAGE}.pointTools.drag0, {PAGE}.points.map((p) => p.target)]") == [None, points.target.tolist()]
     page.page.mouse.up()
     assert page.points == points
     assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()

@@ -172,7 +172,7 @@ def test_regions_differ_by_form_as_well_as_by_colour(opened: Any, picture: Pictu
     page.settled()
     forms = page.js(f"""[0, 1, 2, 3, 4, 5, 6, 7].map((k) => {{
         const parts = {PAGE}.handles.byId.get(k);
-        {PAGE}.markOf = (p) => p.id;
+        {PAGE}.shapeTools.markOf = (p) => p.id;
         {PAGE}.drawNow();
         return parts.form.getAttribute("d"); }})""")
     assert len(set(forms)) == 8  # the first is the plain disc

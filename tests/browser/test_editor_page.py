@@ -301,7 +301,8 @@ def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture
 def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, picture: Picture,
                                                                 points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.js(f"{PAGE}.edit({PAGE}.points.map((p) => p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
+    page.js(f"{PAGE}.pointTools.edit({PAGE}.points.map((p) => "
+            f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
     assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
     assert page.points == points
     page.editor.set_trait("kernel", "thin_plate")

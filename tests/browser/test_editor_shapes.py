@@ -207,7 +207,7 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     np.testing.assert_allclose(editor.parts[0].region.vertices, corners, atol=0.1)
     part = RigidPart(Polygon(editor.parts[0].region.vertices))
     assert editor.points == without_conflicts(points, [part], how) != points
-    assert page.js(f"{PAGE}.chosenShape.region.vertices.length") == 4
+    assert page.js(f"{PAGE}.shapeTools.chosenShape.region.vertices.length") == 4
     editor.fit()
     page.page.locator("[data-command=undo]").click()  # one edit
     page.answered()
@@ -323,7 +323,8 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
     def names() -> tuple[str, str]:
         """The chosen shape in the page, and in Python."""
         chosen = editor.chosen_shape
-        return page.js(f"{PAGE}.chosenShape?.name ?? ''"), editor.parts[chosen["index"]].name if chosen else ""
+        name = page.js(f"{PAGE}.shapeTools.chosenShape?.name ?? ''")
+        return name, editor.parts[chosen["index"]].name if chosen else ""
 
     page.page.mouse.click(*page.on_screen((60.0, 15.0)))
     page.answered()

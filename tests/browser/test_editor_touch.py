@@ -200,9 +200,9 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
     page = opened(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
     k = page.js(f"{PAGE}.view.k")
     page.drag([55, 15], (30 * k, 20 * k))
-    assert page.js(f"[{PAGE}.chosen, [...{PAGE}.selected]]") == [None, [4]]
+    assert page.js(f"[{PAGE}.shapeTools.chosen, [...{PAGE}.selected]]") == [None, [4]]
     page.page.mouse.click(*page.on_screen([55, 15]))
-    assert page.js(f"{PAGE}.chosen") == {"what": "cuts", "index": 0}
+    assert page.js(f"{PAGE}.shapeTools.chosen") == {"what": "cuts", "index": 0}
     page.drag([55, 5], (4 * k, 0))  # now that it is chosen
     page.answered()
     assert page.editor.cuts[0].region.vertices[0] == pytest.approx([59, -20], abs=0.6)

@@ -52,12 +52,12 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)
-    scripts = "editor/editor.js editor/point_tools.js"
+    scripts = "editor/editor.js"
     if table != "EDITOR_KEYS":
         scripts = "space_editor/editor.js space_editor/pointer.js"
     text = "".join((JS / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
-        assert re.search(rf'[{{,\s]"?{command}"?: \((?:page)?\) =>', text), command
+        assert re.search(rf'[{{,\s]"?{command}"?: \((?:page|tools)?(?:, ids)?\) =>', text), command
 
 
 @pytest.mark.needs_browser

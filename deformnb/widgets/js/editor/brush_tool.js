@@ -1,9 +1,14 @@
-// The brush in the hand: its circle, its bar, and its strokes (maths/brushes.js) by mouse, pen, finger or keys.
+// The brush: its circle, its bar, and its strokes (maths/brushes.js) by mouse, pen, finger or keys.
 
 import { shownLength } from "../maths/numbers.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 
+/** @import { Stroke } from "../maths/brushes.js" */
+/** @import { EditorPage } from "./editor.js" */
+
+/** @type {Record<string, string>} */
 const BRUSH_WORDS = { smudge: "Smudge", size: "Expand" };
+/** @type {Record<string, string>} */
 const BRUSH_HINTS = {
   smudge: "Drag to push what lies in the circle. [ and ] or the wheel change its size, Esc ends",
   size: "Press and drag right to expand what lies in the circle, left to shrink it. [ and ] change its size, Esc ends",
@@ -13,19 +18,30 @@ const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
+/** A brush in use, its circle and its bar. */
 export class Brush {
+  /** @param {EditorPage} page */
   constructor(page) {
-    Object.assign(this, { page, tool: null, at: null, stroke: null, from: null, isByKeys: false });
+    this.page = page;
+    /** @type {string | null} */
+    this.tool = null;
+    /** The place of the circle in CSS pixels. @type {number[] | null} */
+    this.at = null;
+    this.from = [0, 0]; // the start of the stroke
+    /** @type {Stroke | null} */
+    this.stroke = null;
+    this.isByKeys = false;
+    this.timer = 0;
     this.bar = pageElement("div", "dnb-ed-brush", page.stage, { hidden: "", role: "group", "aria-label": "Brush" });
     this.title = pageElement("span", "", this.bar);
-    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100, "aria-label": "radius of the brush",
-      ...OWN_KEYS });
+    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100,
+      "aria-label": "radius of the brush", ...OWN_KEYS });
     this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.done = pageElement("button", "dnb-ed-button", this.bar, { type: "button",
       "aria-label": "put the brush away", ...OWN_KEYS });
     this.done.textContent = "Done";
     this.slider.addEventListener("input", () => page.guard(() => this.setRadius(this.#limits[0]
-      * (this.#limits[1] / this.#limits[0]) ** (this.slider.value / 100))));
+      * (this.#limits[1] / this.#limits[0]) ** (Number(this.slider.value) / 100))));
     this.slider.addEventListener("change", () => page.guard(() => page.focusStage()));
     this.done.addEventListener("click", () => page.guard(() => { this.stop(); page.focusStage(); }));
   }
@@ -39,20 +55,25 @@ export class Brush {
 
   get #limits() { return BRUSH_PIXELS.map((pixels) => pixels / this.page.view.k); }
 
-  // In units of the picture.
+  /** In units of the picture. @returns {number} */
   get radius() { return this.page.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
 
+  /** @param {number} radius */
   setRadius(radius) {
     const [least, most] = this.#limits;
     this.page.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
-    clearTimeout(this.timer); // a slider tells of every pixel
+    clearTimeout(this.timer); // a slider moves pixel by pixel
     this.timer = setTimeout(() => this.page.model.save_changes(), 200);
     this.page.invalidate();
   }
 
-  // One notch of the wheel or one press of a key.
+  /**
+   * Notches of the wheel or presses of a key.
+   * @param {number} notches
+   */
   grow(notches) { this.setRadius(this.radius * 1.1 ** notches); }
 
+  /** @param {string} tool a name of BRUSH_WORDS */
   start(tool) {
     const { page } = this;
     this.tool = tool;
@@ -75,41 +96,42 @@ export class Brush {
 
   show() {
     this.bar.hidden = !this.isOn;
-    if (!this.isOn) return;
+    if (!this.tool) return;
     const [least, most] = this.#limits;
     setText(this.title, BRUSH_WORDS[this.tool]);
     setText(this.value, shownLength(this.radius));
-    this.slider.value = 100 * Math.log(this.radius / least) / Math.log(most / least);
+    this.slider.value = String(100 * Math.log(this.radius / least) / Math.log(most / least));
   }
 
   // ---- strokes ------------------------------------------------------------------------------------------------------
 
-  #place([x, y]) { return [(x - this.page.view.x) / this.page.view.k, (y - this.page.view.y) / this.page.view.k]; }
-
+  /** @param {number[] | null} at */
   hover(at) {
     this.at = at;
     this.isByKeys = false;
     this.page.invalidate();
   }
 
+  /** @param {number[]} at */
   press(at) {
-    const { page } = this;
+    const { page, page: { pointTools } } = this;
     this.at = this.from = at;
-    const stroke = page.beginStroke(this.#place(at), this.radius, this.tool);
+    const stroke = this.tool ? pointTools.beginStroke(page.placeAt(at), this.radius, this.tool) : null;
     if (!stroke) return;
     this.stroke = stroke;
-    page.paintStroke(stroke);
+    pointTools.paintStroke(stroke);
   }
 
+  /** @param {number[]} at */
   drag(at) {
     this.at = at;
     const { stroke, page } = this;
     page.invalidate();
     if (!stroke) return;
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
-    if (stroke.tool === "smudge") stroke.smudge(this.#place(at));
+    if (stroke.tool === "smudge") stroke.smudge(page.placeAt(at));
     else stroke.size((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
-    if (page.paintStroke(stroke)) return;
+    if (page.pointTools.paintStroke(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter what is rigid
   }
 
@@ -118,31 +140,36 @@ export class Brush {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "smudge" ? stroke.done === 0 : stroke.swell === 0;
-    this.page.endDrag(isCancelled || isIdle, "brush");
+    this.page.pointTools.endDrag(isCancelled || isIdle, "brush");
     if (!isCancelled && !isIdle) this.page.speak(`${stroke.name} done`);
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
+  /**
+   * Whether a key means something to the brush.
+   * @param {string} key
+   * @param {KeyboardEvent} event
+   * @param {number[]} [arrow] the direction of an arrow key
+   */
   key(key, event, arrow) {
-    const { page } = this;
+    const { page } = this, middle = [page.view.width / 2, page.view.height / 2];
     if (key === "[" || key === "]") { this.grow(key === "]" ? 1 : -1); return true; }
     if (key === "Escape") { if (this.stroke) this.lift(true); else this.stop(); return true; }
     if (arrow) {
       const step = BRUSH_KEYS[event.shiftKey ? 0 : 1];
-      this.at ??= [page.view.width / 2, page.view.height / 2];
-      const next = [this.at[0] + step * arrow[0], this.at[1] + step * arrow[1]];
+      const [x, y] = this.at ?? middle, next = [x + step * arrow[0], y + step * arrow[1]];
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;
-      page.speak(`brush at ${this.#place(next).map(shownLength).join(", ")}`);
+      page.speak(`brush at ${page.placeAt(next).map(shownLength).join(", ")}`);
       page.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (this.stroke) this.lift();
     else {
-      this.press(this.at ?? [page.view.width / 2, page.view.height / 2]);
+      this.press(this.at ?? middle);
       page.speak(this.stroke ? "brush pressed" : "no stroke here");
     }
     return true;

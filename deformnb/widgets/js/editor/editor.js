@@ -1,62 +1,148 @@
-// The editor: a picture that follows its control points. Joined behind the files that deformnb/widgets/editor/editor.py names.
-// To Python: edit and history, by sync/edits.js. From Python: done (sender, seq), error (message).
+// The editor of a picture, which follows its control points.
+// Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
+// draw (tool), look (id).
 
-import { resetPoints, samePoints, switchedPoints } from "../maths/points.js";
-import { busOf, holdBus, releaseBus } from "../sync/bus.js";
+import { layeredFit } from "../maths/cuts.js";
+import { foldsOf, probesOf } from "../maths/folds.js";
+import { samePoints } from "../maths/points.js";
+import { RBF_KERNELS, RbfError } from "../maths/rbf.js";
+import { isStill } from "../maths/rigid_stages.js";
+import { deformedNet, NO_CUTS } from "../maths/warp_map.js";
+import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
 import { RestingTrait, senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
 import { helpPanel } from "../ui/key_help.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
+import { DrawRate, EditorDrawing, treeOf } from "./drawing.js";
 import { NetNodes } from "./grid_nodes.js";
 import { Handles, HandMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
-import { decodePicture, Painter } from "./painter.js";
-import { EditorHand } from "./point_tools.js";
+import { decodePicture, drawNet, Painter } from "./painter.js";
+import { PointTools } from "./point_tools.js";
 import { Gestures } from "./pointer.js";
-import { ShapeHandles } from "./shape_handles.js";
-import { Pen, PEN_WORDS } from "./shape_tools.js";
+import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
+import { StatusLine } from "./status_line.js";
 
-const SHAPE_COMMANDS = { remove: (page) => page.removeShape(), rename: (page) => page.renameShape(),
-  switch: (page) => page.switchShape(), turn: (page) => page.turnShape() };
+/** @import { FitSettings, LayeredFit, Model, Point, PointsDetail, Shapes } from "../types.d.ts" */
+/** @import { View } from "./painter.js" */
+/** @typedef {ReturnType<typeof deformedNet>} NetLines */
+/** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
 
-class EditorPage extends EditorHand {
+/** @typedef {object} Naming
+ * @property {(text: string) => void} take
+ * @property {() => boolean} focus gives the focus back; false if the named thing is gone
+ */
+
+/** Other traits that the drawing depends on. */
+const SHOWN = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
+  "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+
+const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
+const REST = 120; // milliseconds after which the full picture is drawn
+const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
+const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the editor out
+
+/**
+ * Commands of the toolbar and of keys; `ids` are the points that they are about.
+ * @type {Record<string, (page: EditorPage, ids: number[]) => void>}
+ */
+const COMMANDS = {
+  add: (page) => page.setAdding(!page.isAdding), select: (page) => page.setSelecting(!page.isSelecting),
+  remove: (page, ids) => page.pointTools.remove(ids),
+  rename: (page, ids) => { if (ids.length === 1) page.pointTools.rename(ids[0]); },
+  switch: (page, ids) => page.pointTools.switch(ids), reset: (page, ids) => page.pointTools.reset(ids),
+  lock: (page, ids) => page.pointTools.toggleLock(ids),
+  undo: (page) => page.stepHistory("undo"), redo: (page) => page.stepHistory("redo"),
+  smudge: (page) => page.setBrush("smudge"), size: (page) => page.setBrush("size"),
+  cut: (page) => page.setPen("cut"), part: (page) => page.setPen("part"), ground: (page) => page.setPen("ground"),
+  mirror: (page) => page.pointTools.toggleMirror(), "mirror-axis": (page) => page.pointTools.turnMirror(),
+  snap: (page) => page.pointTools.toggleSnap(), stop: (page) => page.toggle("stop_at_folds"),
+  "turn-left": (page) => page.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
+  "turn-right": (page) => page.pointTools.turnKey(1, { isLarge: true, isScale: false }),
+  net: (page) => page.toggle("show_net"), radius: (page) => page.toggle("show_radius"),
+  overlay: (page) => page.overlay.next(),
+  compare: (page) => { page.isComparing = !page.isComparing; page.invalidate(); },
+  "zoom-in": (page) => page.zoomAt(1.25), "zoom-out": (page) => page.zoomAt(0.8), fit: (page) => page.fitView(),
+  help: (page) => page.toggleHelp(),
+};
+
+/**
+ * The same where a shape is chosen.
+ * @type {Record<string, (tools: ShapeTools) => void>}
+ */
+const SHAPE_COMMANDS = {
+  remove: (tools) => tools.remove(), rename: (tools) => tools.rename(), switch: (tools) => tools.switch(),
+  turn: (tools) => tools.turn(),
+};
+
+/** The front end of one view of an editor. */
+export class EditorPage extends EditorDrawing {
+  id = Math.random().toString(36).slice(2);
+
+  rate = new DrawRate();
+
+  /** @type {View} */
+  view = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
+
+  isFitted = true; // whether the view shows the whole picture
+
+  isMoving = false; // whether something has moved within the last moments
+
+  isDirty = true; // whether the points are to be fitted again
+
+  isFollowing = false; // whether another view has published the points
+
+  isComparing = false; // whether the picture is shown as it was
+
+  isBefore = false; // whether this view shows the original beside another one
+
+  isAdding = false;
+
+  isSelecting = false;
+
+  error = ""; // the reason why the points cannot be fitted
+
+  /** The last good fit. @type {LayeredFit | null} */
+  layered = null;
+
+  /** The grid that was drawn, and what it was made of. @type {{ key: unknown[], lines: NetLines } | null} */
+  net = null;
+
+  /** @type {Folds | null} */
+  folds = null;
+
+  /** The name that is being asked for. @type {Naming | null} */
+  naming = null;
+
+  /** The element that had the focus before the list of keys. @type {HTMLElement | SVGElement | null} */
+  beforeHelp = null;
+
+  restTimer = 0;
+
+  closing = new AbortController();
+
+  /** @type {(() => void)[]} */
+  #ends = [];
+
+  #pictures = 0; // that were asked for
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
-    super();
-    this.model = model;
-    this.bus = busOf(model);
+    super(model);
     this.bus.views = (this.bus.views ?? 0) + 1;
-    this.id = Math.random().toString(36).slice(2);
-    this.sender = senderOf(this.bus, model);
     this.sender.receive();
     this.selection = new RestingTrait(model, "selected");
-    Object.assign(this, { points: this.sender.points, shapes: this.sender.shapes, chosen: null, shapes0: null,
-      selected: new Set(model.get("selected")), layered: null,
-      error: "", stopNote: "", net: null, folds: null, drag0: null, isAdding: false, isSelecting: false, isComparing: false, isFitted: true, frame: 0,
-      isMoving: false, isDirty: true, view: { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }, stats: { frames: 0, ms: 0 } });
-    this.#build(el);
-    this.painter = new Painter(this.canvas);
-    this.ghost = new Ghost(this);
-    this.overlay = new Overlay(this);
-    this.shapeHandles = new ShapeHandles(this.svg); // under the points
-    this.handles = new Handles(this.svg);
-    this.pen = new Pen(this);
-    this.brush = new Brush(this);
-    this.marks = new HandMarks(this.svg, this.handles.points);
-    this.gestures = new Gestures(this);
-    this.netNodes = new NetNodes(this);
-    this.#listen();
-    this.guard(() => this.receiveChosen());
-    this.guard(() => this.showWaiting());
-    this.guard(() => this.layout());
-    this.loadPicture();
-  }
-
-  #build(el) {
+    this.points = this.sender.points;
+    this.shapes = this.sender.shapes;
+    /** @type {Set<number>} */
+    this.selected = new Set(model.get("selected"));
     this.host = el;
     el.classList.add("dnb-ed-host");
-    // Whatever is clicked in here, the keys are the editor's from then on.
-    this.root = pageElement("div", "dnb-editor", el, { tabindex: "-1", role: "group", ...OWN_KEYS });
+    el.append(this.root);
     this.toolbar = new Toolbar(this, this.root);
     this.stage = pageElement("div", "dnb-ed-stage", this.root, { tabindex: "0", role: "application", ...OWN_KEYS });
     this.canvas = pageElement("canvas", "dnb-ed-canvas", this.stage, { "aria-hidden": "true" });
@@ -65,66 +151,74 @@ class EditorPage extends EditorHand {
     this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" }); // there from the start: so it is read out
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name", ...OWN_KEYS });
-    this.tip = pageElement("div", "dnb-ed-hint", this.stage, { hidden: "", "aria-hidden": "true" });
-    this.alert = pageElement("div", "dnb-ed-alert", this.stage, { role: "alert", hidden: "" });
+    this.stage.append(this.tip, this.alert);
     this.help = helpPanel(this.stage);
-    this.status = pageElement("div", "dnb-ed-status", this.root);
-    this.facts = pageElement("span", "dnb-ed-facts", this.status);
-    this.legend = pageElement("span", "dnb-ed-legend", this.status, { role: "img" });
-    this.foldFact = pageElement("span", "dnb-ed-folds", this.status);
-    this.notes = pageElement("div", "dnb-ed-notes", this.status);
-    this.spoken = pageElement("div", "dnb-ed-spoken", this.root, { "aria-live": "polite" });
-    this.root.deformnb = this; // for tests and for whoever looks into the page
+    this.statusLine = new StatusLine(this);
+    this.root.append(this.spoken);
+    this.painter = new Painter(this.canvas);
+    this.ghost = new Ghost(this);
+    this.overlay = new Overlay(this);
+    this.shapeTools = new ShapeTools(this); // whose shapes lie under the points
+    /** @type {Handles<Point>} */
+    this.handles = new Handles(this.svg);
+    this.pointTools = new PointTools(this);
+    this.pen = new Pen(this);
+    this.brush = new Brush(this);
+    this.marks = new HandMarks(this.svg, this.handles.points);
+    this.gestures = new Gestures(this);
+    this.netNodes = new NetNodes(this);
+    Object.assign(this.root, { deformnb: this }); // for tests and for whoever looks into the page
+    this.#followModel();
+    this.#followPage();
+    this.guard(() => this.shapeTools.receiveChosen());
+    this.guard(() => this.showWaiting());
+    this.guard(() => this.layout());
+    this.loadPicture();
   }
 
-  #listen() {
-    const handlers = this.handlers = [];
+  #followModel() {
+    const { model, bus, sender } = this;
+    /** @param {string} name @param {(message: any) => void} handler */
     const on = (name, handler) => {
-      const guarded = (...given) => this.guard(() => handler(...given));
-      this.model.on(name, guarded);
-      handlers.push([name, guarded]);
+      /** @param {any} message */
+      const guarded = (message) => this.guard(() => handler(message));
+      model.on(name, guarded);
+      this.#ends.push(() => model.off(name, guarded));
     };
-    on("change:selected", () => { if (!this.selection.isAhead) this.select(this.model.get("selected"), false); });
-    on("change:chosen_shape", () => this.receiveChosen());
-    on("change:image", () => this.loadPicture());
-    on("change:raster", () => this.loadPicture());
-    on("change:beyond", () => this.layout());
-    on("change:height", () => this.layout());
+    on("change:selected", () => { if (!this.selection.isAhead) this.select(model.get("selected"), false); });
+    on("change:chosen_shape", () => this.shapeTools.receiveChosen());
+    for (const name of ["image", "raster"]) on(`change:${name}`, () => this.loadPicture());
+    for (const name of ["beyond", "height", "label"]) on(`change:${name}`, () => this.layout());
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
-    on("change:label", () => this.layout());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => this.changed());
-    const shown = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
-    for (const name of shown) on(`change:${name}`, () => this.invalidate());
+    for (const name of SHOWN) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
-    this.moved = (event) => this.guard(() => {
-      const { origin, points, phase, settings } = event.detail;
-      if (origin === this.id || this.drag0 || this.shapes0) return;
-      if (phase !== "move") { this.receive(); return; }
-      Object.assign(this, { isFollowing: true, points }); // the view under the hand alone tells the others
-      this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
-      this.changed(true);
-    });
-    const heard = { points: () => this.receive(), status: () => this.showStatus(), history: () => { this.receiveChosen(); this.invalidate(); } };
-    this.unlisten = this.sender.listen((what) => this.guard(heard[what]));
-    this.bus.addEventListener("deformnb:points", this.moved);
-    this.sender.greet();
-    this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
-    this.observer.observe(this.root);
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.guard(() => this.applyTheme());
-    this.dark.addEventListener("change", this.repaint);
-    this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change attributes of the body
-    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
+    const news = { points: () => this.receive(), status: () => this.showStatus(),
+      history: () => { this.shapeTools.receiveChosen(); this.invalidate(); } };
+    this.#ends.push(sender.listen((what) => this.guard(news[what])));
+    /** @param {CustomEvent<PointsDetail>} event */
+    const moved = (event) => this.guard(() => this.#receiveMove(event.detail));
+    bus.addEventListener("deformnb:points", moved);
+    this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
+    sender.greet();
+  }
+
+  #followPage() {
+    const { signal } = this.closing, repaint = () => this.guard(() => this.applyTheme());
+    const sizes = new ResizeObserver(() => this.guard(() => this.layout()));
+    sizes.observe(this.root);
+    this.dark.addEventListener("change", repaint, { signal });
+    const themes = new MutationObserver(repaint); // Jupyter and VS Code change attributes of the body
+    themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
       "data-jp-theme-name", "data-vscode-theme-kind"] });
-    this.closed = new AbortController();
-    const { signal } = this.closed;
+    this.#ends.push(() => { sizes.disconnect(); themes.disconnect(); });
     this.input.addEventListener("keydown", (e) => {
       e.stopPropagation();
-      if (e.key === "Enter") this.endRename(true);
-      if (e.key === "Escape") this.endRename(false);
+      if (e.key === "Enter") this.endNaming(true);
+      if (e.key === "Escape") this.endNaming(false);
     }, { signal });
-    this.input.addEventListener("blur", () => this.endRename(true), { signal });
+    this.input.addEventListener("blur", () => this.endNaming(true), { signal });
   }
 
   close() {
@@ -132,84 +226,100 @@ class EditorPage extends EditorHand {
     this.netNodes.close();
     this.ghost.close();
     this.sender.flush();
-    this.unlisten();
-    this.closed.abort();
     this.selection.close();
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
-    this.bus.removeEventListener("deformnb:points", this.moved);
-    this.dark.removeEventListener("change", this.repaint);
-    this.observer.disconnect();
-    this.themes.disconnect();
+    this.closing.abort();
+    for (const end of this.#ends) end();
     cancelAnimationFrame(this.frame);
     for (const timer of [this.restTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
-    this.bus.views -= 1;
+    this.bus.views = (this.bus.views ?? 1) - 1;
     if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }
 
-  // Whatever goes wrong in here is said in the widget, and the page goes on.
-  guard(action) {
-    try { return action(); } catch (error) {
-      console.error(error);
-      this.say(`The editor met an error: ${error.message}`);
-      return undefined;
-    }
-  }
-
   // ---- the model ----------------------------------------------------------------------------------------------------
 
-  // The points of this window, wherever they came from; the hand goes first.
+  /** Take the points of this window, wherever they came from, unless the user is moving some. */
   receive() {
-    if (this.drag0 || this.shapes0) return;
+    if (this.isDragging) return;
     if (samePoints(this.sender.points, this.points) && this.sender.shapes === this.shapes) return;
     this.points = this.sender.points;
-    this.followShapes(this.sender.shapes);
+    this.shapeTools.follow(this.sender.shapes);
     this.select([...this.selected]);
-    this.receiveChosen();
+    this.shapeTools.receiveChosen();
     this.changed();
   }
 
-  message(message) {
-    if (message?.type === "error") this.say(String(message.message), true);
-    if (message?.type === "draw" && message.tool in PEN_WORDS && this.pen.draft?.tool !== message.tool) this.setTool(message.tool);
-    if (message?.type === "look") this.lookAt(message.id);
+  /** @param {PointsDetail} detail */
+  #receiveMove({ origin, points, phase, settings }) {
+    if (origin === this.id || this.isDragging) return;
+    if (phase !== "move") { this.receive(); return; }
+    this.isFollowing = true; // only the view in which the user drags publishes points
+    this.points = points;
+    this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
+    this.changed(true);
   }
 
+  /** @param {{ type: string, message?: string, tool?: string, id?: number } | undefined} message */
+  message(message) {
+    const { type, message: text, tool = "", id } = message ?? {};
+    if (type === "error") this.say(String(text), true);
+    if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
+    if (type === "look" && id !== undefined) this.lookAt(id);
+  }
+
+  /**
+   * @param {string} name
+   * @param {unknown} value
+   */
   set(name, value) {
     this.model.set(name, value);
     this.model.save_changes();
     this.invalidate();
   }
 
+  /**
+   * Switch a trait that is true or false.
+   * @param {string} name
+   */
+  toggle(name) { this.set(name, !this.model.get(name)); }
+
+  /** @returns {FitSettings} of a fit, with the shapes as they are during a drag */
+  get settings() { return { ...settingsOf(this.model), ...this.shapes }; }
+
+  /** @returns {number} */
+  get strength() { return this.settings.strength ?? 1; }
+
   async loadPicture() {
-    const ticket = this.ticket = {}, bytes = this.model.get("image"), raster = this.model.get("raster");
+    this.#pictures += 1;
+    const number = this.#pictures, bytes = this.model.get("image"), raster = this.model.get("raster");
     try {
-      if (!bytes || !bytes.byteLength) this.painter.source = null;
-      else {
-        const decoded = await decodePicture(bytes, raster);
-        if (this.ticket !== ticket) return;
-        this.painter.source = decoded;
-      }
+      const source = bytes?.byteLength ? await decodePicture(bytes, raster) : null;
+      if (this.#pictures !== number) return;
+      this.painter.source = source;
     } catch (error) {
-      if (this.ticket === ticket) this.say(`The picture could not be shown: ${error.message}`);
+      const reason = error instanceof Error ? error.message : error;
+      if (this.#pictures === number) this.say(`The picture could not be shown: ${reason}`);
     }
     this.guard(() => this.layout());
   }
 
-  // Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll.
+  /** Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll. */
   get isWorkedIn() { return Boolean(this.model.get("fill")) || this.root.matches(":focus-within"); }
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
-  get isLocked() { return this.isWaiting || this.model.get("read_only") || this.isBefore; }
+  get isLocked() { return this.isWaiting || Boolean(this.model.get("read_only")) || this.isBefore; }
 
-  // While Python makes another picture, nothing here can be edited; a hand that is at it is as if it had not begun.
+  /** Whether points or a shape are being dragged. */
+  get isDragging() { return this.pointTools.drag0 !== null || this.shapeTools.drag0 !== null; }
+
+  /** While Python makes another picture, nothing can be edited; a drag under way is as if it had not begun. */
   showWaiting() {
     const { isWaiting } = this;
     if (isWaiting) {
       this.gestures.cancel();
-      this.endRename(false);
+      this.endNaming(false);
       this.setAdding(false);
       this.pen.stop();
       this.brush.stop();
@@ -220,64 +330,293 @@ class EditorPage extends EditorHand {
     this.invalidate();
   }
 
+  /** The picture's box, [a0, a1, b0, b1]. */
   get box() {
     const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
-  // All that is drawn: the picture's box, and what the result's box holds beyond it.
+  /** The box of all that is drawn: the picture's, and what the result's holds beyond it. */
   get sheet() {
     const { box } = this, beyond = this.model.get("beyond") ?? [];
     return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
   }
 
-  // ---- selection and commands ---------------------------------------------------------------------------------------
+  // ---- the view -----------------------------------------------------------------------------------------------------
 
+  layout() {
+    this.applyTheme(); // a style sheet that comes late changes sizes as well
+    const [a0, a1, b0, b1] = this.sheet, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
+    const isFilling = Boolean(this.model.get("fill")); // the application gives the editor a place to fill, Jupyter none
+    const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH), label = this.model.get("label") || "Picture";
+    const whole = (width - 2 * MARGIN) * aspect + 2 * MARGIN;
+    const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, whole)));
+    this.stage.style.height = `${height}px`;
+    this.stage.classList.toggle("dnb-ed-filling", isFilling);
+    this.root.setAttribute("aria-label", `Editor of ${label}`);
+    this.stage.setAttribute("aria-label", `${label} with control points. Tab leads to ` +
+      "them, Ctrl and arrows from one to the next, arrows move, Enter adds, question mark lists the keys.");
+    const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
+    const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
+    Object.assign(v, { width, height, ratio });
+    this.painter.resize(width, height, ratio);
+    this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    if (this.isFitted) this.fitView();
+    else Object.assign(v, { x: v.x + dx, y: v.y + dy });
+    this.drawNow(); // at once: a canvas that was resized is empty
+  }
+
+  /**
+   * The place of the picture at a place of the view.
+   * @param {number[]} at CSS pixels
+   */
+  placeAt([x, y]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
+
+  /**
+   * The place of the view at a place of the picture.
+   * @param {number[]} place
+   */
+  onView([a, b]) { return [this.view.k * a + this.view.x, this.view.k * b + this.view.y]; }
+
+  get #fittedScale() {
+    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view;
+    return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
+  }
+
+  fitView() {
+    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view, k = this.#fittedScale;
+    Object.assign(this.view, { k, x: width / 2 - k * (a0 + a1) / 2, y: height / 2 - k * (b0 + b1) / 2 });
+    this.isFitted = true;
+    this.invalidate();
+  }
+
+  /**
+   * @param {number} dx
+   * @param {number} dy
+   */
+  panBy(dx, dy) {
+    Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
+    this.#keepInSight();
+    this.moving();
+  }
+
+  /** @param {number} factor */
+  zoomAt(factor, x = this.view.width / 2, y = this.view.height / 2) {
+    const v = this.view, fitted = this.#fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
+    const f = k / v.k;
+    Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
+    this.#keepInSight();
+    this.moving();
+  }
+
+  /**
+   * Show a point in the middle of the view, magnified enough to show what it holds.
+   * @param {number} id
+   */
+  lookAt(id) {
+    const p = this.pointOf(id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
+    if (!p) return;
+    Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
+    this.#keepInSight();
+    this.moving();
+    this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight
+    this.handles.blink([id]);
+  }
+
+  /** Some of the picture stays in the view, so that nobody is lost in the grey. */
+  #keepInSight() {
+    const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
+    v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
+    v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));
+    this.isFitted = false;
+  }
+
+  // ---- drawing ------------------------------------------------------------------------------------------------------
+
+  /** The points or settings are others. */
+  changed(isMoving = false) {
+    this.isDirty = true;
+    if (isMoving) this.moving();
+    else this.invalidate();
+  }
+
+  moving() {
+    this.isMoving = true;
+    clearTimeout(this.restTimer);
+    this.restTimer = setTimeout(() => {
+      this.isMoving = false;
+      this.net = this.folds = null;
+      this.invalidate();
+    }, REST);
+    this.invalidate();
+  }
+
+  draw() {
+    const { model, view, isMoving, pointTools } = this;
+    this.isBefore = this.netNodes.side === "before";
+    if (this.isDirty) this.#refit();
+    const fit = this.isComparing || this.isBefore ? null : this.layered;
+    this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet });
+    this.painter.drawFrame(view, this.sheet);
+    if (model.get("show_net") && model.get("density") > 0) this.#drawNet(fit);
+    if (this.layered && !this.folds) this.folds = this.#measuredFolds(this.layered);
+    this.ghost.draw();
+    this.overlay.draw(fit, this.folds, isMoving);
+    const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
+    this.handles.suspects = new Set(model.get("marked") ?? []);
+    this.netNodes.update(fit);
+    const shown = this.netNodes.shown(this.points), marks = (/** @type {Point} */ p) => this.shapeTools.markOf(p);
+    if (this.handles.update(shown, this.selected, view, radius, reach, marks) || isLost) this.focusStage();
+    this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected,
+      brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
+      isAdding: this.isAdding, onView: (place) => this.onView(place) });
+    this.brush.show();
+    this.statusLine.update();
+    this.#updateToolbar();
+    this.rate.drew(performance.now());
+  }
+
+  #refit() {
+    this.isDirty = false;
+    if (this.isBefore) return; // shows no fit
+    const { settings } = this;
+    try {
+      this.layered = layeredFit(this.points, { ...settings, previous: this.layered });
+      this.error = "";
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      this.error = error.message; // the last good picture stays
+    }
+    this.net = this.folds = null; // of these points, looked at once more when they rest
+    const layered = this.error ? null : this.layered;
+    if (!this.isFollowing) {
+      publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered,
+        phase: this.isDragging ? "move" : "end" });
+    }
+    this.isFollowing = false;
+    this.pointTools.sendMove();
+  }
+
+  /** The fit where there are no cuts, for tests and for whoever looks into the page. */
+  get fit() { return this.layered?.fit ?? null; }
+
+  /** @param {LayeredFit | null} layered */
+  #drawNet(layered) {
+    const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
+    const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
+    const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
+    const parts = isBent ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
+    const key = [layered, cells, parts, String(this.box)], { net } = this;
+    const isSame = net !== null && key.every((value, k) => value === net.key[k]);
+    const lines = isSame ? net.lines
+      : deformedNet(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k);
+    this.net = { key, lines };
+    drawNet(this.painter.context, this.view, lines, this.colours.net);
+  }
+
+  /**
+   * The folds of the map; only at rest as finely as the status line reports them.
+   * @param {LayeredFit} layered
+   */
+  #measuredFolds(layered) {
+    const { isMoving } = this, probes = probesOf(layered, isMoving ? 5e4 : 4e5);
+    return { ...foldsOf(layered, this.box, layered.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes };
+  }
+
+  /** The reach of a point in units of the picture; 0 where that is not known. */
+  #reach() {
+    const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
+    if (!fit) return 0;
+    const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
+    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels know no radius
+  }
+
+  #updateToolbar() {
+    const { points, selected, model, brush, pointTools, shapeTools, sender } = this, tool = this.pen.draft?.tool;
+    const isShape = shapeTools.chosenShape !== null && selected.size === 0;
+    const own = points.filter((p) => selected.has(p.id));
+    const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
+      cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
+      size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
+      stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
+      net: model.get("show_net"), radius: model.get("show_radius"), help: !this.help.hidden });
+    this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
+      turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
+      steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
+      readOnly: this.isLocked });
+  }
+
+  /**
+   * Show a sentence over the picture, in place of a question about a rigid part.
+   * @param {string} message
+   */
+  say(message, isPassing = false) {
+    this.shapeTools.forgetOffer();
+    super.say(message, isPassing);
+  }
+
+  // ---- points, selection and commands -------------------------------------------------------------------------------
+
+  /** @param {number} id */
+  pointOf(id) { return this.points.find((p) => p.id === id); }
+
+  /**
+   * @param {Iterable<number>} ids
+   * @param {boolean} isShared whether Python gets the selection
+   */
   select(ids, isShared = true) {
-    const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
+    const known = new Set(this.points.map((p) => p.id)), next = new Set([...ids ?? []].filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
-    if (next.size) this.chooseShape(null);
+    if (next.size) this.shapeTools.choose(null);
     this.invalidate();
     if (isSame || !isShared) return;
     this.selection.tellSoon([...this.selected]);
   }
 
+  /** @param {number} id */
   toggleSelected(id) {
     this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
   }
 
+  /**
+   * The ids of the points in a rectangle of the view.
+   * @param {{ x: number, y: number, width: number, height: number }} box
+   */
   pointsInside({ x, y, width, height }) {
-    const v = this.view;
-    return this.points.filter(({ target: [a, b] }) => {
-      const px = v.k * a + v.x - x, py = v.k * b + v.y - y;
-      return px >= 0 && py >= 0 && px <= width && py <= height;
+    return this.points.filter(({ target }) => {
+      const [px, py] = this.onView(target);
+      return px >= x && py >= y && px - x <= width && py - y <= height;
     }).map((p) => p.id);
   }
 
+  /**
+   * The selected points, or the one in focus if that is not selected.
+   * @param {number | null} focused
+   */
+  idsAt(focused) { return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected]; }
+
+  /**
+   * @param {string} command
+   * @param {number | null} focused
+   */
   run(command, focused) {
-    const ids = focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
-    const { width, height } = this.view, all = this.points.map((p) => p.id);
+    const ids = this.idsAt(focused), { shapeTools } = this;
     if (focused === null && this.toolbar.isOff(command)) return;
-    const isShape = this.chosen !== null && focused === null && ids.length === 0;
-    if (isShape && SHAPE_COMMANDS[command]) { if (!this.isLocked) SHAPE_COMMANDS[command](this); return; }
-    if (this.runTool(command, ids)) return;
-    const commands = {
-      cut: () => this.setTool("cut"), part: () => this.setTool("part"), ground: () => this.setTool("ground"),
-      add: () => this.setAdding(!this.isAdding), remove: () => this.remove(ids), undo: () => this.stepHistory("undo"),
-      redo: () => this.stepHistory("redo"), rename: () => ids.length === 1 && this.rename(ids[0]),
-      switch: () => this.change(switchedPoints(this.points, ids), "switch"),
-      reset: () => this.change(resetPoints(this.points, this.freed(ids.length ? ids : all)), "reset"),
-      net: () => this.set("show_net", !this.model.get("show_net")),
-      radius: () => this.set("show_radius", !this.model.get("show_radius")),
-      overlay: () => this.overlay.next(),
-      compare: () => { this.isComparing = !this.isComparing; this.invalidate(); },
-      "zoom-in": () => this.zoomAt(1.25, width / 2, height / 2), "zoom-out": () => this.zoomAt(0.8, width / 2, height / 2),
-      fit: () => this.fitView(), help: () => this.toggleHelp(),
-    };
-    commands[command]?.();
+    if (shapeTools.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
+      if (!this.isLocked) SHAPE_COMMANDS[command](shapeTools);
+    } else COMMANDS[command]?.(this, ids);
   }
 
+  /** @param {"undo" | "redo"} way */
+  stepHistory(way) {
+    if (this.pointTools.drag0 || this.isLocked || !this.sender.step(way)) return;
+    this.speak(way === "undo" ? "undone" : "redone");
+  }
+
+  // ---- modes: adding, selecting, pen and brush ----------------------------------------------------------------------
+
+  /** @param {boolean} isAdding */
   setAdding(isAdding) {
     if (isAdding) { this.pen.stop(); this.brush.stop(); this.setSelecting(false); }
     this.isAdding = isAdding && !this.isLocked;
@@ -286,7 +625,10 @@ class EditorPage extends EditorHand {
     this.invalidate();
   }
 
-  // While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+  /**
+   * While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+   * @param {boolean} isSelecting
+   */
   setSelecting(isSelecting) {
     if (isSelecting) { this.pen.stop(); this.brush.stop(); this.setAdding(false); }
     this.isSelecting = isSelecting;
@@ -295,7 +637,7 @@ class EditorPage extends EditorHand {
     this.invalidate();
   }
 
-  // Whether there was one.
+  /** False if neither was on. */
   stopModes() {
     const was = this.isAdding || this.isSelecting;
     this.setAdding(false);
@@ -303,9 +645,74 @@ class EditorPage extends EditorHand {
     return was;
   }
 
-  // The focus goes to the list, and back to where it was.
+  /**
+   * Take up the pen, or put it away if it is drawing this already.
+   * @param {string} tool a name of PEN_WORDS
+   */
+  setPen(tool) {
+    const was = this.pen.draft?.tool;
+    this.pen.stop();
+    this.brush.stop();
+    if (was === tool || this.isLocked) { this.invalidate(); return; }
+    this.setAdding(false);
+    this.setSelecting(false);
+    this.shapeTools.choose(null);
+    this.shapeTools.dropOffer();
+    this.pen.start(tool);
+    this.focusStage();
+  }
+
+  /**
+   * Take up a brush, or put it away.
+   * @param {string} tool
+   */
+  setBrush(tool) {
+    const was = this.brush.tool;
+    this.brush.stop();
+    if (was === tool || this.isLocked) return;
+    this.setAdding(false);
+    this.setSelecting(false);
+    this.pen.stop();
+    this.shapeTools.choose(null);
+    this.select([]);
+    this.brush.start(tool);
+    this.focusStage();
+  }
+
+  // ---- names and help -----------------------------------------------------------------------------------------------
+
+  /**
+   * Ask for a name beside a place of the view.
+   * @param {string} text
+   * @param {string} placeholder
+   * @param {number[]} at
+   * @param {Naming} naming
+   */
+  askName(text, placeholder, [x, y], naming) {
+    const { input, view: { width, height } } = this;
+    this.naming = naming;
+    input.hidden = false;
+    input.value = text;
+    input.placeholder = placeholder;
+    input.style.left = `${Math.max(4, Math.min(width - 164, x + 12))}px`;
+    input.style.top = `${Math.max(4, Math.min(height - 32, y - 30))}px`;
+    input.focus();
+    input.select();
+  }
+
+  /** @param {boolean} isKept */
+  endNaming(isKept) {
+    const { naming, input } = this;
+    if (!naming || input.hidden) return;
+    const hadFocus = treeOf(this.root).activeElement === input;
+    input.hidden = true;
+    if (isKept) this.guard(() => naming.take(input.value));
+    if (!naming.focus() && hadFocus) this.focusStage(); // the point may be gone meanwhile
+  }
+
+  /** The focus goes to the list, and back to where it was. */
   toggleHelp() {
-    const { activeElement } = this.root.getRootNode();
+    const { activeElement } = treeOf(this.root);
     this.help.hidden = !this.help.hidden;
     if (!this.help.hidden) {
       this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
@@ -324,21 +731,23 @@ class EditorPage extends EditorHand {
   focusStage() { this.stage.focus({ preventScroll: true }); }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} context */
 function render({ model, el }) {
   const page = new EditorPage(model, el);
   return () => page.close();
 }
 
+/** @param {{ model: Model }} context */
 function initialize({ model }) {
   const bus = busOf(model), uid = model.get("uid");
   holdBus(bus);
-  const sender = senderOf(bus, model), leave = () => sender.flush(); // a page that goes says its last word
+  const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes
   sender.attach(model); // two consoles of one kernel have two models of one editor
   window.addEventListener("pagehide", leave);
   model.on("destroy", () => {
     window.removeEventListener("pagehide", leave);
     sender.detach(model);
-    if (sender.models.length === 0) bus.sender = null;
+    if (sender.models.length === 0) bus.sender = undefined;
     releaseBus(bus, uid);
   });
 }

@@ -1,58 +1,86 @@
-// The nodes of the deformed net, to be dragged: whoever drags one makes it an ordinary control point, whose source is
-// the node's place on the original. Also how a view shows a net beside another one. Needs maths/warp_map.js, ui/dom.js.
+// The nodes of the deformed grid, to be dragged: a node that is dragged becomes an ordinary control point, whose source
+// is the node's place on the original. Also which grid a view shows beside other views.
 //
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_net` is true does.
-// A view in an element of class dnb-th-before shows the original, with the regular net and nothing to drag.
+// A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
 
-import { addedPoint, nextId } from "../maths/points.js";
+import { newPoint, nextId } from "../maths/points.js";
 import { netPlaces, netShape } from "../maths/warp_map.js";
 import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.js";
-import { pointLabel } from "./handles.js";
+
+/** @import { LayeredFit, Point } from "../types.d.ts" */
+/** @import { EditorPage } from "./editor.js" */
+/** @typedef {ReturnType<typeof netPlaces>} NetPlaces */
+/** @typedef {{ root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number }} NodeParts */
+/** id: of the new point.
+ * @typedef {{ n: number, pointer: number, from: number[], id: number | null, slack: number }} NodeDrag
+ */
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
-const LEAST_STRENGTH = 0.02; // below it a drag would have to be fifty times as far
+const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
+/** @type {Record<string, number[]>} */
+const NODE_STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const NODE_HINT = "Drag a node of the net where it shall be; Enter takes hold of it, Delete lets it go";
 const STILL_NET = "Drags are magnified 0 times: the net stands as on the original. Set the slider to 1 to drag";
 
+/** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class NetNodes {
+  /** @param {EditorPage} page */
   constructor(page) {
-    Object.assign(this, { page, nodes: [], places: null, key: [], current: 0, drag: null });
+    this.page = page;
+    /** @type {NodeParts[]} */
+    this.nodes = [];
+    /** Places of the nodes, and what they were made of. @type {{ key: unknown[], places: NetPlaces } | null} */
+    this.made = null;
+    this.current = 0; // the node at which Tab stops
+    /** @type {NodeDrag | null} */
+    this.drag = null;
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the net" });
     page.svg.insertBefore(this.group, page.handles.arrows); // under the points
     this.closing = new AbortController();
-    const on = (target, name, handler, options = {}) => target.addEventListener(name, (event) => page.guard(() => handler(event)),
-      { signal: this.closing.signal, ...options });
-    on(this.group, "pointerdown", (e) => this.down(e));
-    on(this.group, "pointermove", (e) => this.move(e));
-    on(this.group, "pointerup", (e) => this.up(e, false));
-    on(this.group, "pointercancel", (e) => this.up(e, true));
-    on(this.group, "lostpointercapture", (e) => this.up(e, true));
-    on(this.group, "dblclick", (e) => { e.stopPropagation(); this.take(this.#at(e.target)); });
-    on(this.group, "keydown", (e) => this.keyDown(e));
-    on(page.root, "keydown", (e) => { if (this.drag && e.key === "Escape") { e.stopPropagation(); this.end(true); } },
-      { capture: true });
+    const { group, closing: { signal } } = this;
+    group.addEventListener("pointerdown", (e) => page.guard(() => this.#down(e)), { signal });
+    group.addEventListener("pointermove", (e) => page.guard(() => this.#move(e)), { signal });
+    group.addEventListener("pointerup", (e) => page.guard(() => this.#up(e, false)), { signal });
+    for (const name of /** @type {const} */ (["pointercancel", "lostpointercapture"])) {
+      group.addEventListener(name, (e) => page.guard(() => this.#up(e, true)), { signal });
+    }
+    group.addEventListener("dblclick", (e) => {
+      e.stopPropagation();
+      page.guard(() => this.#take(this.#at(e)));
+    }, { signal });
+    group.addEventListener("keydown", (e) => page.guard(() => this.#keyDown(e)), { signal });
+    page.root.addEventListener("keydown", (e) => {
+      const { drag } = this;
+      if (drag && e.key === "Escape") { e.stopPropagation(); page.guard(() => this.#end(drag, true)); }
+    }, { signal, capture: true });
   }
 
   close() { this.closing.abort(); }
 
-  // ---- what kind of view this is ------------------------------------------------------------------------------------
+  // ---- the kind of this view ----------------------------------------------------------------------------------------
 
-  // "before", "after", or "" in a view that stands for itself.
-  get side() { return this.page.root.closest(".dnb-th-before, .dnb-th-after")?.classList.contains("dnb-th-before") ? "before"
-    : this.page.root.closest(".dnb-th-after") ? "after" : ""; }
+  /** "before", "after", or "" in a view that stands for itself. */
+  get side() {
+    const around = this.page.root.closest(".dnb-th-before, .dnb-th-after");
+    return !around ? "" : around.classList.contains("dnb-th-before") ? "before" : "after";
+  }
 
   get isOn() {
     const { model } = this.page, isWanted = this.side === "after" || (this.side === "" && model.get("drag_net"));
-    return Boolean(isWanted) && model.get("show_net") && model.get("density") > 0;
+    return Boolean(isWanted && model.get("show_net") && model.get("density") > 0);
   }
 
-  // How far a target must go for matter to go by one.
+  /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
   get pull() {
     const strength = this.page.strength;
     return !this.isOn ? 1 : Math.abs(strength) < LEAST_STRENGTH ? 0 : 1 / strength;
   }
 
-  // The points where they take matter to: beside the nodes they must lie on the net, however drags are magnified.
+  /**
+   * The points where they take what they hold: beside the nodes they must lie on the grid, however drags are magnified.
+   * @param {Point[]} points
+   */
   shown(points) {
     const { strength } = this.page;
     if (strength === 1 || !this.isOn) return points;
@@ -61,26 +89,33 @@ export class NetNodes {
 
   get advice() { return this.pull === 0 ? STILL_NET : NODE_HINT; }
 
-  // What is wrong with drags that are magnified beyond what was drawn.
+  /**
+   * A warning about drags that are magnified until the map folds, or "".
+   * @param {{ least: number }} folds
+   */
   warning(folds) {
     const { strength } = this.page, isBeyond = strength < 0 || strength > 1;
-    return this.isOn && isBeyond && folds.least <= 0 ? `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less` : "";
+    if (!this.isOn || !isBeyond || folds.least > 0) return "";
+    return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  // Places of the nodes under a fit, found once for each.
+  /**
+   * Places of the nodes under a fit, found once for each.
+   * @param {LayeredFit} layered
+   */
   placesOf(layered) {
-    const { model, box, view } = this.page, key = [layered, model.get("density") || 12, String(box)];
-    if (!this.places || key.some((value, k) => value !== this.key[k])) {
-      this.key = key;
-      this.places = netPlaces(layered, box, key[1], 0.05 / view.k);
-    }
-    return this.places;
+    const { page: { model, box, view }, made } = this, cells = model.get("density") || 12;
+    const key = [layered, cells, String(box)];
+    if (made && key.every((value, k) => value === made.key[k])) return made.places;
+    this.made = { key, places: netPlaces(layered, box, cells, 0.05 / view.k) };
+    return this.made.places;
   }
 
+  /** @param {LayeredFit | null} layered null while the picture is shown as it was */
   update(layered) {
-    const { isOn } = this, isShown = isOn && !this.page.isComparing;
+    const isShown = this.isOn && layered !== null;
     setAttributes(this.group, { visibility: isShown ? "visible" : "hidden" });
     if (!isShown) { if (!this.drag) this.#trim(0); return; }
     const { columns, rows, target, isSeen } = this.placesOf(layered), { k, x, y } = this.page.view, held = this.#held();
@@ -89,8 +124,10 @@ export class NetNodes {
     for (let n = 0; n < columns * rows; n++) {
       const node = this.nodes[n] ?? this.#make(n);
       const isFree = isSeen[n] === 1 && !held.has(n), kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
-      setAttributes(node.root, { transform: `translate(${(k * target[2 * n] + x).toFixed(2)} ${(k * target[2 * n + 1] + y).toFixed(2)})`,
-        class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node", tabindex: n === this.current && isFree ? "0" : "-1" });
+      const at = [k * target[2 * n] + x, k * target[2 * n + 1] + y];
+      setAttributes(node.root, { transform: `translate(${at[0].toFixed(2)} ${at[1].toFixed(2)})`,
+        class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node",
+        tabindex: n === this.current && isFree ? "0" : "-1" });
       setAttributes(node.hit, { r: reach.toFixed(1) });
       if (node.columns !== columns) this.#name(node, n, columns);
     }
@@ -98,19 +135,23 @@ export class NetNodes {
     if (!current || current.classList.contains("dnb-ed-node-gone")) this.#focusable(0);
   }
 
+  /** @param {number} count */
   #trim(count) {
-    while (this.nodes.length > count) this.nodes.pop().root.remove();
+    for (const { root } of this.nodes.splice(count)) root.remove();
     if (this.current >= count) this.current = 0;
   }
 
+  /** @param {number} n */
   #make(n) {
-    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the net", ...OWN_KEYS },
-      this.group);
+    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the net",
+      ...OWN_KEYS }, this.group);
     const tip = svgElement("title", {}, root), hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
     svgElement("path", { class: "dnb-ed-node-mark", d: "M0-3.6L3.6 0L0 3.6L-3.6 0Z" }, root);
-    return (this.nodes[n] = { root, tip, hit, columns: 0 });
+    this.nodes[n] = { root, tip, hit, columns: 0 };
+    return this.nodes[n];
   }
 
+  /** @param {NodeParts} node @param {number} n @param {number} columns */
   #name(node, n, columns) {
     node.columns = columns;
     const text = `Node ${n % columns},${Math.floor(n / columns)} of the net`;
@@ -118,34 +159,45 @@ export class NetNodes {
     setText(node.tip, `${text}: drag it where it shall be, or press Enter to hold it`);
   }
 
-  // The numbers of the nodes that are control points.
+  /** The numbers of the nodes that are control points. */
   #held() {
-    const { box: [a0, a1, b0, b1], points } = this.page, [across, down] = netShape(this.page.box, this.page.model.get("density"));
+    const { box, points, model } = this.page, [a0, a1, b0, b1] = box;
+    const [across, down] = netShape(box, model.get("density"));
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0), held = new Set();
     for (const { source: [a, b] } of points) {
       const i = Math.round((a - a0) / (a1 - a0) * across), j = Math.round((b - b0) / (b1 - b0) * down);
       if (i < 0 || j < 0 || i > across || j > down) continue;
-      if (Math.hypot(a0 + (a1 - a0) * i / across - a, b0 + (b1 - b0) * j / down - b) < near) held.add(i + j * (across + 1));
+      const away = Math.hypot(a0 + (a1 - a0) * i / across - a, b0 + (b1 - b0) * j / down - b);
+      if (away < near) held.add(i + j * (across + 1));
     }
     return held;
   }
 
-  #at(element) {
-    const number = element.closest?.("[data-node]")?.dataset.node;
-    return number === undefined ? null : Number(number);
+  /**
+   * The number of the node that an event is about.
+   * @param {Event} event
+   */
+  #at({ target }) {
+    const number = target instanceof Element ? target.closest("[data-node]")?.getAttribute("data-node") : null;
+    return number ? Number(number) : null;
   }
 
   // ---- dragging -----------------------------------------------------------------------------------------------------
 
-  // A point at a node, which goes where the node is: nothing moves by it.
-  #point(n) {
-    const { page, places: { columns, source, target } } = this, pull = this.pull, id = nextId(page.points, page.sender.nextId);
+  /**
+   * The points with one more at a node, which goes where the node is: nothing moves by it.
+   * @param {NetPlaces} places
+   * @param {number} n
+   */
+  #point({ columns, source, target }, n) {
+    const { page, pull } = this, id = nextId(page.points, page.sender.nextId);
     const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
-    const points = addedPoint(page.points, id, from, from.map((value, k) => value + pull * (at[k] - value)));
-    points[points.length - 1].name = `net ${n % columns},${Math.floor(n / columns)}`;
-    return { id, points };
+    const to = from.map((value, k) => value + pull * (at[k] - value));
+    const name = `net ${n % columns},${Math.floor(n / columns)}`;
+    return { id, points: [...page.points, newPoint(id, from, to, name)] };
   }
 
+  /** Whether nodes can be dragged now; a hint if their drags would come to nothing. */
   #isFree() {
     const { page } = this;
     if (page.isLocked) return false;
@@ -153,8 +205,9 @@ export class NetNodes {
     return this.pull !== 0;
   }
 
-  down(event) {
-    const { page } = this, n = this.#at(event.target);
+  /** @param {PointerEvent} event */
+  #down(event) {
+    const { page } = this, n = this.#at(event);
     if (event.button !== 0 || n === null || page.isLocked || page.pen.isOn || page.isAdding || page.gestures.isSpaceDown
       || page.gestures.pointers.size) return; // the others' business
     event.stopPropagation();
@@ -163,73 +216,77 @@ export class NetNodes {
     this.#focusable(n);
     this.nodes[n].root.focus({ preventScroll: true });
     this.group.setPointerCapture(event.pointerId);
-    this.drag = { n, pointer: event.pointerId, from: page.gestures.place(event), id: null, slack: SLACK[event.pointerType] ?? 2 };
+    this.drag = { n, pointer: event.pointerId, from: page.gestures.place(event), id: null,
+      slack: SLACK[event.pointerType] ?? 2 };
   }
 
-  move(event) {
-    const { drag, page } = this;
+  /** @param {PointerEvent} event */
+  #move(event) {
+    const { drag, page, page: { pointTools } } = this;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
     const at = page.gestures.place(event), by = [at[0] - drag.from[0], at[1] - drag.from[1]];
     if (drag.id === null) {
-      if (Math.hypot(...by) < drag.slack) return;
-      const { id, points } = this.#point(drag.n);
+      if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
+      const { id, points } = this.#point(this.made.places, drag.n);
       drag.id = id;
-      page.beginDrag();
-      if (!page.drag0) { this.drag = null; return; }
-      page.drag0 = page.points = points;
+      if (!pointTools.beginDrag(points)) { this.drag = null; return; }
       page.select([id], false);
     }
-    page.drag([drag.id], ...by, "target", drag.id, event.shiftKey);
+    pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
   }
 
-  up(event, isCancelled) {
+  /** @param {PointerEvent} event @param {boolean} isCancelled */
+  #up(event, isCancelled) {
     if (!this.drag || event.pointerId !== this.drag.pointer) return;
     event.stopPropagation();
-    this.end(isCancelled);
+    this.#end(this.drag, isCancelled);
   }
 
-  end(isCancelled) {
-    const { drag, page } = this;
+  /** @param {NodeDrag} drag @param {boolean} isCancelled */
+  #end(drag, isCancelled) {
+    const { page } = this;
     this.drag = null;
     if (this.group.hasPointerCapture(drag.pointer)) this.group.releasePointerCapture(drag.pointer);
     if (drag.id === null) { if (!isCancelled) page.hint(NODE_HINT, 4000); return; }
     const before = page.sender.points; // of which the new point is none yet
-    page.endDrag(isCancelled);
+    page.pointTools.endDrag(isCancelled);
     if (isCancelled || page.sender.points === before) { page.select([]); return; }
-    page.select([drag.id]);
-    page.drawNow();
-    page.handles.focus(drag.id);
-    page.speak(`${pointLabel(page.points.find((p) => p.id === drag.id))}, holds the net`);
+    page.pointTools.present(drag.id, "holds the net");
   }
 
-  // Hold a node where it is.
-  take(n) {
-    if (n === null || !this.#isFree() || this.#held().has(n)) return;
-    const { page } = this, { id, points } = this.#point(n);
-    if (!page.edit(points, "add")) return;
-    page.select([id]);
-    page.drawNow();
-    page.handles.focus(id);
-    page.speak(`${pointLabel(points[points.length - 1])}, holds the net`);
+  /**
+   * Hold a node where it is.
+   * @param {number | null} n
+   */
+  #take(n) {
+    if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
+    const { page: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
+    if (pointTools.edit(points, "add")) pointTools.present(id, "holds the net");
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
-  keyDown(event) {
-    const n = this.#at(event.target), by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  /** @param {KeyboardEvent} event */
+  #keyDown(event) {
+    const n = this.#at(event), by = NODE_STEPS[event.key];
     if (n === null || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.key === "Enter") this.take(n);
-    else if (by) this.#walk(n, by);
+    if (event.key === "Enter") this.#take(n);
+    else if (by && this.made) this.#walk(this.made.places, n, by);
     else return;
     event.preventDefault();
     event.stopPropagation();
   }
 
-  // To the next node that is free, over those that are points.
-  #walk(n, [di, dj]) {
-    const { columns, rows } = this.places;
-    for (let i = n % columns + di, j = Math.floor(n / columns) + dj; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
+  /**
+   * To the next node that is free, over those that are points.
+   * @param {NetPlaces} places
+   * @param {number} n
+   * @param {number[]} step
+   */
+  #walk({ columns, rows }, n, [di, dj]) {
+    let i = n % columns + di, j = Math.floor(n / columns) + dj;
+    for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
       const node = this.nodes[i + j * columns].root;
       if (node.classList.contains("dnb-ed-node-gone")) continue;
       this.#focusable(i + j * columns);
@@ -238,10 +295,13 @@ export class NetNodes {
     }
   }
 
-  // The one node at which Tab stops, or the first free one from there on.
+  /**
+   * Let Tab stop at one node, or at the first free one from there on.
+   * @param {number} n
+   */
   #focusable(n) {
     const at = this.nodes.findIndex(({ root }, k) => k >= n && !root.classList.contains("dnb-ed-node-gone"));
     this.current = Math.max(0, at);
-    this.nodes.forEach(({ root }, k) => setAttributes(root, { tabindex: k === at ? "0" : "-1" }));
+    for (const [k, { root }] of this.nodes.entries()) setAttributes(root, { tabindex: k === at ? "0" : "-1" });
   }
 }

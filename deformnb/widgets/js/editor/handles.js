@@ -1,42 +1,104 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
-// Shapes tell them apart as well as colours: ring = source, disc = target, hollow square = switched off.
+// Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
 import { shownLength } from "../maths/numbers.js";
 import { middleOf } from "../maths/points.js";
 import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { treeOf } from "./drawing.js";
 import { REGION_FORMS } from "./shape_handles.js";
 
-const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown where the mouse is, as numbers are
+/** @import { Mirror } from "../types.d.ts" */
+/** @import { View } from "./painter.js" */
+
+/** A point as it is drawn, in a picture's coordinates.
+ * @typedef {{ id: number, name: string, source: number[], target: number[], active: boolean, locked?: boolean,
+ *   radius?: number | null }} DrawnPoint
+ */
+
+/** Descriptions of a point, for screen readers and where the mouse rests.
+ * @template {DrawnPoint} P
+ * @typedef {{ label: (p: P) => string, tip: (p: P, reach: number) => string }} PointWords
+ */
+
+/** The scene that HandMarks draw.
+ * @typedef {object} MarksScene
+ * @property {Mirror} mirror
+ * @property {View} view
+ * @property {number} [gripAway] CSS pixels from the edge of the view to the grip of the axis
+ * @property {{ id: number, target: number[], locked?: boolean }[]} points
+ * @property {Set<number>} selected
+ * @property {{ isOn: boolean, at?: number[] | null, radius?: number }} brush
+ * @property {{ isOn: boolean }} pen
+ * @property {boolean} isLocked
+ * @property {boolean} isHolding whether points are being dragged
+ * @property {boolean} isAdding
+ * @property {(place: number[]) => number[]} onView
+ */
+
+/** @typedef {ReturnType<Handles<any>["make"]>} HandleParts */
+
+const QUIET_NAME = /^(smudge|expand|shrink) \d+$| rim$/; // names that tools give: shown under the mouse, as numbers are
+/** @type {Record<string, number>} */
 export const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
-// A press of the right button. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click, a key.
-export function isRightClick(event) { return event.button === 2 && !event.ctrlKey && event.pointerType !== "touch"; }
-
-// A finger on what can be dragged must not scroll the page; touch-action of a part of an SVG does not keep it from that.
-export function keepFromScrolling(event) {
-  if (event.cancelable && event.target.closest("[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip")) event.preventDefault();
+/**
+ * Whether the right button was pressed. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click,
+ * a key.
+ * @param {MouseEvent} event
+ */
+export function isRightClick(event) {
+  return event.button === 2 && !event.ctrlKey && !(event instanceof PointerEvent && event.pointerType === "touch");
 }
 
-// What a screen reader says of a point.
+/**
+ * Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not.
+ * @param {TouchEvent} event
+ */
+export function keepFromScrolling(event) {
+  const { target } = event, held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip";
+  if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
+}
+
+/**
+ * The description of a point for screen readers.
+ * @param {DrawnPoint} p
+ */
 export function pointLabel(p) {
-  const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1], moves = [];
+  const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1];
+  /** @type {string[]} */
+  const moves = [];
   if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
   const name = p.name ? ` ${p.name}` : "";
-  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
+  const states = `${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
+  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${states}`;
 }
 
-// What is shown where the mouse rests on a point.
+/**
+ * The text where the mouse rests on a point.
+ * @param {DrawnPoint} p
+ * @param {number} reach
+ */
 function pointTip(p, reach) {
-  const place = (at) => at.map(shownLength).join(", "), by = p.target.map((value, k) => value - p.source[k]);
+  const by = p.target.map((value, k) => value - p.source[k]);
+  /** @param {number[]} at */
+  const place = (at) => at.map(shownLength).join(", ");
   const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
-  return `${p.name || `point ${p.id}`}: ${drag}${p.active ? reach ? `; reaches ${shownLength(reach)}` : "" : "; switched off"}`;
+  const state = !p.active ? "; switched off" : reach ? `; reaches ${shownLength(reach)}` : "";
+  return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
 
+/**
+ * The points as elements, which can have the focus and be dragged.
+ * @template {DrawnPoint} [P=DrawnPoint]
+ */
 export class Handles {
-  // words: what is said of a point, to a screen reader and where the mouse rests.
+  /**
+   * @param {SVGSVGElement} svg
+   * @param {PointWords<P>} words
+   */
   constructor(svg, words = { label: pointLabel, tip: pointTip }) {
     this.svg = svg;
     this.words = words;
@@ -44,21 +106,30 @@ export class Handles {
     this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
     this.points = svgElement("g", { class: "dnb-ed-points", role: "group", "aria-label": "Points" }, svg);
     this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
+    /** @type {Map<number, HandleParts>} */
     this.byId = new Map();
-    this.suspects = new Set(); // ids of points that get a dashed ring
-    this.stop = null; // the one point that Tab leads to: that in focus, or the last that was
+    /** Ids of points that get a dashed ring. @type {Set<number>} */
+    this.suspects = new Set();
+    /** The one point that Tab leads to: that in focus, or the last that was. @type {number | null} */
+    this.stop = null;
     // Not on the SVG: Chromium takes a part of an SVG that listens to the focus for one that can have it.
     svg.parentElement?.addEventListener("focusin", ({ target }) => {
-      const point = this.points.contains(target) ? target.closest("[data-id]") : null;
-      if (point) this.#stopAt(Number(point.dataset.id));
+      const point = target instanceof Element && this.points.contains(target) ? target.closest("[data-id]") : null;
+      if (point) this.#stopAt(Number(point.getAttribute("data-id")));
     });
   }
 
-  // Draw all points for a view; `radius` (in units of the picture) around the selected ones, or 0 for none; `reach` is
-  // told in the tips. True if the focus was on a point that is gone: the browser would give it to the body.
-  // `markOf(point)` numbers the region that a point belongs to, or is null (editor/shape_handles.js).
+  /**
+   * Draw all points for a view. True if the focus was on a point that is gone: the browser would give it to the body.
+   * @param {P[]} points
+   * @param {Set<number>} selected
+   * @param {View} view
+   * @param {number} radius around the selected points in units of the picture, or 0 for none
+   * @param {number} reach for the tips
+   * @param {(point: P) => number | null} markOf the number of the region of a point (editor/shape_handles.js)
+   */
   update(points, selected, view, radius, reach, markOf = () => null) {
-    const seen = new Set(points.map((p) => p.id)), focused = this.svg.getRootNode().activeElement;
+    const seen = new Set(points.map((p) => p.id)), focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
     for (const [id, parts] of this.byId) {
       if (seen.has(id)) continue;
@@ -68,10 +139,10 @@ export class Handles {
       if (id === this.stop) this.stop = null;
     }
     points.forEach((p, k) => {
-      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
-      this.#place(parts, p, selected.has(p.id), view, radius > 0 && p.active && (selected.size === 0 || selected.has(p.id))
-        ? p.radius ?? radius : 0);
+      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id));
+      this.#place(parts, p, selected.has(p.id), view, hasRadius ? p.radius ?? radius : 0);
       this.#mark(parts, markOf(p));
       const isSuspect = this.suspects.has(p.id);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
@@ -84,21 +155,34 @@ export class Handles {
     return isFocusLost;
   }
 
-  // With two hundred points nobody wants to press Tab two hundred times.
+  /**
+   * Let Tab lead to one point: with two hundred, nobody wants to press it two hundred times.
+   * @param {number} id
+   */
   #stopAt(id) {
     if (id === this.stop) return;
-    this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
+    if (this.stop !== null) this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
     this.byId.get(id)?.target.setAttribute("tabindex", "0");
     this.stop = id;
   }
 
-  // The focus to the next point of a list of ids or, by -1, to the one before; from none of them to where Tab leads.
+  /**
+   * Give the focus to the next point of a list of ids or, by -1, to the one before; from none of them to that at
+   * which Tab stops.
+   * @param {number[]} ids
+   * @param {number} by
+   * @param {number | null} from
+   */
   focusNext(ids, by, from = null) {
-    const at = ids.indexOf(from);
+    const at = from === null ? -1 : ids.indexOf(from);
     return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
   }
 
-  #make(id) {
+  /**
+   * The elements of a new point.
+   * @param {number} id
+   */
+  make(id) {
     const arrow = svgElement("g", {}, this.arrows);
     svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
     svgElement("path", { class: "dnb-ed-arrow" }, arrow);
@@ -117,41 +201,55 @@ export class Handles {
     const form = svgElement("path", { class: "dnb-ed-form" }, target);
     svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
     svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, target);
-    svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
-    svgElement("text", { class: "dnb-ed-name" }, target);
+    const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
+    const text = svgElement("text", { class: "dnb-ed-name" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts = { arrow, source, target, radius, tip, form, mark: null };
+    const parts = { arrow, source, target, radius, tip, form, beyond, text, mark: /** @type {number | null} */ (null) };
     this.byId.set(id, parts);
     return parts;
   }
 
+  /** @param {HandleParts} parts @param {number | null} mark */
   #mark(parts, mark) {
     if (mark === parts.mark) return;
     parts.mark = mark;
     for (const part of [parts.target, parts.source]) {
       if (mark === null) part.removeAttribute("data-region");
-      else part.setAttribute("data-region", mark);
+      else part.setAttribute("data-region", String(mark));
     }
     parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]);
     parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
   }
 
-  // Shows that these points cannot go on; no others are.
+  /**
+   * Show that these points cannot go on, and no others.
+   * @param {number[]} ids
+   */
   lock(ids) {
     for (const [id, { target }] of this.byId) target.classList.toggle("dnb-ed-locked", ids.includes(id));
   }
 
-  // Tab follows the order of the list, so the elements must.
+  /**
+   * Put the elements in the order of the list, which Tab follows.
+   * @param {P[]} points
+   */
   #order(points) {
     for (const p of points) {
-      const parts = this.byId.get(p.id) ?? this.#make(p.id);
+      const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.lastChild === parts.target) continue;
-      const focused = parts.target === this.svg.getRootNode().activeElement;
+      const focused = parts.target === treeOf(this.svg).activeElement;
       this.points.append(parts.source, parts.target);
       if (focused) parts.target.focus();
     }
   }
 
+  /**
+   * @param {HandleParts} parts
+   * @param {P} p
+   * @param {boolean} isSelected
+   * @param {View} view
+   * @param {number} radius
+   */
   #place(parts, p, isSelected, { k, x, y, width, height }, radius) {
     const at = [k * p.target[0] + x, k * p.target[1] + y], from = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
@@ -167,36 +265,39 @@ export class Handles {
     target.setAttribute("aria-pressed", String(isSelected));
     if (isOutside) {
       const angle = Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180 / Math.PI;
-      target.querySelector(".dnb-ed-beyond").setAttribute("transform", `rotate(${angle.toFixed(1)})`);
+      parts.beyond.setAttribute("transform", `rotate(${angle.toFixed(1)})`);
     }
     this.#label(parts, p, shown, width);
     this.#arrow(arrow, from, at);
     const length = Math.hypot(at[0] - from[0], at[1] - from[1]);
     source.setAttribute("visibility", length < 3 ? "hidden" : "visible");
     parts.radius.setAttribute("visibility", radius > 0 ? "visible" : "hidden");
-    if (radius > 0) for (const [name, value] of [["cx", at[0]], ["cy", at[1]], ["r", radius * k]]) {
-      parts.radius.setAttribute(name, value.toFixed(1));
-    }
+    if (radius <= 0) return;
+    setAttributes(parts.radius, { cx: at[0].toFixed(1), cy: at[1].toFixed(1), r: (radius * k).toFixed(1) });
   }
 
-  #label(parts, p, [left], width) {
-    const label = this.words.label(p), text = parts.target.lastChild;
-    if (parts.label !== label) parts.target.setAttribute("aria-label", parts.label = label);
+  /**
+   * @param {HandleParts} parts
+   * @param {P} p
+   * @param {number[]} shown
+   * @param {number} width
+   */
+  #label({ target, text }, p, [left], width) {
     const isLeft = left > width - 90;
-    text.setAttribute("x", isLeft ? -12 : 12);
-    text.setAttribute("y", -8);
-    text.setAttribute("text-anchor", isLeft ? "end" : "start");
-    const shown = p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id);
-    if (text.textContent !== shown) text.textContent = shown;
+    setAttributes(target, { "aria-label": this.words.label(p) });
+    setAttributes(text, { x: isLeft ? -12 : 12, y: -8, "text-anchor": isLeft ? "end" : "start" });
+    setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
     text.classList.toggle("dnb-ed-number", !p.name || QUIET_NAME.test(p.name));
   }
 
+  /** @param {SVGElement} arrow @param {number[]} from @param {number[]} at */
   #arrow(arrow, from, at) {
     const dx = at[0] - from[0], dy = at[1] - from[1], length = Math.hypot(dx, dy);
     const hasRoom = length > 20;
     arrow.setAttribute("visibility", length < 12 ? "hidden" : "visible");
     if (length < 12) return;
     const u = dx / length, v = dy / length, end = length - (hasRoom ? 15 : 8);
+    /** @param {number} along @param {number} across */
     const place = (along, across) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
       `${(from[1] + v * along + u * across).toFixed(2)}`;
     const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
@@ -206,18 +307,24 @@ export class Handles {
       ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "");
   }
 
+  /** @param {{ x: number, y: number, width: number, height: number } | null} box */
   showBand(box) {
     this.band.setAttribute("visibility", box ? "visible" : "hidden");
     if (!box) return;
     for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
   }
 
-  // Whether there is such a point.
+  /**
+   * Give a point the focus. False if there is no such point.
+   * @param {number | null} id
+   */
   focus(id) {
-    this.byId.get(id)?.target.focus({ preventScroll: true });
-    return this.byId.has(id);
+    const parts = id === null ? undefined : this.byId.get(id);
+    parts?.target.focus({ preventScroll: true });
+    return parts !== undefined;
   }
 
+  /** @param {number[]} ids */
   blink(ids) {
     for (const id of ids) {
       const target = this.byId.get(id)?.target;
@@ -228,16 +335,21 @@ export class Handles {
   }
 }
 
-// What a hand can take hold of besides points and shapes: the handle that turns what is selected, and the axis of a
-// mirror. And the circle of the brush, which shows where it works.
-
 const TURN_AWAY = 38; // CSS pixels from the middle of the selection, or from its upper edge, to the handle
 const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
 
+/**
+ * Marks that can be dragged besides points and shapes: the handle that turns what is selected, and the axis of a
+ * mirror. And the circle of the brush, which shows where it works.
+ */
 export class HandMarks {
+  /**
+   * @param {SVGSVGElement} svg
+   * @param {SVGElement} points
+   */
   constructor(svg, points) {
     this.root = svgElement("g", { class: "dnb-ed-marks" });
-    svg.insertBefore(this.root, points); // under the points, which come first under a hand
+    svg.insertBefore(this.root, points); // under the points, which are grabbed first
     this.axis = svgElement("g", { class: "dnb-ed-axis", visibility: "hidden" }, this.root);
     this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-axis-${name}` }, this.axis));
     this.grip = svgElement("g", { "data-mark": "axis", class: "dnb-ed-axis-grip", tabindex: "-1", role: "slider",
@@ -257,17 +369,19 @@ export class HandMarks {
     this.circles = ["case", "line"].map((name) => svgElement("circle", { class: `dnb-ed-circle-${name}` }, this.brush));
   }
 
-  update(page) {
-    this.#axis(page);
-    this.#turn(page);
-    const { brush, view } = page, isShown = brush.isOn && brush.at !== null && !page.isLocked;
-    this.brush.setAttribute("visibility", isShown ? "visible" : "hidden");
-    if (!isShown) return;
+  /** @param {MarksScene} scene */
+  update(scene) {
+    this.#axis(scene);
+    this.#turn(scene);
+    const { brush: { isOn, at, radius = 0 }, view, isLocked } = scene, shown = isOn && !isLocked ? at : null;
+    this.brush.setAttribute("visibility", shown ? "visible" : "hidden");
+    if (!shown) return;
     for (const circle of this.circles) {
-      setAttributes(circle, { cx: brush.at[0].toFixed(1), cy: brush.at[1].toFixed(1), r: (brush.radius * view.k).toFixed(1) });
+      setAttributes(circle, { cx: shown[0].toFixed(1), cy: shown[1].toFixed(1), r: (radius * view.k).toFixed(1) });
     }
   }
 
+  /** @param {MarksScene} scene */
   #axis({ mirror, view, isLocked, gripAway = GRIP_AWAY }) {
     const isShown = mirror.on && !isLocked;
     this.axis.setAttribute("visibility", isShown ? "visible" : "hidden");
@@ -276,19 +390,21 @@ export class HandMarks {
     const isUpright = mirror.axis === "a", at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
     const line = isUpright ? `M ${at.toFixed(1)} 0 V ${view.height}` : `M 0 ${at.toFixed(1)} H ${view.width}`;
     for (const path of this.lines) path.setAttribute("d", line);
-    const place = isUpright ? [at, gripAway] : [gripAway, at];
-    this.grip.setAttribute("transform", `translate(${place.map((v) => v.toFixed(1)).join(" ")})${isUpright ? "" : " rotate(90)"}`);
-    setAttributes(this.grip, { "aria-valuenow": shownLength(mirror.at),
-      "aria-orientation": isUpright ? "horizontal" : "vertical" });
+    const place = (isUpright ? [at, gripAway] : [gripAway, at]).map((v) => v.toFixed(1)).join(" ");
+    setAttributes(this.grip, { transform: `translate(${place})${isUpright ? "" : " rotate(90)"}`,
+      "aria-valuenow": shownLength(mirror.at), "aria-orientation": isUpright ? "horizontal" : "vertical" });
   }
 
-  // Above what is selected: the middle of it is the middle of the turn.
-  #turn(page) {
-    const { view, selected, points } = page, chosen = points.filter((p) => selected.has(p.id) && !p.locked);
-    const isShown = chosen.length > 0 && !page.isLocked && !page.isHolding && !page.brush.isOn && !page.pen.isOn && !page.isAdding;
+  /**
+   * Above what is selected, whose middle is the middle of the turn.
+   * @param {MarksScene} scene
+   */
+  #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, onView }) {
+    const chosen = points.filter((p) => selected.has(p.id) && !p.locked);
+    const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
-    const [x, y] = page.onView(middleOf(chosen)), ys = chosen.map((p) => page.onView(p.target)[1]);
+    const [x, y] = onView(middleOf(chosen)), ys = chosen.map((p) => onView(p.target)[1]);
     const up = Math.min(...ys) - TURN_AWAY, down = Math.max(...ys) + TURN_AWAY;
     const end = up > 12 ? up : Math.min(view.height - 12, down);
     this.stalk.setAttribute("d", `M ${x.toFixed(1)} ${y.toFixed(1)} V ${end.toFixed(1)}`);

@@ -1,18 +1,34 @@
-// Crosses of the principal strains at the nodes of the net: solid where matter is stretched, dashed where it is pressed.
-// Needs maths/warp_map.js and ui/dom.js.
+// Overlays of the editor's picture: folds, changes of area, principal strains, uncertainty, and another picture.
 
 import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.js";
 import { isStill } from "../maths/rigid_stages.js";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.js";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.js";
-import { Painter } from "./painter.js";
+import { bytesOf, context2d, drawNet } from "./painter.js";
+
+/** @import { LayeredFit, Raster } from "../types.d.ts" */
+/** @import { EditorPage, Folds } from "./editor.js" */
+/** @import { NetPlaces } from "./grid_nodes.js" */
+/** @import { View } from "./painter.js" */
+/** @typedef {{ from: number[], to: number[], grows: boolean }} StrainArm */
+/** @typedef {[level: number, text: string][]} HazeLegend */
+/** @typedef {ReturnType<typeof foldPieces>} FoldPieces */
+
+// ---- crosses of the principal strains at the nodes of the grid: solid where stretched, dashed where pressed ---------
 
 const STRAIN_INKS = { grows: "#7ee08a", shrinks: "#dba6f0" }; // on the grey of a picture, in light and dark pages
 const STRAIN_DASH = [3.5, 2.5];
 
-// Arms of all crosses in places of the picture: {gain, arms: [{from, to, grows}]}.
+/**
+ * Arms of all crosses in places of the picture.
+ * @param {LayeredFit} layered
+ * @param {NetPlaces} places
+ * @param {number} cell
+ */
 function strainArms(layered, places, cell) {
-  const strains = strainsAt(layered, places), gain = strainGain(strains), arms = [];
+  const strains = strainsAt(layered, places), gain = strainGain(strains);
+  /** @type {StrainArm[]} */
+  const arms = [];
   for (let n = 0; n < places.isSeen.length; n++) {
     for (const m of [0, 1]) {
       const strain = strains.stretch[2 * n + m] - 1, half = gain * Math.abs(strain) * cell / 2;
@@ -25,11 +41,12 @@ function strainArms(layered, places, cell) {
   return { gain, arms };
 }
 
-function drawStrain(context, { k, x, y, ratio }, arms) {
-  const c = context;
+/** @param {CanvasRenderingContext2D} c @param {View} view @param {StrainArm[]} arms */
+function drawStrain(c, { k, x, y, ratio }, arms) {
   c.save();
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.lineCap = "butt";
+  /** @param {boolean | null} grows those to be drawn, null for all */
   const trace = (grows) => {
     c.beginPath();
     for (const arm of arms) {
@@ -49,50 +66,60 @@ function drawStrain(context, { k, x, y, ratio }, arms) {
   c.restore();
 }
 
-// The legend, with an arm of a known strain in the size in which it is drawn; `cell` in CSS pixels.
+/**
+ * The legend, with an arm of a known strain in the size in which it is drawn.
+ * @param {HTMLElement} parent
+ * @param {number} gain
+ * @param {number} cell CSS pixels
+ */
 function strainKey(parent, gain, cell) {
   const share = plainNumber(Math.min(0.5, LONGEST_ARM / gain)), long = share * gain * cell;
   const percent = Number((100 * share).toPrecision(3));
   pageElement("div", "", parent).textContent = "principal strains";
-  for (const [grows, word] of [[true, "stretched"], [false, "pressed"]]) {
+  for (const grows of [true, false]) {
     const row = pageElement("div", "dnb-ed-key-arm", parent), width = Math.ceil(long) + 2;
+    const d = `M1 4H${(1 + long).toFixed(1)}`;
     const icon = svgElement("svg", { width, height: 8, viewBox: `0 0 ${width} 8`, "aria-hidden": "true" }, row);
-    for (const [stroke, wide] of [["rgba(0, 0, 0, 0.7)", 4.2], [STRAIN_INKS[grows ? "grows" : "shrinks"], 2]]) {
-      const dash = wide === 2 && !grows ? { "stroke-dasharray": STRAIN_DASH.join(" ") } : {};
-      svgElement("path", { d: `M1 4H${(1 + long).toFixed(1)}`, stroke, "stroke-width": wide, fill: "none", ...dash }, icon);
-    }
-    pageElement("span", "", row).textContent = `${word} by ${percent} %`;
+    svgElement("path", { d, stroke: "rgba(0, 0, 0, 0.7)", "stroke-width": 4.2, fill: "none" }, icon);
+    svgElement("path", { d, stroke: STRAIN_INKS[grows ? "grows" : "shrinks"], "stroke-width": 2, fill: "none",
+      ...(grows ? {} : { "stroke-dasharray": STRAIN_DASH.join(" ") }) }, icon);
+    pageElement("span", "", row).textContent = `${grows ? "stretched" : "pressed"} by ${percent} %`;
   }
   const size = gain === 1 ? "in their own size" : `${gain > 1 ? "exaggerated" : "drawn"} \u00d7 ${gain}`;
   pageElement("div", "", parent).textContent = size;
-  setAttributes(parent, { "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, dashed arms pressed` });
+  setAttributes(parent, { "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, ` +
+    "dashed arms pressed" });
 }
 
-// Another picture, laid over the editor's as translucent as is asked for: what the points are dragged to look like.
-// Needs ui/dom.js. It lies under the overlay and the handles.
+// ---- another picture ------------------------------------------------------------------------------------------------
 
 export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
+/** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
+  /** @param {EditorPage} page */
   constructor(page) {
     this.page = page;
-    this.image = pageElement("img", "dnb-ed-ghost", page.stage, { alt: "", "aria-hidden": "true", draggable: "false", hidden: "" });
+    this.image = pageElement("img", "dnb-ed-ghost", page.stage, { alt: "", "aria-hidden": "true", draggable: "false",
+      hidden: "" });
     page.svg.before(this.image);
+    /** @type {DataView<ArrayBuffer> | null} */
     this.bytes = null;
     this.url = "";
   }
 
-  // As the traits have it, over the whole of the picture.
+  /** As the traits have it, over the whole of the picture. */
   draw() {
     const { model, view: { k, x, y }, box: [a0, a1, b0, b1] } = this.page;
     const bytes = model.get("ghost"), opacity = Number(model.get("ghost_opacity")) || 0;
     if (bytes !== this.bytes) this.#load(bytes);
     this.image.hidden = !this.url || opacity <= 0;
     if (this.image.hidden) return;
-    Object.assign(this.image.style, { opacity, left: `${k * a0 + x}px`, top: `${k * b0 + y}px`, width: `${k * (a1 - a0)}px`,
-      height: `${k * (b1 - b0)}px` });
+    Object.assign(this.image.style, { opacity: String(opacity), left: `${k * a0 + x}px`, top: `${k * b0 + y}px`,
+      width: `${k * (a1 - a0)}px`, height: `${k * (b1 - b0)}px` });
   }
 
+  /** @param {DataView<ArrayBuffer> | null} bytes of a PNG */
   #load(bytes) {
     this.close();
     this.bytes = bytes;
@@ -107,10 +134,13 @@ export class Ghost {
   }
 }
 
-// What is laid over the editor's picture: where the map folds, how areas change, how little is known. Needs maths/folds.js
-// and ui/dom.js. It has a canvas of its own between the picture and the handles.
+// ---- maps of the deformation ----------------------------------------------------------------------------------------
 
-const OVERLAYS = { // name: label of the menu, title
+/**
+ * Of each overlay the label in the menu and the title.
+ * @type {Record<string, string[]>}
+ */
+const OVERLAYS = {
   none: ["Plain", "nothing over the picture"],
   folds: ["Folds", "red where the map folds over itself"],
   area: ["Area", "green where matter grows, purple where it shrinks"],
@@ -124,35 +154,44 @@ const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
 const HAZE_COLOUR = [150, 153, 160], HAZE_ALPHA = 0.88;
 const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
-const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // the first that is free
+const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
+/** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {
+  /** @param {EditorPage} page */
   constructor(page) {
     this.page = page;
     this.canvas = pageElement("canvas", "dnb-ed-overlay", page.stage, { "aria-hidden": "true" });
-    this.context = this.canvas.getContext("2d");
+    this.context = context2d(this.canvas);
+    this.small = document.createElement("canvas"); // for an image that is magnified
+    this.hatch = hatchPattern(this.context);
     this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, page.svg);
-    for (const name of ["dnb-ed-worst-case", "dnb-ed-worst-ring"]) svgElement("circle", { r: 9, class: name }, this.worst);
+    for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
     this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", "aria-label": "legend", hidden: "" });
-    this.drawn = null; // what is on the canvas
-    this.pieces = null; // what folds there, in places of the picture
-    this.ms = 0;
+    /** The values that the canvas was drawn from. @type {unknown[] | null} */
+    this.drawn = null;
+    /** The folds that are drawn, in places of the picture. @type {FoldPieces | null} */
+    this.pieces = null;
+    this.isUsed = false; // whether there is anything on the canvas
+    this.described = ""; // the values that the legend was made from
+    this.gain = ""; // the same of the strains
     page.svg.before(this.canvas); // the handles lie over it
-    this.#menu(page.toolbar);
-  }
-
-  #menu(toolbar) {
-    this.select = pageElement("select", "dnb-ed-menu", toolbar.buttons.get("compare").button.parentElement,
-      { "aria-label": "Overlay (V)", ...OWN_KEYS });
+    const menus = page.toolbar.buttons.get("compare")?.button.parentElement ?? null;
+    this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
     for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
       pageElement("option", "", this.select, { value, title }).textContent = label;
     }
-    this.select.addEventListener("change", () => this.page.guard(() => this.choose(this.select.value)));
+    this.select.addEventListener("change", () => page.guard(() => this.choose(this.select.value)));
   }
 
-  get kind() { return Object.hasOwn(OVERLAYS, this.page.model.get("overlay")) ? this.page.model.get("overlay") : "folds"; }
+  /** @returns {string} */
+  get kind() {
+    const kind = this.page.model.get("overlay");
+    return Object.hasOwn(OVERLAYS, kind) ? kind : "folds";
+  }
 
+  /** @param {string} kind */
   choose(kind) {
     this.page.set("overlay", kind);
     this.page.speak(`overlay: ${OVERLAYS[kind][1]}`);
@@ -166,30 +205,35 @@ export class Overlay {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  // layered: null for the picture as it was, over which nothing is laid.
+  /**
+   * @param {LayeredFit | null} layered null for the picture as it was, over which nothing is laid
+   * @param {Folds | null} folds
+   * @param {boolean} isMoving
+   */
   draw(layered, folds, isMoving) {
-    const start = performance.now(), { kind } = this;
+    const { kind } = this;
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
     this.#lay(layered, kind, folds, isMoving);
     this.#placeKey(isMoving);
-    this.ms = performance.now() - start;
   }
 
+  /** @param {LayeredFit | null} layered @param {string} kind @param {Folds | null} folds @param {boolean} isMoving */
   #lay(layered, kind, folds, isMoving) {
     const { view, model, box, sheet } = this.page;
-    const key = [layered, kind, view.k, view.x, view.y, view.width, view.height, view.ratio, isMoving && layered !== null,
-      String(box), String(sheet), model.get("density"), model.get("show_net"), ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+    const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
+      model.get("density"), model.get("show_net"),
+      ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
     this.pieces = null;
     const part = this.#visible();
     if (!layered || kind === "none" || !part) return;
-    if (kind === "uncertainty") this.#drawHaze();
+    if (kind === "uncertainty") this.#drawHaze(part);
     const isBent = layered.fits.some(({ fit }) => !isStill(fit));
     if (kind === "strain") this.key.hidden = !isBent;
-    if (isBent) this.#drawMap(layered, part, folds, isMoving);
+    if (isBent && folds) this.#drawMap(layered, part, folds, isMoving);
   }
 
   #clear() {
@@ -201,41 +245,46 @@ export class Overlay {
     this.isUsed = false;
   }
 
-  // The part of what is drawn that is seen, [a0, a1, b0, b1].
+  /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
   #visible() {
     const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.page;
-    const part = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k), Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
-    return part[1] > part[0] && part[3] > part[2] ? part : null;
+    const [left, right] = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k)];
+    const [top, bottom] = [Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
+    return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
+  /** @param {LayeredFit} layered @param {number[]} part @param {Folds} folds @param {boolean} isMoving */
   #drawMap(layered, part, folds, isMoving) {
-    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, work = OVERLAY_WORK[isMoving ? "moving" : "resting"];
-    const size = OVERLAY_CELL[isMoving ? "moving" : "resting"] / k, cost = Math.max(1, layered.count);
+    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, layered.count);
+    const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
     const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
     const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
-    const raster = { shape: [rows, columns], spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)], origin: [a0, b0] };
+    /** @type {Raster} */
+    const raster = { shape: [rows, columns], origin: [a0, b0],
+      spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)] };
     const dets = detsOnRaster(layered, raster);
-    if (kind === "area") this.#drawArea(dets, raster);
+    if (kind === "area") this.#drawArea(dets, raster, part);
     if (kind === "strain") this.#drawStrain(layered);
-    const probes = folds.probes ?? [];
+    const { probes } = folds;
     if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
     this.pieces = foldPieces(layered, raster, dets, probes, work);
     this.#drawFolds(this.pieces);
   }
 
+  /** @param {FoldPieces} pieces */
   #drawFolds({ fill, edge }) {
     if (!fill.length) return;
     const { context: c } = this, { k, x, y, ratio } = this.page.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
       red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
-      // Not closed: a fill does that, and Chromium measures the whole path at each closePath, for seconds in a large fold.
+      // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
       for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
     }
     for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.fillStyle = FOLD_COLOURS.fill;
     c.fill(red);
-    c.fillStyle = this.hatch ??= hatchPattern(c);
+    c.fillStyle = this.hatch;
     c.fill(red);
     c.strokeStyle = FOLD_COLOURS.edge;
     c.lineWidth = 1.2;
@@ -243,7 +292,8 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  #drawArea(dets, raster) {
+  /** @param {ArrayLike<number>} dets @param {Raster} raster @param {number[]} part */
+  #drawArea(dets, raster, part) {
     const { shape: [rows, columns] } = raster, image = new ImageData(columns, rows), out = image.data;
     for (let n = 0, at = 0; n < dets.length; n++, at += 4) {
       if (Number.isNaN(dets[n])) continue; // a gap has no area
@@ -252,31 +302,35 @@ export class Overlay {
       for (let i = 0; i < 3; i++) out[at + i] = same[i] + Math.abs(t) * (full[i] - same[i]);
       out[at + 3] = 255;
     }
-    this.#spread(image, raster, AREA_ALPHA);
-    const { net, view, colours, model } = this.page; // which lies under the colours, and would hardly be seen
-    if (net && model.get("show_net") && model.get("density") > 0) {
-      Painter.prototype.drawNet.call({ context: this.context }, view, net.lines, colours.net);
-    }
+    this.#spread(image, raster, AREA_ALPHA, part);
+    const { net, view, colours, model } = this.page; // the grid lies under the colours, and would hardly be seen
+    if (net && model.get("show_net") && model.get("density") > 0) drawNet(this.context, view, net.lines, colours.net);
   }
 
+  /** @param {LayeredFit} layered */
   #drawStrain(layered) {
-    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered), cell = (a1 - a0) / (places.columns - 1);
-    const { gain, arms } = strainArms(layered, places, cell), told = `${gain} ${(cell * view.k).toFixed(0)}`;
+    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered);
+    const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
+    const described = `${gain} ${(cell * view.k).toFixed(0)}`;
     drawStrain(this.context, view, arms);
     this.isUsed = true;
-    if (told === this.gain) return;
-    this.gain = told;
+    if (described === this.gain) return;
+    this.gain = described;
     this.key.replaceChildren();
     strainKey(this.key, gain, cell * view.k);
   }
 
-  // One pixel of an image for each node of a raster, smooth between them.
-  #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha) {
+  /**
+   * Draw one pixel of an image for each node of a raster, smooth between them.
+   * @param {ImageData} image
+   * @param {{ spacing: number[], origin: number[] }} raster
+   * @param {number} alpha
+   * @param {number[]} part
+   */
+  #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha, [left, right, top, bottom]) {
     const { context: c } = this, { k, x, y, ratio } = this.page.view, { width, height } = image;
-    this.small ??= document.createElement("canvas");
     Object.assign(this.small, { width, height }); // which clears it
-    this.small.getContext("2d").putImageData(image, 0, 0);
-    const [left, right, top, bottom] = this.#visible();
+    context2d(this.small).putImageData(image, 0, 0);
     c.save();
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.beginPath();
@@ -289,15 +343,22 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  // What Python knows of the uncertainty, with a line at every level that the legend names.
-  #drawHaze() {
-    const { width = 0, height = 0, legend = [] } = this.page.model.get("haze_facts") ?? {}, given = this.page.model.get("haze");
+  /** @returns {{ width: number, height: number, legend: HazeLegend }} */
+  get #hazeFacts() { return { width: 0, height: 0, legend: [], ...this.page.model.get("haze_facts") }; }
+
+  /**
+   * The uncertainty as Python has it, with a line at every level that the legend names.
+   * @param {number[]} part
+   */
+  #drawHaze(part) {
+    const { width, height, legend } = this.#hazeFacts, given = this.page.model.get("haze");
     if (!given || !width || given.byteLength !== width * height) return;
-    const values = new Uint8Array(given.buffer ?? given, given.byteOffset ?? 0, given.byteLength);
-    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box, da = (a1 - a0) / width, db = (b1 - b0) / height;
+    const values = bytesOf(given);
+    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box;
+    const da = (a1 - a0) / width, db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++) image.data.set([...HAZE_COLOUR, HAZE_ALPHA * values[n]], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
-    this.#spread(image, raster, 1);
+    this.#spread(image, raster, 1, part);
     const { context: c } = this, { k, x, y, ratio } = this.page.view, lines = new Path2D();
     for (const [level] of legend) {
       for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
@@ -306,29 +367,36 @@ export class Overlay {
       }
     }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    for (const [style, wide] of [["rgba(0, 0, 0, 0.55)", 3], ["rgba(255, 255, 255, 0.9)", 1.4]]) {
-      Object.assign(c, { strokeStyle: style, lineWidth: wide });
+    for (const [strokeStyle, lineWidth] of [["rgba(0, 0, 0, 0.55)", 3], ["rgba(255, 255, 255, 0.9)", 1.4]]) {
+      Object.assign(c, { strokeStyle, lineWidth });
       c.stroke(lines);
     }
   }
 
   // ---- marks and words ----------------------------------------------------------------------------------------------
 
-  // A ring around the place where the map folds most.
+  /**
+   * A ring around the place where the map folds most.
+   * @param {Folds | null} folds
+   */
   #mark(folds) {
-    const isShown = Boolean(folds) && folds.least <= 0, { k, x, y } = this.page.view;
-    setAttributes(this.worst, { visibility: isShown ? "visible" : "hidden" });
-    if (isShown) {
-      setAttributes(this.worst, { transform: `translate(${(k * folds.place[0] + x).toFixed(1)} ${(k * folds.place[1] + y).toFixed(1)})` });
-    }
+    const place = folds && folds.least <= 0 ? folds.place : null;
+    setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
+    if (!place) return;
+    const [x, y] = this.page.onView(place);
+    setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
-  // The legend to a corner in which it hides no point, or few; it does not jump while something moves.
+  /**
+   * Put the legend into a corner in which it hides no point, or few; it does not jump while something moves.
+   * @param {boolean} isMoving
+   */
   #placeKey(isMoving) {
     if (this.key.hidden || isMoving) return;
-    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc and the distance from the edge
+    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
     const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.page.onView(at));
+    /** @param {string[]} corner */
     const hidden = ([row, column]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
       && (row === "top" ? y < high : y > height - high)).length;
     const [row, column] = KEY_CORNERS.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
@@ -336,47 +404,57 @@ export class Overlay {
     this.key.classList.toggle("dnb-ed-key-right", column === "right");
   }
 
+  /** @param {string} kind */
   #describe(kind) {
-    const facts = kind === "uncertainty" ? this.page.model.get("haze_facts") ?? {} : null;
-    const told = JSON.stringify([kind, facts?.legend]);
-    if (this.select && this.select.value !== this.kind) this.select.value = this.kind;
-    if (told === this.told) return;
-    this.told = told;
-    if (this.select) this.select.title = `What lies over the picture: ${OVERLAYS[this.kind][1]} (V)`;
+    const legend = kind === "uncertainty" ? this.#hazeFacts.legend : [], described = JSON.stringify([kind, legend]);
+    if (this.select.value !== this.kind) this.select.value = this.kind;
+    if (described === this.described) return;
+    this.described = described;
+    this.select.title = `What lies over the picture: ${OVERLAYS[this.kind][1]} (V)`;
     this.key.hidden = kind !== "area" && kind !== "uncertainty";
     this.key.classList.remove("dnb-ed-key-wide");
     this.key.replaceChildren();
-    this.gain = null;
+    this.gain = "";
     if (kind === "area") this.#areaKey();
-    if (kind === "uncertainty") this.#hazeKey(facts.legend ?? []);
+    if (kind === "uncertainty") this.#hazeKey(legend);
   }
 
   #areaKey() {
-    const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS, rgb = (colour) => `rgb(${colour.join(" ")})`;
+    const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS;
+    /** @param {number[]} colour */
+    const rgb = (colour) => `rgb(${colour.join(" ")})`;
     this.#bar("area of matter", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
       [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
-    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white the same, ` +
-      `green ${most} times or more` });
+    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white ` +
+      `the same, green ${most} times or more` });
   }
 
+  /** @param {HazeLegend} legend */
   #hazeKey(legend) {
     const colour = HAZE_COLOUR.join(" ");
     this.key.classList.add("dnb-ed-key-wide");
-    this.#bar("uncertainty", `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`, []);
-    const [, bar, row] = this.key.children;
-    row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks tell the places
+    const background = `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`;
+    const { bar, row } = this.#bar("uncertainty", background, []);
+    row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks show the places
     for (const [level, text] of legend) {
       pageElement("i", "", bar).style.left = `${(level / 2.55).toFixed(1)}%`;
       pageElement("span", "", row).textContent = text;
     }
     if (!legend.length) pageElement("div", "", this.key).textContent = "not known yet";
-    setAttributes(this.key, { "aria-label": `Uncertainty: ${legend.map(([, text]) => text).join(", ") || "not known yet"}` });
+    const texts = legend.map(([, text]) => text).join(", ");
+    setAttributes(this.key, { "aria-label": `Uncertainty: ${texts || "not known yet"}` });
   }
 
-  // A bar of colours with texts under it: [share of the bar, text].
+  /**
+   * A bar of colours with texts under it.
+   * @param {string} title
+   * @param {string} background
+   * @param {[share: number, text: string][]} texts
+   */
   #bar(title, background, texts) {
     pageElement("div", "", this.key).textContent = title;
-    pageElement("div", "dnb-ed-key-bar", this.key).style.background = background;
+    const bar = pageElement("div", "dnb-ed-key-bar", this.key);
+    bar.style.background = background;
     const row = pageElement("div", "dnb-ed-key-texts", this.key);
     for (const [share, text] of texts) {
       const item = pageElement("span", "", row);
@@ -384,19 +462,23 @@ export class Overlay {
       item.style.left = `${(100 * share).toFixed(1)}%`;
       item.style.transform = `translateX(${(-100 * share).toFixed(1)}%)`; // nothing hangs over the ends
     }
+    return { bar, row };
   }
 }
 
-// Diagonal lines, light with a dark rim: a fold is seen without its colour too.
+/**
+ * Diagonal lines, light with a dark rim: a fold is seen without its colour too.
+ * @param {CanvasRenderingContext2D} context
+ */
 function hatchPattern(context) {
   const tile = document.createElement("canvas"), size = 11;
   Object.assign(tile, { width: size, height: size });
-  const c = tile.getContext("2d");
-  for (const [style, wide] of [["rgba(80, 0, 0, 0.7)", 2.2], ["rgba(255, 225, 225, 0.85)", 0.9]]) {
-    Object.assign(c, { strokeStyle: style, lineWidth: wide });
+  const c = context2d(tile);
+  for (const [strokeStyle, lineWidth] of [["rgba(80, 0, 0, 0.7)", 2.2], ["rgba(255, 225, 225, 0.85)", 0.9]]) {
+    Object.assign(c, { strokeStyle, lineWidth });
     c.beginPath();
     for (const at of [-size, 0, size]) { c.moveTo(at - 1, size + 1); c.lineTo(at + size + 1, -1); }
     c.stroke();
   }
-  return context.createPattern(tile, "repeat");
+  return context.createPattern(tile, "repeat") ?? "transparent";
 }

@@ -1,23 +1,50 @@
-// Paints a warped picture and its net on a 2D canvas. The view says which part of the picture plane is seen:
-// {k, x, y}: a place (a, b) lies at (k a + x, k b + y) CSS pixels; {width, height} of the canvas; ratio of its pixels.
+// Paints a warped picture and its grid on a 2D canvas.
 
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.js";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 
-const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
-const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the hand has come to rest
-const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
-const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, net, handles and the browser
+/** @import { LayeredFit, Raster } from "../types.d.ts" */
 
+/** The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
+ * pixels, and the ratio of the canvas's pixels to those.
+ * @typedef {{ k: number, x: number, y: number, width: number, height: number, ratio: number }} View
+ */
+
+/** @typedef {Uint8Array | Uint8ClampedArray} Bytes */
+/** @typedef {ArrayBuffer | ArrayBufferView<ArrayBuffer>} Buffered */
+/** @typedef {{ pixels: Bytes, width: number, height: number }} Level the pixels of a picture at one size */
+/** @typedef {{ x: number, y: number, width: number, height: number }} Part of the canvas, in its own pixels */
+/** Places of nodes in the picture.
+ * @typedef {{ rows: number, columns: number, a0: number, b0: number, step: number }} Lattice
+ */
+/** @typedef {{ distance: (a: number, b: number) => number }} NearRegion */
+/** p = (a - origin) * scale + shift, in pixels of a level.
+ * @typedef {{ origin: number[], scale: number[], shift: number }} LevelPlaces
+ */
+
+const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
+const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the pointer has come to rest
+const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
+const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, grid, handles and the browser
+
+/** The pixels of a picture, at as many sizes as are looked at. */
 class PictureSource {
-  // pixels: Uint8 (height * width * channels), channels 1 (grey) or 4 (RGBA); raster {shape, spacing, origin}
+  /**
+   * @param {Bytes} pixels height * width * channels
+   * @param {number} channels 1 (grey) or 4 (RGBA)
+   * @param {Raster} raster
+   */
   constructor(pixels, channels, raster) {
     const [height, width] = raster.shape;
     this.raster = raster;
     this.channels = channels;
+    /** @type {Level[]} */
     this.levels = [{ pixels, width, height }];
-    // Beyond the picture lies its smallest value, as for a volume.
-    this.fill = channels === 1 ? pixels.reduce((least, value) => Math.min(least, value), 255) : 0;
+    this.fill = 0; // beyond the picture: its smallest value, as for a volume
+    if (channels === 1) {
+      this.fill = 255;
+      for (const value of pixels) this.fill = Math.min(this.fill, value);
+    }
   }
 
   get box() {
@@ -25,22 +52,29 @@ class PictureSource {
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
-  // The picture averaged to half its size, `level` times: a picture seen from far must not shimmer.
+  /**
+   * The picture averaged to half its size, `level` times: a picture seen from far must not shimmer.
+   * @param {number} level
+   */
   level(level) {
     while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1], this.channels));
     return this.levels[level];
   }
 }
 
-// The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+/**
+ * The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+ * @param {Buffered} bytes
+ * @param {Raster & { channels?: number }} raster
+ */
 export async function decodePicture(bytes, raster) {
-  const view = new Uint8Array(bytes.buffer ?? bytes, bytes.byteOffset ?? 0, bytes.byteLength);
+  const view = bytesOf(bytes);
   const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
     { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   const [height, width] = raster.shape;
   if (bitmap.width !== width || bitmap.height !== height) throw new Error("its size is not that of its raster");
   const canvas = Object.assign(document.createElement("canvas"), { width, height });
-  const context = canvas.getContext("2d", { willReadFrequently: true });
+  const context = context2d(canvas, { willReadFrequently: true });
   context.drawImage(bitmap, 0, 0);
   bitmap.close();
   const rgba = context.getImageData(0, 0, width, height).data;
@@ -48,6 +82,31 @@ export async function decodePicture(bytes, raster) {
   return new PictureSource(Uint8Array.from({ length: width * height }, (_, k) => rgba[4 * k]), 1, raster);
 }
 
+/**
+ * The bytes of a trait: a front end gives a view of its buffer, or the buffer.
+ * @param {Buffered} bytes
+ */
+export function bytesOf(bytes) {
+  if (!ArrayBuffer.isView(bytes)) return new Uint8Array(bytes);
+  return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+}
+
+/**
+ * @param {HTMLCanvasElement} canvas
+ * @param {CanvasRenderingContext2DSettings} [settings]
+ */
+export function context2d(canvas, settings) {
+  const context = canvas.getContext("2d", settings);
+  if (!context) throw new Error("this browser has no 2D canvas");
+  return context;
+}
+
+/**
+ * A picture averaged to half its size.
+ * @param {Level} level
+ * @param {number} channels
+ * @returns {Level}
+ */
 export function halved({ pixels, width, height }, channels) {
   const w = Math.max(1, width >> 1), h = Math.max(1, height >> 1), out = new Uint8Array(w * h * channels);
   for (let y = 0; y < h; y++) {
@@ -55,6 +114,7 @@ export function halved({ pixels, width, height }, channels) {
     for (let x = 0; x < w; x++) {
       const left = Math.min(2 * x, width - 1), right = Math.min(2 * x + 1, width - 1);
       for (let c = 0; c < channels; c++) {
+        /** @param {number} row @param {number} column */
         const at = (row, column) => pixels[(row + column) * channels + c];
         out[(y * w + x) * channels + c] = (at(up, left) + at(up, right) + at(down, left) + at(down, right) + 2) >> 2;
       }
@@ -63,17 +123,24 @@ export function halved({ pixels, width, height }, channels) {
   return { pixels: out, width: w, height: h };
 }
 
+/** Warps a picture and draws it on a canvas. */
 export class Painter {
+  /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    this.context = canvas.getContext("2d", { alpha: false });
+    this.context = context2d(canvas, { alpha: false });
     this.scratch = document.createElement("canvas");
-    this.scratchContext = this.scratch.getContext("2d", { alpha: false });
+    this.scratchContext = context2d(this.scratch, { alpha: false });
+    /** @type {PictureSource | null} */
     this.source = null;
-    this.image = null;
+    this.image = new ImageData(1, 1);
+    this.paper = [0, 0, 0]; // red, green and blue of what lies around the picture
+    /** The places of the nodes under each fit, in pixels of a level. @type {Float32Array[]} */
+    this.maps = [];
     this.cost = 15e-6; // milliseconds per pixel, measured from then on
   }
 
+  /** @param {number} width @param {number} height @param {number} ratio */
   resize(width, height, ratio) {
     const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
     if (this.canvas.width !== w || this.canvas.height !== h) {
@@ -82,21 +149,26 @@ export class Painter {
     }
   }
 
-  // A layered fit (maths/cuts.js), or null for the picture as it is, drawn as far as `sheet` reaches. Returns what it took: {ms, step, lattice}.
-  paint(view, fit, { isMoving, paper, sheet }) {
+  /**
+   * Paint the picture, as far as `sheet` reaches.
+   * @param {View} view
+   * @param {LayeredFit | null} fit null for the picture as it is
+   * @param {{ isMoving: boolean, paper: string, sheet?: number[] }} options
+   */
+  paint(view, fit, { isMoving, paper, sheet = this.source?.box }) {
     const start = performance.now(), { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
-    this.paper = [1, 3, 5].map((k) => parseInt(String(c.fillStyle).slice(k, k + 2), 16) || 0); // #rrggbb, whatever was set
-    if (!source) return { ms: performance.now() - start, step: 0, lattice: 0 };
+    const hex = String(c.fillStyle); // #rrggbb, whatever was set
+    this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
+    if (!source || !sheet) return;
     const part = this.visible(view, sheet);
-    if (part.width <= 0 || part.height <= 0) return { ms: 0, step: 0, lattice: 0 };
+    if (part.width <= 0 || part.height <= 0) return;
     const pixels = part.width * part.height;
     const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
     const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
-    const lattice = this.latticeStep(fit, w, h, isMoving);
-    this.warp(view, fit, part, step, w, h, lattice, isMoving);
+    this.#warp(source, view, fit, part, step, isMoving);
     if (step === 1) c.putImageData(this.image, part.x, part.y);
     else {
       if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
@@ -109,41 +181,62 @@ export class Painter {
       c.drawImage(this.scratch, part.x, part.y, w * step, h * step);
       c.restore();
     }
-    const ms = performance.now() - start;
-    if (isMoving) this.cost += 0.2 * (ms / (w * h) - this.cost);
-    return { ms, step, lattice };
+    if (isMoving) this.cost += 0.2 * ((performance.now() - start) / (w * h) - this.cost);
   }
 
-  // The part of the canvas, in its own pixels, that a box on the picture's plane covers.
-  visible({ k, x, y, ratio }, [a0, a1, b0, b1] = this.source.box) {
+  /**
+   * The part of the canvas that a box on the picture's plane covers.
+   * @param {View} view
+   * @param {number[]} box
+   * @returns {Part}
+   */
+  visible({ k, x, y, ratio }, [a0, a1, b0, b1]) {
     const { width, height } = this.canvas;
+    /** @param {number} value @param {number} most */
     const clamp = (value, most) => Math.max(0, Math.min(most, Math.round(value * ratio)));
     const left = clamp(k * a0 + x, width), right = clamp(k * a1 + x, width);
     const top = clamp(k * b0 + y, height), bottom = clamp(k * b1 + y, height);
     return { x: left, y: top, width: right - left, height: bottom - top };
   }
 
+  /**
+   * Pixels between the nodes at which the map is evaluated.
+   * @param {LayeredFit | null} fit
+   * @param {number} w
+   * @param {number} h
+   * @param {boolean} isMoving
+   */
   latticeStep(fit, w, h, isMoving) {
     if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
     if (isMoving) return LATTICE_PIXELS * Math.max(1, Math.ceil(Math.sqrt(w * h / 64 * fit.count / 4e5)));
     return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
   }
 
-  // Looks every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
-  warp({ k, x, y, ratio }, fit, part, step, w, h, lattice, isMoving) {
-    if (!this.image || this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
-    const { raster } = this.source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
+  /**
+   * Look every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
+   * @param {PictureSource} source
+   * @param {View} view
+   * @param {LayeredFit | null} fit
+   * @param {Part} part
+   * @param {number} step pixels of the canvas across one that is looked up
+   * @param {boolean} isMoving
+   */
+  #warp(source, { k, x, y, ratio }, fit, part, step, isMoving) {
+    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+    const lattice = this.latticeStep(fit, w, h, isMoving);
+    if (this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
+    const { raster } = source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
     const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
     const columns = Math.ceil((w - 1) / lattice) + 1 + (w === 1 ? 1 : 0);
     const rows = Math.ceil((h - 1) / lattice) + 1 + (h === 1 ? 1 : 0);
+    /** @type {Raster} */
     const nodes = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
     const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
-    const isLayered = Boolean(fit) && fit.regions.length > 0, count = isLayered ? fit.fits.length + 1 : 1;
-    this.maps ??= [];
+    const cutFit = fit && fit.regions.length > 0 ? fit : null, count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
-      if (!this.maps[m] || this.maps[m].length < rows * columns * 2) this.maps[m] = new Float32Array(rows * columns * 2);
+      if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
       const map = this.maps[m], one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
       else map.fill(0, 0, rows * columns * 2);
@@ -156,16 +249,21 @@ export class Painter {
         }
       }
     }
-    const pixels = this.source.level(level), { channels, fill } = this.source, rim = 0.5 / part2;
+    const pixels = source.level(level), { channels, fill } = source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
-    const layers = isLayered ? new LayerPlan(fit, this.maps, { rows, columns, a0, b0, step: lattice * size },
-      { origin: raster.origin, scale, shift }, Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2), isMoving) : null;
+    const softness = Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2);
+    const layers = cutFit ? new LayerPlan(cutFit, this.maps, { rows, columns, a0, b0, step: lattice * size },
+      { origin: raster.origin, scale, shift }, softness, isMoving) : null;
     const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
     lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
   }
 
-  // The edge of what is drawn, where its own edge is as dark as what is around.
+  /**
+   * The edge of what is drawn, where its own edge is as dark as what is around.
+   * @param {View} view
+   * @param {number[]} box
+   */
   drawFrame({ k, x, y, ratio }, [a0, a1, b0, b1]) {
     const { context: c } = this;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -175,35 +273,54 @@ export class Painter {
     c.setTransform(1, 0, 0, 1, 0, 0);
   }
 
-  // Polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour.
-  drawNet(view, net, colour) {
-    const { context: c } = this, { k, x, y, ratio } = view;
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    c.lineJoin = "round";
-    for (const [style, wider] of [["rgba(0, 0, 0, 0.45)", 1.4], [colour, 0]]) {
-      c.strokeStyle = style;
-      for (const isEdge of [false, true]) {
-        c.lineWidth = (isEdge ? 1.6 : 0.9) + wider;
-        c.beginPath();
-        for (const line of net) {
-          if (line.isEdge !== isEdge) continue;
-          for (const run of line.runs) {
-            c.moveTo(k * run[0] + x, k * run[1] + y);
-            for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x, k * run[j + 1] + y);
-          }
+}
+
+/**
+ * Draw polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour.
+ * @param {CanvasRenderingContext2D} c
+ * @param {View} view
+ * @param {{ isEdge: boolean, runs: ArrayLike<number>[] }[]} lines
+ * @param {string} colour
+ */
+export function drawNet(c, { k, x, y, ratio }, lines, colour) {
+  c.setTransform(ratio, 0, 0, ratio, 0, 0);
+  c.lineJoin = "round";
+  for (const { style, wider } of [{ style: "rgba(0, 0, 0, 0.45)", wider: 1.4 }, { style: colour, wider: 0 }]) {
+    c.strokeStyle = style;
+    for (const isEdge of [false, true]) {
+      c.lineWidth = (isEdge ? 1.6 : 0.9) + wider;
+      c.beginPath();
+      for (const line of lines) {
+        if (line.isEdge !== isEdge) continue;
+        for (const run of line.runs) {
+          c.moveTo(k * run[0] + x, k * run[1] + y);
+          for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x, k * run[j + 1] + y);
         }
-        c.stroke();
       }
+      c.stroke();
     }
-    c.setTransform(1, 0, 0, 1, 0, 0);
   }
+  c.setTransform(1, 0, 0, 1, 0, 0);
 }
 
 const OPAQUE = 0xff000000;
 
-// Both loops walk the cells of the lattice row by row; places run linearly inside a cell's row. `rim` is half a pixel
-// of the full picture: so far beyond the outermost centres a place still takes the edge pixel, beyond it the fill.
-// `plan` says which of the maps each cell shows, and leaves out those below 0 (editor/painter.js); null shows the first.
+/**
+ * A loop over the cells of the lattice row by row; places run linearly inside a cell's row.
+ * @callback LookUp
+ * @param {Uint32Array} out
+ * @param {number} w
+ * @param {number} h
+ * @param {Float32Array[]} maps
+ * @param {Int8Array | null} plan the index of the map that each cell shows, below 0 for none; null shows the first
+ * @param {number} columns
+ * @param {number} lattice
+ * @param {Level} level
+ * @param {number} fill the value beyond the picture
+ * @param {number} rim half a pixel of the full picture: so far beyond the outer centres a place takes the edge pixel
+ */
+
+/** @type {LookUp} */
 function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
   const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
@@ -221,8 +338,8 @@ function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, he
         let p = u, q = v;
         if (!(p >= 0 && q >= 0 && p < right && q < bottom)) {
           if (!(p >= -rim && q >= -rim && p < right + rim && q < bottom + rim)) { out[line + x] = empty; continue; }
-          p = p < 0 ? 0 : p > right ? right : p;
-          q = q < 0 ? 0 : q > bottom ? bottom : q;
+          p = Math.max(0, Math.min(right, p));
+          q = Math.max(0, Math.min(bottom, q));
         }
         const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi, at = qi * width + pi;
         const east = pi < right ? 1 : 0, south = qi < bottom ? width : 0;
@@ -234,6 +351,7 @@ function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, he
   }
 }
 
+/** @type {LookUp} */
 function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
   const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
@@ -249,7 +367,7 @@ function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, 
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;
       for (; x < last; x++, u += du, v += dv) {
         if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) { out[line + x] = empty; continue; }
-        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v;
+        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v));
         const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi;
         const at = 4 * (qi * width + pi), east = pi < right ? 4 : 0, low = at + (qi < bottom ? 4 * width : 0);
         let colour = OPAQUE;
@@ -264,20 +382,46 @@ function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, 
   }
 }
 
-// Which of several smooth maps is seen in every pixel of a picture with cuts. Needs maths/cuts.js. No DOM.
-//
-// The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, and are
-// told from their corners: a distance changes by no more than the way that is walked. Only where a cut runs through a
-// cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
-
 const LAYER_EMPTY = -1, LAYER_MIXED = -2;
 const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for those that are near
 
-// maps: one for each fit, and the identity if regions without points stay; places of the nodes in pixels of a level,
-// p = (a - origin) * scale + shift. nodes: {a0, b0, step} in the picture, {rows, columns} of the lattice.
+/**
+ * The choice between several smooth maps in every pixel of a picture with cuts.
+ *
+ * The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, which
+ * their corners decide: a distance changes by no more than the way that is walked. Only where a cut runs through a
+ * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
+ */
 class LayerPlan {
+  /** Regions as a cell sees them. @type {Map<number, NearRegion[]>} */
+  near = new Map();
+
+  work = { pixels: new Float64Array(512), covers: new Float64Array(256), out: [0, 0, 1, 0] };
+
+  /** The displacement of each fit at a place. @type {number[][]} */
+  moves = [];
+
+  /**
+   * @param {LayeredFit} layered
+   * @param {Float32Array[]} maps one for each fit, and the identity for regions without points, which stay
+   * @param {Lattice} nodes
+   * @param {LevelPlaces} places
+   * @param {number} softness
+   * @param {boolean} isMoving
+   */
   constructor(layered, maps, nodes, { origin, scale, shift }, softness, isMoving) {
-    Object.assign(this, { layered, maps, nodes, origin, scale, shift, softness, isMoving, near: new Map() });
+    this.layered = layered;
+    this.maps = maps;
+    this.nodes = nodes;
+    this.origin = origin;
+    this.scale = scale;
+    this.shift = shift;
+    this.softness = softness;
+    this.isMoving = isMoving;
+    this.isShort = layered.regions.reduce((sum, { edges }) => sum + (edges ?? 0), 0) <= FEW_EDGES;
+    // Distances of every node to the cuts, and the depth of its images within their regions.
+    this.here = layered.regions.map(() => new Float32Array(nodes.rows * nodes.columns));
+    this.depths = layered.fits.map(() => new Float32Array(nodes.rows * nodes.columns));
     this.still = layered.fits.length; // the number of the identity among the maps
     this.plan = new Int8Array(nodes.rows * nodes.columns);
     this.fitOf = Int8Array.from({ length: 1 << layered.regions.length }, (_, key) => layered.byKey.get(key) ?? -1);
@@ -287,13 +431,15 @@ class LayerPlan {
     }
   }
 
-  // Distances of every node to the cuts, and the depth of its images within their regions. Far from all cuts a bound
-  // will do: a distance changes by no more than the way from the node before.
+  /** Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node. */
   #measure() {
-    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this, n = rows * columns;
+    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this;
     const enough = 6 * step + this.softness;
-    this.here = regions.map(() => new Float32Array(n));
-    this.depths = fits.map(() => new Float32Array(n));
+    /**
+     * @param {Float32Array} values
+     * @param {(at: number, i: number, j: number) => number} exact
+     * @param {(from: number, to: number) => number} way
+     */
     const fill = (values, exact, way) => {
       for (let i = 0, at = 0; i < rows; i++) {
         for (let j = 0; j < columns; j++, at++) {
@@ -303,18 +449,27 @@ class LayerPlan {
         }
       }
     };
-    regions.forEach(({ distance }, k) => fill(this.here[k], (at, i, j) => distance(a0 + j * step, b0 + i * step), () => step));
-    fits.forEach(({ key }, k) => {
-      const map = maps[k], exact = (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1]));
-      fill(this.depths[k], exact, (m, at) => wayBetween(map, m, at, scale));
-    });
+    for (const [k, { distance }] of regions.entries()) {
+      fill(this.here[k], (_, i, j) => distance(a0 + j * step, b0 + i * step), () => step);
+    }
+    for (const [k, { key }] of fits.entries()) {
+      const map = maps[k];
+      fill(this.depths[k], (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1])),
+        (m, at) => wayBetween(map, m, at, scale));
+    }
   }
 
+  /** @param {number} p */
   #a(p) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
 
+  /** @param {number} q */
   #b(q) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
 
-  // What all of a cell shows: the number of a map, nothing, or not the same everywhere.
+  /**
+   * The content of all of a cell: the number of a map, nothing, or not the same everywhere.
+   * @param {number} i
+   * @param {number} j
+   */
   #cell(i, j) {
     const { columns, rows, step } = this.nodes, { layered, here, still } = this, half = this.softness / 2;
     const up = i * columns, down = Math.min(i + 1, rows - 1) * columns, right = Math.min(j + 1, columns - 1);
@@ -345,7 +500,15 @@ class LayerPlan {
     return own === still ? still : found;
   }
 
-  // 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0.
+  /**
+   * 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0.
+   * @param {number} k
+   * @param {number} p
+   * @param {number} q
+   * @param {number} r
+   * @param {number} s
+   * @param {number} half
+   */
   #coverage(k, p, q, r, s, half) {
     const map = this.maps[k], d = this.depths[k], { scale } = this;
     const least = Math.min(d[p], d[q], d[r], d[s]), most = Math.max(d[p], d[q], d[r], d[s]);
@@ -355,32 +518,52 @@ class LayerPlan {
     return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
-  // The cuts as one cell sees them: of long outlines only what is near.
+  /**
+   * The cuts as one cell sees them: of long outlines only what is near.
+   * @param {number} cell
+   */
   #regionsAt(cell) {
+    if (this.isShort) return this.layered.regions;
+    const made = this.near.get(cell) ?? this.#regionsNear(cell);
+    this.near.set(cell, made);
+    return made;
+  }
+
+  /** @param {number} cell */
+  #regionsNear(cell) {
     const { layered: { regions }, maps, nodes: { columns, rows, step, a0, b0 } } = this;
-    this.isShort ??= regions.reduce((sum, { edges }) => sum + (edges ?? 0), 0) <= FEW_EDGES;
-    if (this.isShort) return regions;
-    let made = this.near.get(cell);
-    if (made) return made;
     const j = cell % columns, i = (cell - j) / columns, a = a0 + (j + 0.5) * step, b = b0 + (i + 0.5) * step;
     let radius = 0.7072 * step;
     const right = Math.min(j + 1, columns - 1);
     const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
     for (const map of maps.slice(0, this.layered.fits.length)) {
-      for (const c of corners) radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+      for (const c of corners) {
+        radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+      }
     }
-    this.near.set(cell, made = regions.map((region) => ({ distance: region.near(a, b, radius) })));
-    return made;
+    return regions.map((region) => ({ distance: region.near(a, b, radius) }));
   }
 
-  // What one pixel shows: writes [p, q, opacity] in pixels of the level. The pixel lies at shares (s, t) of a cell.
+  /**
+   * Look up one pixel: writes [p, q, opacity] in pixels of the level.
+   * @param {number} cell
+   * @param {number} s the place of the pixel in its cell
+   * @param {number} t
+   * @param {number[]} out
+   */
   look(cell, s, t, out) {
-    // Between several cuts, what stays is not told from one distance.
+    // Between several cuts, one distance does not decide what stays.
     if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
     else this.#lookExactly(cell, s, t, out);
   }
 
-  // Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact.
+  /**
+   * Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact.
+   * @param {number} cell
+   * @param {number} s
+   * @param {number} t
+   * @param {number[]} out
+   */
   #lookQuickly(cell, s, t, out) {
     const { layered, depths, here, softness, work } = this, { columns, rows } = this.nodes, { covers } = work;
     const e = cell % columns < columns - 1 ? 1 : 0, d = cell < (rows - 1) * columns ? columns : 0;
@@ -410,15 +593,16 @@ class LayerPlan {
     out[1] = between(map, 2 * cell + 1, 2 * e, 2 * d, s, t);
   }
 
+  /** @param {number} cell @param {number} s @param {number} t @param {number[]} out */
   #lookExactly(cell, s, t, out) {
-    const { columns } = this.nodes, { layered, maps, work } = this, j = cell % columns, i = (cell - j) / columns;
+    const { columns } = this.nodes, { layered, maps, moves, work } = this, j = cell % columns, i = (cell - j) / columns;
     const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
     const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
     for (let k = 0; k < layered.fits.length; k++) {
       for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
-      work.moves[k] ??= [0, 0];
-      work.moves[k][0] = this.#a(work.pixels[2 * k]) - a;
-      work.moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
+      moves[k] ??= [0, 0];
+      moves[k][0] = this.#a(work.pixels[2 * k]) - a;
+      moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
     }
     const [,, opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
     out[2] = opacity;
@@ -431,24 +615,49 @@ class LayerPlan {
     }
   }
 
-  work = { pixels: new Float64Array(512), covers: new Float64Array(256), moves: [], out: [0, 0, 1, 0] };
-
-  move = (k) => this.work.moves[k];
+  /** @param {number} k */
+  move = (k) => this.moves[k];
 }
 
-// Bilinear between four nodes.
+/**
+ * Bilinear between four nodes.
+ * @param {Float32Array} values
+ * @param {number} at
+ * @param {number} east
+ * @param {number} south
+ * @param {number} s
+ * @param {number} t
+ */
 export function between(values, at, east, south, s, t) {
   const p = values[at], r = values[at + south], top = p + s * (values[at + east] - p);
   return top + t * (r + s * (values[at + south + east] - r) - top);
 }
 
-// How far two nodes' images lie apart in the picture.
+/**
+ * The distance of two nodes' images in the picture.
+ * @param {Float32Array} map
+ * @param {number} m
+ * @param {number} n
+ * @param {number[]} scale
+ */
 function wayBetween(map, m, n, scale) {
   const a = (map[2 * m] - map[2 * n]) / scale[0], b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
   return Math.sqrt(a * a + b * b);
 }
 
-// The pixels of all cells that show more than one map, or nothing: `paper` is [r, g, b].
+/**
+ * The pixels of all cells that show more than one map, or nothing.
+ * @param {Uint32Array} out
+ * @param {number} w
+ * @param {number} h
+ * @param {LayerPlan} layers
+ * @param {number} lattice
+ * @param {Level} level
+ * @param {number} channels
+ * @param {number} fill
+ * @param {number} rim
+ * @param {number[]} paper red, green and blue
+ */
 function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, channels, fill, rim, paper) {
   const { plan, nodes: { columns } } = layers, seen = [0, 0, 1], right = width - 1, bottom = height - 1;
   const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
@@ -463,7 +672,7 @@ function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, cha
         const [u, v, opacity] = seen;
         if (opacity === 0) { out[y * w + x] = empty; continue; }
         const isIn = u >= -rim && v >= -rim && u < right + rim && v < bottom + rim;
-        const p = u < 0 ? 0 : u > right ? right : u, q = v < 0 ? 0 : v > bottom ? bottom : v, pi = p | 0, qi = q | 0;
+        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v)), pi = p | 0, qi = q | 0;
         const s = p - pi, f = q - qi, at = channels * (qi * width + pi), east = pi < right ? channels : 0;
         const low = at + (qi < bottom ? channels * width : 0);
         let colour = OPAQUE;

@@ -1,19 +1,40 @@
 // Cuts and rigid parts as SVG over the picture, under the control points. A cut is a line with a band in the colour of
-// the region on each of its sides; a rigid part is hatched. What a hand can take: the line, and of the chosen shape its
+// the region on each of its sides; a rigid part is hatched. The line can be dragged, and of the chosen shape its
 // corners (squares) and the middles of its edges (dots).
 
 import { shownLength } from "../maths/numbers.js";
 import { maskPixels } from "../maths/regions.js";
 import { cornersOf, SHAPE_NAMES, shapeLabel, shapeName } from "../maths/shapes.js";
 import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { treeOf } from "./drawing.js";
+
+/** @import { CutData, MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
+/** @import { View } from "./painter.js" */
+/** @typedef {{ what: ShapeKind, index: number }} Chosen */
+/** @typedef {{ corner: number | null, middle: number | null }} Grip a corner, the middle of an edge, or neither */
+/** @typedef {(a: number, b: number) => number} SideKey the number of the region in which a place lies */
+
+/** A shape that is being drawn: the places that are set, and the one that would come next.
+ * @typedef {{ tool: string, places: number[][], next: number[] | null, isByKeys?: boolean, canClose?: boolean,
+ *   isClosing?: boolean }} Draft
+ */
+
+/** Paths in CSS pixels: the line as drawn, its continuation without end, the inside, and where its name stands.
+ * @typedef {{ line: string, far: string, inside: string, label: number[] }} ShapePaths
+ */
+
+/** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
 
 export const REGION_MARKS = 8; // colours and forms of regions; more than eight regions begin again
-// Forms tell the regions apart without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
-export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z", "M-4.2-7.3H4.2L8.4 0 4.2 7.3H-4.2L-8.4 0Z",
+// Forms of regions, for readers without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
+export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z",
+  "M-4.2-7.3H4.2L8.4 0 4.2 7.3H-4.2L-8.4 0Z",
   "M0-9L2.6-3.2 8.7-2.7 4.1 1.4 5.5 7.5 0 4.3-5.5 7.5-4.1 1.4-8.7-2.7-2.6-3.2Z",
   "M-2.8-8H2.8V-2.8H8V2.8H2.8V8H-2.8V2.8H-8V-2.8H-2.8Z", "M-8.5-4H8.5V4H-8.5Z", "M0-9L6 1A6 6 0 1 1-6 1Z"];
 
+/** The shapes as elements, which can have the focus and be dragged. */
 export class ShapeHandles {
+  /** @param {SVGSVGElement} svg */
   constructor(svg) {
     this.svg = svg;
     const defs = svgElement("defs", {}, svg), id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
@@ -26,22 +47,29 @@ export class ShapeHandles {
     this.root = svgElement("g", { class: "dnb-ed-shapes" }, svg);
     this.grips = svgElement("g", { class: "dnb-ed-grips" }, svg);
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
+    /** @type {Map<string, ShapeParts>} */
     this.shown = new Map();
-    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name) => svgElement(name === "start" || name === "cursor"
-      ? "circle" : "path", { class: `dnb-ed-draft-${name}` }, this.draft));
+    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) => (
+      svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft)));
   }
 
-  // `chosen` is {what, index} or null; sideKey(a, b) says in which region a place lies; reach as in maths/shapes.js.
+  /**
+   * Draw all shapes for a view. True if the focus was on one that is gone.
+   * @param {Shapes} shapes
+   * @param {Chosen | null} chosen
+   * @param {View} view
+   * @param {{ reach: number, sideKey: SideKey, isLocked: boolean }} options reach as in maths/shapes.js
+   */
   update(shapes, chosen, view, { reach, sideKey, isLocked }) {
-    const seen = new Set(), focused = this.svg.getRootNode().activeElement;
+    const seen = new Set(), focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
-    for (const what of ["parts", "cuts"]) {
-      shapes[what].forEach((shape, index) => {
-        const key = `${what}:${index}`;
+    for (const what of /** @type {const} */ (["parts", "cuts"])) {
+      for (const [index, shape] of shapes[what].entries()) {
+        const key = `${what}:${index}`, parts = this.shown.get(key) ?? this.make(key, what);
         seen.add(key);
-        this.#place(this.shown.get(key) ?? this.#make(key, what), shape, what, index, view, reach, sideKey,
-          chosen?.what === what && chosen.index === index);
-      });
+        this.#place(parts, shape, { what, index }, view, reach, chosen?.what === what && chosen.index === index);
+        this.#bands(parts, what === "cuts" && shape.enabled ? sideBands(shape.region, view, reach, sideKey) : []);
+      }
     }
     for (const [key, parts] of this.shown) {
       if (seen.has(key)) continue;
@@ -49,26 +77,40 @@ export class ShapeHandles {
       parts.root.remove();
       this.shown.delete(key);
     }
-    const shape = chosen ? shapes[chosen.what][chosen.index] : null;
-    return this.#placeGrips(isLocked ? null : shape, chosen, view, reach, focused) || isFocusLost;
+    const grips = chosen && !isLocked ? gripsOf(shapes[chosen.what][chosen.index], chosen, reach) : [];
+    return this.#placeGrips(grips, view, focused) || isFocusLost;
   }
 
-  #make(key, what) {
+  /**
+   * The elements of a new shape.
+   * @param {string} key
+   * @param {ShapeKind} what
+   */
+  make(key, what) {
     const root = svgElement("g", { class: `dnb-ed-shape dnb-ed-${what === "cuts" ? "cut" : "part"}`, "data-shape": key,
       tabindex: "0", role: "button", "aria-roledescription": SHAPE_NAMES[what], ...OWN_KEYS });
-    const at = what === "parts" ? [...this.root.children].find((node) => node.dataset.shape.startsWith("cuts")) : null;
-    this.root.insertBefore(root, at ?? null); // cuts over parts
-    const parts = { root, tip: svgElement("title", {}, root), bands: [] };
-    for (const name of ["fill", "halo", "case", "bands", "far-case", "far", "line", "moved-case", "moved", "hit"]) {
-      parts[name] = svgElement(name === "bands" ? "g" : "path", { class: `dnb-ed-shape-${name}` }, root);
-    }
+    const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
+    this.root.insertBefore(root, what === "parts" ? firstCut : null);
+    /** @param {string} name */
+    const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, root);
+    const parts = { root, tip: svgElement("title", {}, root), fill: path("fill"), halo: path("halo"),
+      case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, root),
+      far: [path("far-case"), path("far")], line: path("line"), moved: [path("moved-case"), path("moved")],
+      hit: path("hit"), name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
-    parts.name = svgElement("text", { class: "dnb-ed-shape-name" }, root);
     this.shown.set(key, parts);
     return parts;
   }
 
-  #place(parts, shape, what, index, view, reach, sideKey, isChosen) {
+  /**
+   * @param {ShapeParts} parts
+   * @param {CutData & { motion?: Motion }} shape
+   * @param {Chosen} own
+   * @param {View} view
+   * @param {number} reach
+   * @param {boolean} isChosen
+   */
+  #place(parts, shape, { what, index }, view, reach, isChosen) {
     const { region } = shape, label = shapeLabel(shape, what, index);
     parts.root.classList.toggle("dnb-ed-off", !shape.enabled);
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
@@ -77,45 +119,41 @@ export class ShapeHandles {
     const { line, far, inside, label: [x, y] } = shapePaths(region, view, reach);
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.fill, { d: what === "parts" && shape.enabled ? inside : "" });
-    for (const name of ["halo", "case", "line"]) setAttributes(parts[name], { d: region.kind === "half_space" ? far : line });
-    for (const name of ["far-case", "far"]) setAttributes(parts[name], { d: region.kind === "line" ? far : "" });
-    for (const name of ["moved-case", "moved"]) {
-      setAttributes(parts[name], shape.motion && shape.enabled ? { d: whole, transform: onScreen(shape.motion, view) } : { d: "" });
+    for (const path of [parts.halo, parts.case, parts.line]) setAttributes(path, { d: whole });
+    for (const path of parts.far) setAttributes(path, { d: region.kind === "line" ? far : "" });
+    const { motion } = shape, isMoved = Boolean(motion && shape.enabled);
+    for (const path of parts.moved) {
+      setAttributes(path, { d: isMoved ? whole : "" });
+      if (motion) setAttributes(path, { transform: onScreen(motion, view) });
     }
     setAttributes(parts.hit, { d: whole + (region.kind === "line" ? far : "") });
-    this.#bands(parts, what === "cuts" && shape.enabled ? sideBands(region, view, reach, sideKey) : []);
     const isNamed = Boolean(shape.name) || isChosen;
     setAttributes(parts.name, { x: x.toFixed(1), y: y.toFixed(1), visibility: isNamed ? "visible" : "hidden" });
     setText(parts.name, `${shapeName(shape, what, index)}${shape.enabled ? "" : " (off)"}`);
   }
 
+  /** @param {ShapeParts} parts @param {{ d: string, mark: number }[]} bands */
   #bands(parts, bands) {
-    while (parts.bands.children.length > bands.length) parts.bands.lastChild.remove();
+    for (const gone of [...parts.bands.children].slice(bands.length)) gone.remove();
     bands.forEach(({ d, mark }, k) => {
       setAttributes(parts.bands.children[k] ?? svgElement("path", {}, parts.bands), { d, "data-region": mark });
     });
   }
 
-  #placeGrips(shape, chosen, { k, x, y }, reach, focused) {
-    const region = shape?.region, corners = region ? cornersOf(region, reach) : [], n = corners.length;
-    const edges = region?.vertices ? (region.kind === "polygon" ? n : n - 1) : 0;
-    const places = [...corners.map((place, i) => ["corner", i, place]), ...Array.from({ length: edges }, (_, i) => {
-      const p = corners[i], q = corners[(i + 1) % n];
-      return ["middle", i, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]];
-    })];
-    let isFocusLost = false;
-    while (this.grips.children.length > places.length) {
-      isFocusLost ||= this.grips.lastChild === focused;
-      this.grips.lastChild.remove();
-    }
-    places.forEach(([sort, i, [a, b]], at) => {
-      const grip = this.grips.children[at] ?? this.#makeGrip();
-      const edge = sort === "middle" ? corners[(i + 1) % n].map((v, c) => k * (v - corners[i][c])) : [99, 99];
-      setAttributes(grip, { transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
-        class: `dnb-ed-grip dnb-ed-${sort}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: i,
-        visibility: Math.hypot(...edge) < 26 ? "hidden" : "visible",
-        "aria-label": sort === "corner" ? `Corner ${i + 1} of ${n} of ${shapeName(shape, chosen.what, chosen.index)}, at ` +
-          `${[a, b].map(shownLength).join(", ")}` : `Middle of edge ${i + 1}: Enter makes it a corner` });
+  /**
+   * True if the focus was on a grip that is gone.
+   * @param {ReturnType<typeof gripsOf>} grips
+   * @param {View} view
+   * @param {Element | null} focused
+   */
+  #placeGrips(grips, { k, x, y }, focused) {
+    const gone = [...this.grips.children].slice(grips.length), isFocusLost = gone.some((grip) => grip === focused);
+    for (const grip of gone) grip.remove();
+    grips.forEach(({ sort, number, place: [a, b], room, label }, at) => {
+      setAttributes(this.grips.children[at] ?? this.#makeGrip(), {
+        transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
+        class: `dnb-ed-grip dnb-ed-${sort}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: number,
+        visibility: k * room < 26 ? "hidden" : "visible", "aria-label": label });
     });
     return isFocusLost;
   }
@@ -129,11 +167,20 @@ export class ShapeHandles {
     return grip;
   }
 
+  /** @param {Chosen} shape */
   focus({ what, index }) { this.shown.get(`${what}:${index}`)?.root.focus({ preventScroll: true }); }
 
-  focusCorner(k) { this.grips.querySelector(`[data-corner="${k}"]`)?.focus({ preventScroll: true }); }
+  /** @param {number} k */
+  focusCorner(k) {
+    /** @type {SVGElement | null} */
+    const grip = this.grips.querySelector(`[data-corner="${k}"]`);
+    grip?.focus({ preventScroll: true });
+  }
 
-  // What is being drawn: places that are set, and the one that would come next.
+  /**
+   * @param {Draft | null} draft
+   * @param {View} view
+   */
   showDraft(draft, { k, x, y }) {
     const [casing, line, next, start, cursor] = this.draftParts;
     setAttributes(this.draft, { visibility: draft ? "visible" : "hidden" });
@@ -142,30 +189,64 @@ export class ShapeHandles {
     setAttributes(casing, { d });
     setAttributes(line, { d });
     const end = draft.next ? [k * draft.next[0] + x, k * draft.next[1] + y] : null, last = at[at.length - 1];
-    const ahead = draft.tool === "part" && at.length > 1 ? [last, end, at[0]] : [last, end];
-    setAttributes(next, { d: end && last ? shapePath(ahead) : "" });
+    const back = draft.tool === "part" && at.length > 1 ? [at[0]] : [];
+    setAttributes(next, { d: end && last ? shapePath([last, end, ...back]) : "" });
     setAttributes(start, { r: draft.canClose ? 7 : 4, visibility: at.length ? "inherit" : "hidden",
       cx: (at[0]?.[0] ?? 0).toFixed(1), cy: (at[0]?.[1] ?? 0).toFixed(1) });
-    setAttributes(cursor, { r: 6, visibility: draft.isByKeys && end ? "inherit" : "hidden", cx: (end?.[0] ?? 0).toFixed(1),
-      cy: (end?.[1] ?? 0).toFixed(1) });
+    setAttributes(cursor, { r: 6, visibility: draft.isByKeys && end ? "inherit" : "hidden",
+      cx: (end?.[0] ?? 0).toFixed(1), cy: (end?.[1] ?? 0).toFixed(1) });
     this.draft.classList.toggle("dnb-ed-closing", Boolean(draft.isClosing));
   }
 }
 
-// A motion in the picture as one of CSS pixels.
+/**
+ * Grips of a shape: its corners, and the middles of its edges; `room` is the length of an edge, without end at corners.
+ * @param {ShapeData} shape
+ * @param {Chosen} chosen
+ * @param {number} reach
+ */
+function gripsOf(shape, { what, index }, reach) {
+  const { region } = shape, name = shapeName(shape, what, index);
+  const corners = cornersOf(region, reach), n = corners.length;
+  const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
+  return [...corners.map((place, i) => ({ sort: "corner", number: i, place, room: Infinity,
+    label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}` })), ...edges.map((p, i) => {
+    const q = corners[(i + 1) % n], place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
+    return { sort: "middle", number: i, place, room: Math.hypot(q[0] - p[0], q[1] - p[1]),
+      label: `Middle of edge ${i + 1}: Enter makes it a corner` };
+  })];
+}
+
+/**
+ * A motion in the picture as one of CSS pixels.
+ * @param {NonNullable<Motion>} motion
+ * @param {View} view
+ */
 function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }, { k, x, y }) {
-  return `matrix(${[a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y].map((v) => v.toFixed(6)).join(" ")})`;
+  const values = [a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y];
+  return `matrix(${values.map((v) => v.toFixed(6)).join(" ")})`;
 }
 
+/** @param {number[][]} places */
 function shapePath(places, isClosed = false) {
-  return places.length ? `M${places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L")}${isClosed ? "Z" : ""}` : "";
+  const texts = places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
+  return texts.length ? `M${texts.join("L")}${isClosed ? "Z" : ""}` : "";
 }
 
-// In CSS pixels: the line as drawn, its continuation without end, the inside, and where its name stands.
+/**
+ * @param {RegionData} region
+ * @param {View} view
+ * @param {number} reach
+ * @returns {ShapePaths}
+ */
 export function shapePaths(region, { k, x, y, width, height }, reach) {
-  const on = ([a, b]) => [k * a + x, k * b + y], endless = 3 * (width + height);
+  const endless = 3 * (width + height);
+  /** @param {number[]} place */
+  const on = ([a, b]) => [k * a + x, k * b + y];
   if (region.kind === "mask") return maskPaths(region, on);
-  const at = cornersOf(region, reach).map(on), n = at.length, away = ([px, py], [qx, qy]) => {
+  const at = cornersOf(region, reach).map(on), n = at.length;
+  /** @param {number[]} from @param {number[]} to */
+  const away = ([px, py], [qx, qy]) => {
     const length = Math.hypot(qx - px, qy - py) || 1;
     return [qx + endless * (qx - px) / length, qy + endless * (qy - py) / length];
   };
@@ -174,45 +255,70 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
   const name = [Math.max(6, Math.min(width - 80, label[0] + 8)), Math.max(16, Math.min(height - 8, label[1] - 8))];
   const paths = { line: shapePath(at, region.kind === "polygon"), far: "", inside: "", label: name };
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
-  if (region.kind === "line") return { ...paths, far: shapePath([at[0], first]) + shapePath([at[n - 1], last]) };
-  const [na, nb] = region.normal, back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
+  if (region.kind !== "half_space") return { ...paths, far: shapePath([at[0], first]) + shapePath([at[n - 1], last]) };
+  const [na, nb] = region.normal;
+  /** @param {number[]} place */
+  const back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
   return { ...paths, far: shapePath([first, last]), inside: shapePath([first, last, back(last), back(first)], true) };
 }
 
+/**
+ * Outlines of masks: faces from one place to another, and rows of pixels by their four corners.
+ * @type {WeakMap<MaskData, { faces: number[][][], rows: number[][][] }>}
+ */
 const maskOutlines = new WeakMap();
 
-// The faces of the pixels of a mask where it ends, row by row and column by column.
-function maskPaths(region, on) {
-  let faces = maskOutlines.get(region);
-  if (!faces) {
-    const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = region, isSet = maskPixels(region);
-    const at = (i, j) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
-    const edge = (i, j, m, n) => [[a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv], [a0 + (n - 0.5) * du, b0 + (m - 0.5) * dv]];
-    faces = [];
-    for (let i = 0; i <= nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
-      const is = j < nu && at(i, j) !== at(i - 1, j);
-      if (is && from < 0) from = j;
-      if (!is && from >= 0) { faces.push(edge(i, from, i, j)); from = -1; }
-    }
-    for (let j = 0; j <= nu; j++) for (let i = 0, from = -1; i <= nv; i++) {
-      const is = i < nv && at(i, j) !== at(i, j - 1);
-      if (is && from < 0) from = i;
-      if (!is && from >= 0) { faces.push(edge(from, j, i, j)); from = -1; }
-    }
-    faces.spans = [];
-    for (let i = 0; i < nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
-      if (at(i, j) && from < 0) from = j;
-      if (!at(i, j) && from >= 0) { faces.spans.push([edge(i, from, i, j), edge(i + 1, from, i + 1, j)]); from = -1; }
-    }
-    maskOutlines.set(region, faces);
+/**
+ * The faces of the pixels of a mask where it ends, row by row and column by column.
+ * @param {MaskData} region
+ */
+function maskOutline(region) {
+  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = region, isSet = maskPixels(region);
+  /** @type {number[][][]} */
+  const faces = [], /** @type {number[][][]} */ rows = [];
+  /** @param {number} i @param {number} j */
+  const at = (i, j) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
+  /** @param {number} i @param {number} j */
+  const corner = (i, j) => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
+  for (let i = 0; i <= nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
+    const is = j < nu && at(i, j) !== at(i - 1, j);
+    if (is && from < 0) from = j;
+    if (!is && from >= 0) { faces.push([corner(i, from), corner(i, j)]); from = -1; }
   }
-  const line = faces.map(([p, q]) => shapePath([on(p), on(q)])).join("");
-  const inside = faces.spans.map(([[p, q], [r, s]]) => shapePath([on(p), on(q), on(s), on(r)], true)).join("");
-  const top = faces.length ? on(faces[0][0]) : [0, 0];
-  return { line, far: "", inside, label: [top[0] + 8, top[1] - 8] };
+  for (let j = 0; j <= nu; j++) for (let i = 0, from = -1; i <= nv; i++) {
+    const is = i < nv && at(i, j) !== at(i, j - 1);
+    if (is && from < 0) from = i;
+    if (!is && from >= 0) { faces.push([corner(from, j), corner(i, j)]); from = -1; }
+  }
+  for (let i = 0; i < nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
+    if (at(i, j) && from < 0) from = j;
+    if (!at(i, j) && from >= 0) {
+      rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
+      from = -1;
+    }
+  }
+  return { faces, rows };
 }
 
-// Along every edge of a cut a line on either side, with the mark of the region that lies there.
+/**
+ * @param {MaskData} region
+ * @param {(place: number[]) => number[]} on
+ */
+function maskPaths(region, on) {
+  const outline = maskOutlines.get(region) ?? maskOutline(region), { faces, rows } = outline;
+  maskOutlines.set(region, outline);
+  const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
+  return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "",
+    inside: rows.map((row) => shapePath(row.map(on), true)).join(""), label: [x + 8, y - 8] };
+}
+
+/**
+ * Along every edge of a cut a line on either side, with the mark of the region that lies there.
+ * @param {RegionData} region
+ * @param {View} view
+ * @param {number} reach
+ * @param {SideKey} sideKey
+ */
 function sideBands(region, { k, x, y, width, height }, reach, sideKey) {
   if (region.kind === "mask") return [];
   const corners = cornersOf(region, reach), n = corners.length, bands = [], off = 4, endless = 3 * (width + height);
@@ -225,6 +331,7 @@ function sideBands(region, { k, x, y, width, height }, reach, sideKey) {
     for (const side of [-1, 1]) {
       const na = -side * tb, nb = side * ta, nudge = Math.min(1.5 / k, length / 4);
       const mark = sideKey((p[0] + q[0]) / 2 + nudge * na, (p[1] + q[1]) / 2 + nudge * nb) % REGION_MARKS;
+      /** @param {number[]} from @param {number} along */
       const place = ([a, b], along) => [k * a + x + off * na + along * ta, k * b + y + off * nb + along * tb];
       bands.push({ d: shapePath([place(p, -before), place(q, after)]), mark });
     }

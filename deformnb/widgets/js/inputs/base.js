@@ -1,47 +1,122 @@
-// The page of a small widget whose value is changed by hand: its link to Python, theme, and words.
+// The base of small widgets whose value the user edits: their link to Python, theme and messages.
 // To Python: edit (seq, view, phase, value). From Python: done (seq, view), error (view, message).
+
+/** @import { Model, Vector2 } from "../types.d.ts" */
 
 import { EditLink } from "../sync/edits.js";
 import { pageElement, setText, SLACK } from "../ui/dom.js";
 
-export const KEYS_REST = 600; // milliseconds after the last arrow key, when a held key that sends no keyup counts as let go
+// Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
+export const KEYS_REST = 600;
+const DARK_BELOW = 110; // luminance of the background, of 255
+
+/** The document or shadow tree of an element, in which focus and places are looked up. @param {Element} element */
+export function treeOf(element) { return /** @type {Document | ShadowRoot} */ (element.getRootNode()); }
+
+/** The element to which an event was sent. @param {Event} event */
+export function targetOf(event) { return /** @type {Element} */ (event.target); }
+
+/**
+ * The index of the element to which an event was sent, or -1.
+ * @param {Element[]} elements
+ * @param {Event} event
+ */
+export function targetIndex(elements, event) { return elements.indexOf(targetOf(event)); }
+
+/**
+ * The value of an attribute of what lies under the pointer within an element, or null. The place is looked up because
+ * the clicks of a captured pointer go to the element that has captured it.
+ * @param {MouseEvent} event
+ * @param {Element} within
+ * @param {string} name
+ */
+export function attributeUnder(event, within, name) {
+  const hit = treeOf(within).elementFromPoint(event.clientX, event.clientY)?.closest(`[${name}]`);
+  return hit && within.contains(hit) ? hit.getAttribute(name) : null;
+}
+
+/**
+ * The same for a number.
+ * @param {MouseEvent} event
+ * @param {Element} within
+ * @param {string} name
+ */
+export function numberUnder(event, within, name) {
+  const found = attributeUnder(event, within, name);
+  return found === null ? null : Number(found);
+}
+
+/**
+ * Whether an element has a dark background, by its own colour: Jupyter's and VS Code's variables set it; else by the
+ * browser's preference.
+ * @param {Element} element
+ * @param {MediaQueryList} preference
+ */
+export function isDark(element, preference) {
+  const [r, g, b, alpha = 1] = (getComputedStyle(element).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
+  return alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : preference.matches;
+}
 
 export class EditedPage {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   * @param {string} name
+   */
   constructor(model, el, name) {
     this.model = model;
-    this.link = new EditLink((message) => model.send(message));
-    Object.assign(this, { handlers: [], frame: 0, isHeld: false });
+    this.link = new EditLink((/** @type {object} */ message) => model.send(message));
+    /** @type {[string, (...given: any[]) => void][]} */
+    this.handlers = [];
+    this.frame = 0;
+    this.isHeld = false;
     this.closed = new AbortController();
     this.root = pageElement("div", `dnb-curves ${name}`, el, { role: "group" });
-    this.root.deformnb = this; // for tests and for whoever looks into the page
+    Object.assign(this.root, { deformnb: this }); // for tests and debugging
+    this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget
+    this.spoken = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
+    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
+    const repaint = () => this.guard(() => this.applyTheme());
+    this.observer = new ResizeObserver(repaint); // a style sheet may come late
+    this.themes = new MutationObserver(repaint); // Jupyter and VS Code change the body
   }
 
-  // Called by the widget's page once its elements exist.
+  /** Called by a widget once its elements exist. */
   start() {
-    this.spoken = pageElement("div", "dnb-cv-spoken", this.root, { "aria-live": "polite" });
+    this.root.append(this.spoken);
     this.on("change:shown", () => this.receive());
     this.on("change:theme", () => this.applyTheme());
     this.on("change:label", () => this.invalidate());
     this.on("change:read_only", () => this.invalidate());
     this.on("msg:custom", (message) => this.message(message));
-    this.observer = new ResizeObserver(() => this.guard(() => this.applyTheme())); // a style sheet may come late
     this.observer.observe(this.root);
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     this.listen(this.dark, "change", () => this.applyTheme());
-    this.themes = new MutationObserver(() => this.guard(() => this.applyTheme())); // Jupyter and VS Code change the body
     this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
       "data-jp-theme-name", "data-vscode-theme-kind"] });
     this.guard(() => { this.adopt(this.model.get("shown")); this.applyTheme(); this.draw(); });
   }
 
+  /**
+   * @param {string} name
+   * @param {(...given: any[]) => void} handler
+   */
   on(name, handler) {
+    /** @param {any[]} given */
     const guarded = (...given) => this.guard(() => handler(...given));
     this.model.on(name, guarded);
     this.handlers.push([name, guarded]);
   }
 
+  /**
+   * @template {keyof HTMLElementEventMap} K
+   * @param {EventTarget} target
+   * @param {K} name
+   * @param {(event: HTMLElementEventMap[K]) => void} handler
+   * @param {AddEventListenerOptions} [options]
+   */
   listen(target, name, handler, options = {}) {
-    target.addEventListener(name, (event) => this.guard(() => handler(event)), { signal: this.closed.signal, ...options });
+    target.addEventListener(name, (event) => this.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
+      { signal: this.closed.signal, ...options });
   }
 
   close() {
@@ -53,11 +128,15 @@ export class EditedPage {
     this.root.remove();
   }
 
-  // Whatever goes wrong in here is said in the widget, and the page goes on.
+  /**
+   * Run an action; an error in it is shown in the widget, which goes on.
+   * @template T
+   * @param {() => T} action
+   */
   guard(action) {
     try { return action(); } catch (error) {
       console.error(error);
-      this.say(`The page met an error: ${error.message}`);
+      this.say(`The page met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -73,60 +152,83 @@ export class EditedPage {
     this.invalidate();
   }
 
+  /** Take over the value of the trait `shown`. @param {any} _shown */
+  adopt(_shown) {}
+
+  /** @param {any} message */
   message(message) {
     if (message?.view && message.view !== this.link.id) return; // another view of the same model
     if (message?.type === "error") this.say(String(message.message));
     if (message?.type === "done") this.link.done(message.seq);
   }
 
+  /** @param {object} value */
   move(value) { if (this.model.get("live")) this.link.move(value); }
 
+  /** @param {object} value */
   end(value) {
     this.say("");
     this.link.end(value);
   }
 
-  // ---- the page -----------------------------------------------------------------------------------------------------
+  // ---- the widget ---------------------------------------------------------------------------------------------------
 
+  /** @param {string} text */
   say(text) {
-    if (!this.alert) return;
     setText(this.alert, text);
     this.alert.hidden = text === "";
   }
 
+  /** @param {string} text */
   speak(text) { setText(this.spoken, text); }
 
   invalidate() {
     if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
   }
 
-  // Colours of the page around, light or dark: Jupyter's and VS Code's own variables, else the browser's preference.
+  draw() {}
+
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
-    this.root.classList.toggle("dnb-cv-dark", isDark);
+    this.root.classList.toggle("dnb-cv-dark", isDark(this.root, this.dark));
     this.invalidate();
   }
 }
 
-// A press that becomes a drag, with the mouse, a pen or a finger. `hand` has press(event), which returns what is
-// grabbed or null, drag(grabbed, [dx, dy]), and drop(grabbed, isCancelled, isClick).
+/**
+ * What a drag does. `press` returns what is grabbed, or null.
+ * @template T
+ * @typedef {object} DragHandler
+ * @property {(event: PointerEvent) => T | null} press
+ * @property {(grabbed: T, by: Vector2) => void} drag
+ * @property {(grabbed: T, isCancelled: boolean, isClick: boolean) => void} drop
+ */
 
-export function listenToDrags(page, target, hand) {
+/**
+ * Listen to presses that become drags, with the mouse, a pen or a finger. Returns a function that cancels the drag and
+ * returns whether there was one.
+ * @template T
+ * @param {EditedPage} page
+ * @param {Element} target
+ * @param {DragHandler<T>} handler
+ */
+export function listenToDrags(page, target, handler) {
+  /** @type {{ grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null} */
   let held = null;
+  /** @param {boolean} isCancelled */
   const drop = (isCancelled) => {
+    if (!held) return;
     const { grabbed, isPress } = held;
     held = null;
-    hand.drop(grabbed, isCancelled, isPress);
+    handler.drop(grabbed, isCancelled, isPress);
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
   page.listen(target, "touchstart", (event) => {
-    if (event.target.closest(".dnb-cv-node, .dnb-cv-grip") && !page.isReadOnly) event.preventDefault();
+    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !page.isReadOnly) event.preventDefault();
   }, { passive: false });
   page.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
-    const grabbed = hand.press(event);
+    const grabbed = handler.press(event);
     if (grabbed === null) return;
     event.preventDefault();
     target.setPointerCapture(event.pointerId);
@@ -134,16 +236,20 @@ export function listenToDrags(page, target, hand) {
   });
   page.listen(target, "pointermove", (event) => {
     if (held?.pointer !== event.pointerId) return;
+    /** @type {Vector2} */
     const by = [event.clientX - held.from[0], event.clientY - held.from[1]];
     if (held.isPress && Math.hypot(...by) < (SLACK[event.pointerType] ?? SLACK.mouse)) return;
     held.isPress = false;
-    hand.drag(held.grabbed, by);
+    handler.drag(held.grabbed, by);
   });
-  const over = (isCancelled) => (event) => { if (held?.pointer === event.pointerId) drop(isCancelled); };
+  /** @param {boolean} isCancelled */
+  const over = (isCancelled) => (/** @type {PointerEvent} */ event) => {
+    if (held?.pointer === event.pointerId) drop(isCancelled);
+  };
   page.listen(target, "pointerup", over(false));
   page.listen(target, "pointercancel", over(true));
   page.listen(target, "lostpointercapture", over(true));
-  return () => { // cancels; says whether there was anything to cancel
+  return () => {
     if (held === null) return false;
     drop(true);
     return true;

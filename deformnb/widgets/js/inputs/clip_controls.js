@@ -1,20 +1,26 @@
-// The clip controls: a view's sliders in a cell of their own. Joined behind the files that widgets/inputs/clip_controls.py names.
+// The clip controls: a view's sliders in a cell of their own.
+
+/** @import { Model } from "../types.d.ts" */
 
 import { ClipSliders } from "./clip_sliders.js";
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 async function render({ model, el }) {
-  let sliders = null, ticket = null;
+  /** @type {ClipSliders | null} */
+  let sliders = null;
+  let turn = 0;
   const follow = async () => {
-    const mine = (ticket = {}), reference = model.get("view");
+    turn += 1;
+    const mine = turn, reference = model.get("view");
     const view = typeof reference === "string"
       ? await model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
-    if (ticket !== mine) return; // another view came meanwhile, or the page has gone
+    if (turn !== mine) return; // another view came meanwhile, or the widget has been closed
     sliders?.close();
     sliders = view ? new ClipSliders(el, view) : null;
   };
   model.on("change:view", follow);
   await follow();
-  return () => { ticket = null; model.off("change:view", follow); sliders?.close(); };
+  return () => { turn += 1; model.off("change:view", follow); sliders?.close(); };
 }
 
 export default { render };

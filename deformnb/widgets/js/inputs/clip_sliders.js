@@ -1,5 +1,7 @@
-// Three sliders with two ends each, which cut away what lies outside of a part of a view's box. Behind ui/dom.js,
-// maths/camera.js and maths/clipping.js. They write the view's trait `clip` on the page, so a live view follows without the kernel.
+// Three sliders with two ends each, which cut away what lies outside of a part of a view's box. They set the view's
+// trait `clip` in the front end, so a live view follows without the kernel.
+
+/** @import { Model } from "../types.d.ts" */
 
 import { dot, scaled, sideOf } from "../maths/camera.js";
 import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.js";
@@ -7,27 +9,50 @@ import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
 
 const CLIP_STEP = 0.01;
 const THINNEST = 0.02; // of the box: a part can always be taken hold of again
+/** @type {Record<string, string>} */
 const SIDE_WORDS = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
 
-const axisOf = ({ axes }, i) => axes.map((row) => row[i]);
+/**
+ * The trait `volume_info`, as far as it is needed here; empty before there is a volume.
+ * @typedef {{ axes?: number[][] }} VolumeInfo
+ */
+
+/**
+ * The direction in space of an index axis.
+ * @param {number[][]} axes
+ * @param {number} i
+ * @returns {number[]}
+ */
+const axisOf = ([x, y, z], i) => [x[i], y[i], z[i]];
+/** @param {string} letters */
 const sideWords = (letters) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
 
-/** The clip that takes away the half of what is seen that lies towards a viewer. */
-function openedTowards(direction, info) {
-  const along = [0, 1, 2].map((i) => dot(direction, axisOf(info, i)));
+/**
+ * The clip that takes away the half of what is seen that lies towards a viewer.
+ * @param {number[]} direction
+ * @param {number[][]} axes
+ * @returns {number[][]}
+ */
+function openedTowards(direction, axes) {
+  const along = [0, 1, 2].map((i) => dot(direction, axisOf(axes, i)));
   const axis = along.reduce((best, x, i) => (Math.abs(x) > Math.abs(along[best]) ? i : best), 0);
   return UNCLIPPED.map((pair, i) => (i !== axis ? pair : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
 }
 
 export class ClipSliders {
-  /** parent: the element around them; model: of the view. */
+  /**
+   * @param {HTMLElement} parent
+   * @param {Model} model that of the view
+   */
   constructor(parent, model) {
     this.model = model;
-    this.root = pageElement("div", "dnb-clip", parent, { role: "group", "aria-label": "Part of the volume that is seen" });
+    this.root = pageElement("div", "dnb-clip", parent,
+      { role: "group", "aria-label": "Part of the volume that is seen" });
     this.rows = [0, 1, 2].map((axis) => this.#row(axis));
     const buttons = pageElement("div", "dnb-clip-buttons", this.root);
     this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
-      this.put(openedTowards(this.model.get("camera").direction, this.info));
+      const { axes } = this.info;
+      if (axes) this.put(openedTowards(this.model.get("camera").direction, axes));
     });
     this.whole = this.#button(buttons, "Show all", "Nothing is taken away", () => this.put(UNCLIPPED));
     this.shown = () => this.show();
@@ -35,16 +60,20 @@ export class ClipSliders {
     this.show();
   }
 
+  /** @returns {VolumeInfo} */
   get info() { return this.model.get("volume_info") ?? {}; }
 
-  get clip() { return clipOf(this.model).map((pair) => [...pair]); }
+  /** A copy of the view's clip. @returns {number[][]} */
+  get clip() { return clipOf(this.model).map(([low, high]) => [low, high]); }
 
+  /** @param {number} axis */
   #row(axis) {
     const row = pageElement("div", "dnb-clip-row", this.root);
     const from = pageElement("span", "dnb-clip-side", row), track = pageElement("div", "dnb-clip-track", row);
     pageElement("div", "dnb-clip-rail", track);
     const ends = [0, 1].map((end) => {
-      const input = pageElement("input", "dnb-clip-end", track, { type: "range", min: 0, max: 1, step: CLIP_STEP, ...OWN_KEYS });
+      const input = pageElement("input", "dnb-clip-end", track,
+        { type: "range", min: 0, max: 1, step: CLIP_STEP, ...OWN_KEYS });
       input.addEventListener("input", () => this.#moved(axis, end, Number(input.value)));
       return input;
     });
@@ -52,6 +81,12 @@ export class ClipSliders {
       value: pageElement("output", "dnb-clip-value", row) };
   }
 
+  /**
+   * @param {HTMLElement} parent
+   * @param {string} text
+   * @param {string} title
+   * @param {() => void} action
+   */
   #button(parent, text, title, action) {
     const button = pageElement("button", "dnb-clip-button", parent, { type: "button", title, ...OWN_KEYS });
     button.textContent = text;
@@ -59,12 +94,19 @@ export class ClipSliders {
     return button;
   }
 
+  /**
+   * @param {number} axis
+   * @param {number} end
+   * @param {number} value
+   */
   #moved(axis, end, value) {
     const { clip } = this, [low, high] = clip[axis];
-    clip[axis][end] = end ? Math.max(value, Math.min(1, low + THINNEST)) : Math.min(value, Math.max(0, high - THINNEST));
+    clip[axis][end] = end ? Math.max(value, Math.min(1, low + THINNEST))
+      : Math.min(value, Math.max(0, high - THINNEST));
     this.put(clip);
   }
 
+  /** @param {number[][]} clip */
   put(clip) {
     const rounded = clip.map((pair) => pair.map((share) => Number(share.toFixed(4))));
     if (JSON.stringify(rounded) !== JSON.stringify(this.clip)) {
@@ -75,20 +117,20 @@ export class ClipSliders {
   }
 
   show() {
-    const { clip, info } = this;
-    this.root.classList.toggle("dnb-clip-idle", !info.axes);
+    const { clip, info: { axes } } = this;
+    this.root.classList.toggle("dnb-clip-idle", !axes);
     this.whole.disabled = !isClipped(clip);
-    if (!info.axes) return;
+    if (!axes) return;
     this.rows.forEach(({ from, to, track, ends, value }, axis) => {
-      const along = axisOf(info, axis), sides = [sideOf(scaled(along, -1)), sideOf(along)], [low, high] = clip[axis];
+      const along = axisOf(axes, axis), sides = [sideOf(scaled(along, -1)), sideOf(along)], [low, high] = clip[axis];
       setText(from, sides[0]);
       setText(to, sides[1]);
-      track.style.setProperty("--low", low);
-      track.style.setProperty("--high", high);
+      track.style.setProperty("--low", String(low));
+      track.style.setProperty("--high", String(high));
       const words = low > 0 || high < 1 ? `${Math.round(100 * low)}\u2013${Math.round(100 * high)} %` : "all";
       setText(value, words);
       ends.forEach((input, end) => {
-        if (Number(input.value) !== clip[axis][end]) input.value = clip[axis][end];
+        if (Number(input.value) !== clip[axis][end]) input.value = String(clip[axis][end]);
         setAttributes(input, { "aria-label": `cut away from the ${sideWords(sides[end])}`,
           "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent` });
       });

@@ -1,19 +1,24 @@
-// The curve editor: f(z) over the depth, by hand or by formula. Joined behind the files that widgets/inputs/curve_editor.py names.
+// The curve editor: f(z) over the depth, drawn by hand or given by a formula.
+
+/** @import { NodeRules } from "../maths/curves.js" */
+/** @import { Model } from "../types.d.ts" */
 
 import { shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
 import { CurvePlot } from "./curve_plot.js";
 
 class CurveEditorPage extends CurvePlot {
+  isTyping = false;
+  /** @type {string | undefined} a formula that Python has not answered yet */
+  asked = undefined;
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     super(model, el, "dnb-curve-editor");
     this.snaps = [0, 1];
-    this.#build();
-    for (const name of ["range", "height"]) this.on(`change:${name}`, () => this.invalidate());
-    this.start();
-  }
-
-  #build() {
     this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Ready-made curves", ...OWN_KEYS });
     pageElement("option", "", this.chooser, { value: "" }).textContent = "Own curve";
     for (const [name, formula] of Object.entries(this.model.get("presets") ?? {})) {
@@ -26,8 +31,10 @@ class CurveEditorPage extends CurvePlot {
     this.smoother = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button",
       title: "Round the lines between nodes", ...OWN_KEYS });
     this.smoother.textContent = "Smooth";
-    this.addButtons();
-    this.listen(this.chooser, "change", () => { if (this.chooser.value) this.take(this.chooser.value); else this.invalidate(); });
+    this.bar.append(this.pair);
+    this.listen(this.chooser, "change", () => {
+      if (this.chooser.value) this.take(this.chooser.value); else this.invalidate();
+    });
     this.listen(this.input, "change", () => this.take(this.input.value));
     this.listen(this.input, "input", () => { this.isTyping = true; });
     this.listen(this.input, "blur", () => { if (this.asked === undefined) this.isTyping = false; this.invalidate(); });
@@ -36,23 +43,30 @@ class CurveEditorPage extends CurvePlot {
       if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
       if (event.key === "Escape") this.forget();
     });
-    this.listen(this.smoother, "click", () => {
-      if (this.isReadOnly || this.samples) return;
-      this.isSmooth = !this.isSmooth;
-      this.commit();
-    });
+    this.listen(this.smoother, "click", () => this.toggleSmooth());
+    for (const name of ["range", "height"]) this.on(`change:${name}`, () => this.invalidate());
+    this.start();
   }
 
+  /** @param {{ nodes: number[][], samples: number[], smooth: boolean, formula: string | null }} shown */
   adopt(shown) {
-    const { nodes, samples, smooth, formula } = shown;
-    Object.assign(this, { nodes, samples: samples.length ? samples : null, isSmooth: smooth, named: formula });
+    this.nodes = shown.nodes;
+    this.samples = shown.samples.length ? shown.samples : null;
+    this.isSmooth = shown.smooth;
+    this.named = shown.formula ?? "";
     this.view = this.axes();
   }
 
-  // Python knows what a formula means: until it has answered, the old curve stays.
+  toggleSmooth() {
+    if (this.isReadOnly || this.samples) return;
+    this.isSmooth = !this.isSmooth;
+    this.commit();
+  }
+
+  /** Send a formula. Only Python can read it: until it has answered, the old curve stays. @param {string} formula */
   take(formula) {
     if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
-    // Enter is heard as a key and as a change.
+    // Enter comes as a key and as a change.
     if ((!this.isTyping && formula === this.named) || formula === this.asked) return;
     this.settle();
     this.asked = formula;
@@ -61,11 +75,14 @@ class CurveEditorPage extends CurvePlot {
     this.end({ formula });
   }
 
+  /** @param {any} message */
   message(message) {
     super.message(message);
     const isOurs = !message?.view || message.view === this.link.id;
-    if (message?.type === "error" && isOurs && this.asked !== undefined) this.isTyping = true; // stays for correction
-    if (message?.type === "done" && isOurs && message.seq === this.link.last && this.alert.hidden) this.asked = undefined;
+    const isRefused = message?.type === "error" && isOurs && this.asked !== undefined;
+    if (isRefused) this.isTyping = true; // stays for correction
+    const isAnswered = message?.type === "done" && isOurs && message.seq === this.link.last;
+    if (isAnswered && this.alert.hidden) this.asked = undefined;
     this.invalidate();
   }
 
@@ -76,6 +93,10 @@ class CurveEditorPage extends CurvePlot {
     this.invalidate();
   }
 
+  /**
+   * @param {number[][]} nodes
+   * @param {number} chosen
+   */
   show(nodes, chosen) {
     super.show(nodes, chosen);
     this.forget();
@@ -85,35 +106,47 @@ class CurveEditorPage extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
+  /** @returns {NodeRules} */
   rules() { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
 
+  /** @returns {number[][]} */
   axes() {
-    const [low, high] = this.model.get("range"), seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
+    const [low, high] = this.model.get("range");
+    const seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
     return [[0, 1], [Math.min(low, ...seen), Math.max(high, ...seen)]];
   }
 
+  /**
+   * @param {number} low
+   * @param {number} high
+   */
   placeTicks(low, high) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
 
   endWords() { return ["0 front", "back 1"]; }
 
+  /** @param {number} k */
   words(k) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
 
   describe() {
     super.describe();
     const { input, isReadOnly } = this;
     if (!this.isTyping && this.asked === undefined) {
-      if (input.value !== this.named) input.value = this.named ?? "";
-      this.chooser.value = this.named ?? "";
+      if (input.value !== this.named) input.value = this.named;
+      this.chooser.value = this.named;
       if (this.chooser.selectedIndex < 0) this.chooser.value = "";
     }
-    setAttributes(input, { placeholder: this.samples ? "values" : `${this.nodes.length} nodes`, "aria-invalid": !this.alert.hidden });
+    setAttributes(input, { placeholder: this.samples ? "values" : `${this.nodes.length} nodes`,
+      "aria-invalid": !this.alert.hidden });
     input.readOnly = this.chooser.disabled = isReadOnly;
-    setAttributes(this.smoother, { "aria-pressed": this.isSmooth && !this.samples, "aria-disabled": isReadOnly || this.samples !== null });
+    setAttributes(this.smoother, { "aria-pressed": this.isSmooth && !this.samples,
+      "aria-disabled": isReadOnly || this.samples !== null });
     if (this.samples) setText(this.facts, this.named ? "A formula" : "Values");
-    setText(this.note, isReadOnly ? "shown only" : this.samples ? "drag a node to change it by hand" : "double click adds a node");
+    setText(this.note, isReadOnly ? "shown only"
+      : this.samples ? "drag a node to change it by hand" : "double click adds a node");
   }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const page = new CurveEditorPage(model, el);
   return () => page.close();

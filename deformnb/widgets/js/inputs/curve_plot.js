@@ -1,34 +1,81 @@
-// A plot with a curve through nodes that are dragged, added and removed. A widget's page extends it and says what is on
-// its axes: rules() as in maths/curves.js, axes() with the ends of both, power of the vertical axis, and words.
+// A plot with a curve through nodes that are dragged, added and removed. A widget extends it and defines its axes:
+// rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
+
+/** @import { NodeRules } from "../maths/curves.js" */
+/** @import { Model } from "../types.d.ts" */
 
 import {
   addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf,
 } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags } from "./base.js";
+import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex, treeOf } from "./base.js";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
+/** @type {Record<string, number[]>} */
 export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
+/**
+ * A drag of a node.
+ * @typedef {object} NodeDrag
+ * @property {number} k
+ * @property {number[]} from its place in pixels
+ * @property {{ nodes: number[][], samples: number[] | null, named: string }} before
+ * @property {boolean} isFree whether nothing snaps
+ */
+
+/**
+ * A drag of the plot itself, which had these ends.
+ * @typedef {{ pan: number[] }} PlotDrag
+ */
+
 export class CurvePlot extends EditedPage {
+  /** @type {number[][]} */
+  nodes = [];
+  /** @type {number[] | null} values of a formula instead of nodes */
+  samples = null;
+  named = ""; // the preset or formula that made the curve
+  isSmooth = false;
+  chosen = 0;
+  power = 1;
+  /** @type {number[]} */
+  snaps = [];
+  /** @type {SVGGElement[]} */
+  dots = [];
+  /** @type {number | null} */
+  nudged = null;
+  keyTimer = 0;
+  margins = PLOT;
+  box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
+  /** @type {number[][]} the ends of the axes */
+  view = [[0, 1], [0, 1]];
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   * @param {string} name
+   */
   constructor(model, el, name) {
     super(model, el, name);
-    Object.assign(this, { nodes: [], samples: null, isSmooth: false, chosen: 0, power: 1, snaps: [], dots: [], nudged: null,
-      margins: PLOT });
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
     this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group" }, this.stage);
     this.status = pageElement("div", "dnb-cv-status", this.root);
     this.facts = pageElement("span", "dnb-cv-facts", this.status);
     this.note = pageElement("span", "dnb-cv-note", this.status);
-    this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
-    for (const layer of ["back", "axes", "curve", "front"]) {
-      this[`${layer}Layer`] = svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
-    }
+    this.root.append(this.alert);
+    /** @param {string} layer */
+    const makeLayer = (layer) => svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
+    this.backLayer = makeLayer("back");
+    this.axesLayer = makeLayer("axes");
+    this.curveLayer = makeLayer("curve");
+    this.frontLayer = makeLayer("front");
     for (const layer of [this.backLayer, this.axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
     this.line = svgElement("path", { class: "dnb-cv-line" }, this.curveLayer);
+    this.pair = pageElement("span", "dnb-cv-pair", null); // of buttons, for the bar
+    this.adder = this.#button("+", "Add a node after the chosen one (A, or double click)", () => this.addChosen());
+    this.remover = this.#button("\u2212", "Remove the chosen node (Del, or right click)", () => this.removeChosen());
     this.cancelDrag = listenToDrags(this, this.svg, this);
     this.listen(this.svg, "dblclick", (event) => this.doubleClick(event));
     this.listen(this.svg, "contextmenu", (event) => this.contextMenu(event));
@@ -42,17 +89,32 @@ export class CurvePlot extends EditedPage {
     super.close();
   }
 
-  addButtons() {
-    const pair = pageElement("span", "dnb-cv-pair", this.bar);
-    const make = (text, tip, action) => {
-      const button = pageElement("button", "dnb-cv-button", pair, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
-      button.textContent = text;
-      this.listen(button, "click", action);
-      return button;
-    };
-    this.adder = make("+", "Add a node after the chosen one (A, or double click)", () => this.addChosen());
-    this.remover = make("\u2212", "Remove the chosen node (Del, or right click)", () => this.removeChosen());
+  /**
+   * @param {string} text
+   * @param {string} tip
+   * @param {() => void} action
+   */
+  #button(text, tip, action) {
+    const button = pageElement("button", "dnb-cv-button", this.pair,
+      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    button.textContent = text;
+    this.listen(button, "click", action);
+    return button;
   }
+
+  // ---- the axes -----------------------------------------------------------------------------------------------------
+
+  /** The rules of edits. @returns {NodeRules} */
+  rules() { return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
+
+  /** The ends of the axes when nothing is dragged. @returns {number[][]} */
+  axes() {
+    const { x, y } = this.rules();
+    return [x, y];
+  }
+
+  /** The value that Python gets. @returns {object} */
+  value() { return { nodes: this.nodes }; }
 
   addChosen() { this.addAfter(this.chosen); }
 
@@ -60,42 +122,65 @@ export class CurvePlot extends EditedPage {
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
+  /**
+   * @param {number[]} place
+   * @returns {number[]}
+   */
   toPixel([x, y]) {
     const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
     return [b.left + (x - x0) / (x1 - x0) * b.width, b.top + (1 - height ** this.power) * b.height];
   }
 
+  /**
+   * @param {number[]} pixel
+   * @returns {number[]}
+   */
   toPlace([px, py]) {
     const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
     return [x0 + (px - b.left) / b.width * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
   }
 
+  /**
+   * A place with as many digits as can be told apart, at one of the snapping heights if it is near.
+   * @param {number[]} place
+   * @param {boolean} [isFree] whether nothing snaps
+   * @returns {number[]}
+   */
   tidy([x, y], isFree = false) {
     const [, py] = this.toPixel([x, y]);
     const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
-    const [[x0, x1], [y0, y1]] = this.view, digits = (range) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
+    const [[x0, x1], [y0, y1]] = this.view;
+    /** @param {number} range */
+    const digits = (range) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
     const rounded = this.power === 1 ? y.toFixed(digits(y1 - y0)) : y < 5e-6 ? 0 : y.toPrecision(3);
     return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
   }
 
+  /**
+   * @param {MouseEvent} event
+   * @returns {number[]}
+   */
   pointOf(event) {
     const box = this.svg.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  // The node under a pointer; while one is captured its clicks say nothing of what lies under them.
-  nodeAt(event) {
-    const hit = this.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-node]");
-    return hit && this.svg.contains(hit) ? Number(hit.dataset.node) : null;
-  }
+  /** The node under the pointer. @param {MouseEvent} event */
+  nodeAt(event) { return numberUnder(event, this.svg, "data-node"); }
 
   curve() { return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth); }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  // A changed list of nodes is no formula any more.
+  /**
+   * Show other nodes: they are no formula any more.
+   * @param {number[][]} nodes
+   * @param {number} chosen
+   */
   show(nodes, chosen) {
-    Object.assign(this, { nodes, chosen, samples: null });
+    this.nodes = nodes;
+    this.chosen = chosen;
+    this.samples = null;
     this.named = "";
     this.invalidate();
   }
@@ -108,6 +193,10 @@ export class CurvePlot extends EditedPage {
     this.invalidate();
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @returns {NodeDrag | PlotDrag | null}
+   */
   press(event) {
     const k = this.isReadOnly ? null : this.nodeAt(event);
     if (k === null) return null;
@@ -120,69 +209,98 @@ export class CurvePlot extends EditedPage {
     return { k, from: this.toPixel(nodes[k]), before: { nodes, samples, named }, isFree: event.altKey };
   }
 
-  drag({ k, from, before, isFree }, [dx, dy]) {
+  /**
+   * @param {NodeDrag | PlotDrag} grabbed
+   * @param {number[]} by
+   */
+  drag(grabbed, [dx, dy]) {
+    if ("pan" in grabbed) return;
+    const { k, from, before, isFree } = grabbed;
     const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
     this.show(movedNode(before.nodes, k, place, this.rules()), k);
     this.move(this.value());
   }
 
-  drop({ before }, isCancelled, isClick) {
+  /**
+   * @param {NodeDrag | PlotDrag} grabbed
+   * @param {boolean} isCancelled
+   * @param {boolean} isClick
+   */
+  drop(grabbed, isCancelled, isClick) {
+    if ("pan" in grabbed) return;
     this.isHeld = false;
     if (isClick) { this.receive(); return; }
     if (!isCancelled) { this.commit(); return; }
-    Object.assign(this, before);
-    // Whoever followed the movements hears where it ended; Python's value has not changed.
+    Object.assign(this, grabbed.before);
+    // Whoever followed the movements must get the value at the end; Python's has not changed.
     if (this.model.get("live")) this.commit();
     else this.receive();
     this.invalidate();
   }
 
+  /**
+   * Move a node by an arrow key.
+   * @param {number} k
+   * @param {number[]} way
+   * @param {boolean} isFar
+   */
   nudge(k, [dx, dy], isFar) {
-    const { step } = this.rules(), times = isFar ? 10 : 1, [[x0, x1]] = this.view, [px, py] = this.toPixel(this.nodes[k]);
-    const moved = this.toPlace([px, py - dy * times * this.box.height / 100]);
-    const place = dy ? this.tidy([this.nodes[k][0], moved[1]], true)
-      : [this.nodes[k][0] + dx * times * (step || (x1 - x0) / 200), this.nodes[k][1]];
+    const { step } = this.rules(), times = isFar ? 10 : 1, [[x0, x1]] = this.view, [x, y] = this.nodes[k];
+    const [px, py] = this.toPixel([x, y]), moved = this.toPlace([px, py - dy * times * this.box.height / 100]);
+    /** @type {number[]} */
+    const place = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
     this.show(movedNode(this.nodes, k, place, this.rules()), k);
     this.move(this.value());
+    this.settleSoon();
+  }
+
+  /** Settle when no arrow key is pressed any more. */
+  settleSoon() {
     clearTimeout(this.keyTimer);
     this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
   }
 
-  // Arrow keys held down are one edit.
+  /** End what arrow keys do: those held down are one edit. */
   settle() {
     clearTimeout(this.keyTimer);
     if (this.nudged !== null) this.commit();
   }
 
+  /** @param {number[]} place */
   add(place) {
     if (this.isReadOnly) return;
     this.settle();
     const added = addedNode(this.nodes, place, this.rules());
     if (!added) { this.say("There is no room for another node here."); return; }
-    this.show(...added);
+    const [nodes, chosen] = added;
+    this.show(nodes, chosen);
     this.commit();
     this.draw();
     this.dots[this.chosen].focus({ preventScroll: true });
     this.speak(`added ${this.words(this.chosen)}`);
   }
 
+  /** @param {number} k */
   addAfter(k) {
-    const from = Math.max(0, Math.min(this.nodes.length - 2, k)), [[x0], [x1]] = [this.nodes[from], this.nodes[from + 1]];
+    const from = Math.max(0, Math.min(this.nodes.length - 2, k));
+    const [[x0], [x1]] = [this.nodes[from], this.nodes[from + 1]];
     const x = (x0 + x1) / 2;
     this.add([x, this.tidy([x, this.curve()(x)], true)[1]]);
   }
 
+  /** @param {number} k */
   remove(k) {
     if (this.isReadOnly) return;
     this.settle();
     const nodes = removedNode(this.nodes, k, this.rules());
     if (!nodes) {
-      this.say(this.nodes.length <= 2 ? "A curve needs two nodes." : "The outer nodes stay: the curve runs from end to end.");
+      this.say(this.nodes.length <= 2 ? "A curve needs two nodes."
+        : "The outer nodes stay: the curve runs from end to end.");
       return;
     }
-    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
+    const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
     this.show(nodes, Math.min(k, nodes.length - 1));
     this.commit();
     this.draw();
@@ -190,12 +308,14 @@ export class CurvePlot extends EditedPage {
     this.speak(`removed; ${nodes.length} nodes are left`);
   }
 
+  /** @param {MouseEvent} event */
   doubleClick(event) {
     if (this.nodeAt(event) !== null) return;
     event.preventDefault();
     this.add(this.tidy(this.toPlace(this.pointOf(event)), event.altKey));
   }
 
+  /** @param {MouseEvent} event */
   contextMenu(event) {
     const k = this.nodeAt(event);
     if (k === null || this.isReadOnly) return;
@@ -203,10 +323,11 @@ export class CurvePlot extends EditedPage {
     if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
-    const k = this.dots.indexOf(event.target);
+    const k = targetIndex(this.dots, event);
     if (k < 0 || this.isReadOnly) return;
     if (ARROWS[event.key]) this.nudge(k, ARROWS[event.key], event.shiftKey);
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
@@ -238,12 +359,20 @@ export class CurvePlot extends EditedPage {
 
   help() { return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one."; }
 
+  /** Draw what lies behind the curve. */
   drawBack() {}
 
-  // The curve in pixels, from edge to edge.
+  /** The curve in pixels, from edge to edge. */
   outline() {
-    const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this, at = (x) => this.toPixel([x, curve(x)]);
-    const between = (from, to) => { // what is seen of it
+    const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this;
+    /** @param {number} x */
+    const at = (x) => this.toPixel([x, curve(x)]);
+    /**
+     * The part of it that is seen.
+     * @param {number} from
+     * @param {number} to
+     */
+    const between = (from, to) => {
       const a = Math.max(from, x0), b = Math.min(to, x1);
       if (!(b > a)) return [];
       const parts = Math.max(1, Math.ceil((b - a) / (x1 - x0) * this.box.width / 2));
@@ -266,7 +395,8 @@ export class CurvePlot extends EditedPage {
     svgElement("rect", { class: "dnb-cv-frame", x: left, y: top, width, height }, layer);
     for (const y of this.ticks(y0, y1)) {
       const py = this.toPixel([x0, y])[1];
-      svgElement("path", { class: this.snaps.includes(y) ? "dnb-cv-strong" : "dnb-cv-grid", d: `M${left} ${py}h${width}` }, layer);
+      const name = this.snaps.includes(y) ? "dnb-cv-strong" : "dnb-cv-grid";
+      svgElement("path", { class: name, d: `M${left} ${py}h${width}` }, layer);
       this.write(left - 11, py + 4, this.tickText(y), "end");
     }
     const [first, last] = this.endWords();
@@ -276,25 +406,53 @@ export class CurvePlot extends EditedPage {
     for (const x of this.placeTicks(x0, x1)) {
       const px = this.toPixel([x, y0])[0];
       svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
-      if (px > left + taken && px < left + width - taken) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
+      const hasRoom = px > left + taken && px < left + width - taken;
+      if (hasRoom) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
     }
   }
 
+  // Texts at the ends of the horizontal axis.
+  endWords() {
+    const [[x0, x1]] = this.view;
+    return [x0, x1].map((x) => shownNumber(x, x1 - x0));
+  }
+
+  /** The place of a node in words. @param {number} k */
+  words(k) { return this.nodes[k].join(", "); }
+
+  /** @param {number} y */
   tickText(y) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
 
+  /**
+   * @param {number} low
+   * @param {number} high
+   * @returns {number[]}
+   */
   placeTicks(low, high) { return ticksOf(low, high, this.box.width / 70); }
 
+  /**
+   * @param {number} low
+   * @param {number} high
+   * @returns {number[]}
+   */
   ticks(low, high) { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
 
+  /**
+   * @param {number} x
+   * @param {number} y
+   * @param {string} text
+   * @param {string} anchor
+   */
   write(x, y, text, anchor) {
     const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
     node.textContent = text;
   }
 
   drawNodes() {
-    while (this.dots.length > this.nodes.length) this.dots.pop().remove();
+    while (this.dots.length > this.nodes.length) this.dots.pop()?.remove();
     while (this.dots.length < this.nodes.length) {
-      const dot = svgElement("g", { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS }, this.frontLayer);
+      const dot = svgElement("g", { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS },
+        this.frontLayer);
       svgElement("circle", { r: TOUCH_RADIUS, class: "dnb-cv-hit" }, dot);
       svgElement("circle", { r: 8.5, class: "dnb-cv-halo" }, dot);
       svgElement("circle", { r: 5, class: "dnb-cv-dot" }, dot);
@@ -306,21 +464,22 @@ export class CurvePlot extends EditedPage {
     this.nodes.forEach((node, k) => {
       const [x, y] = this.toPixel(node);
       setAttributes(this.dots[k], { transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`, tabindex: 0,
-        "aria-label": `node ${k + 1} of ${this.nodes.length}`, "aria-valuetext": this.words(k), "aria-valuenow": node[1],
-        "aria-valuemin": y0, "aria-valuemax": y1, "aria-readonly": this.isReadOnly });
+        "aria-label": `node ${k + 1} of ${this.nodes.length}`, "aria-valuetext": this.words(k),
+        "aria-valuenow": node[1], "aria-valuemin": y0, "aria-valuemax": y1, "aria-readonly": this.isReadOnly });
       this.dots[k].classList.toggle("dnb-cv-chosen", k === this.chosen);
     });
   }
 
   describe() {
     setText(this.facts, `Node ${this.chosen + 1} of ${this.nodes.length}: ${this.words(this.chosen)}`);
-    if (!this.adder) return;
     const { isReadOnly } = this;
     setAttributes(this.adder, { "aria-disabled": isReadOnly || this.nodes.length >= this.rules().most });
-    setAttributes(this.remover, { "aria-disabled": isReadOnly || !removedNode(this.nodes, this.chosen, this.rules()) });
+    const canRemove = removedNode(this.nodes, this.chosen, this.rules()) !== null;
+    setAttributes(this.remover, { "aria-disabled": isReadOnly || !canRemove });
   }
 }
 
+/** A path of straight lines. @param {number[][]} points */
 export function pathOf(points) {
   return points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
 }

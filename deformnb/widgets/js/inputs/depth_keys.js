@@ -1,32 +1,47 @@
-// Depths of the key pictures as marks on a bar, of which one is selected. Joined behind the files that widgets/inputs/depth_keys.py
-// names.
+// Depths of the key pictures as marks on a bar, of which one is selected.
+
+/** @import { Model, Vector2 } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags } from "./base.js";
+import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex, treeOf } from "./base.js";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
 const MOST_KEYS = 64;
+/** @type {Record<string, number>} */
 const STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
+/**
+ * A drag of a key.
+ * @typedef {{ k: number, before: { knots: number[], selected: number } }} KeyDrag
+ */
+
 class DepthKeysPage extends EditedPage {
+  /** @type {number[]} the depths */
+  knots = [];
+  selected = 0;
+  /** @type {SVGGElement[]} */
+  marks = [];
+  /** @type {number | null} */
+  nudged = null;
+  keyTimer = 0;
+  span = 1; // pixels of the bar
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     super(model, el, "dnb-depth-keys");
-    Object.assign(this, { knots: [], selected: 0, marks: [], nudged: null });
-    const top = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
-    this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", top);
-    const make = (text, tip, action) => {
-      const button = pageElement("button", "dnb-cv-button", top, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
-      button.textContent = text;
-      this.listen(button, "click", action);
-      return button;
-    };
-    this.adder = make("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
-    this.remover = make("\u2212", "Remove the selected key (Del, or right click)", () => this.remove(this.selected));
+    this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
+    this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", this.bar);
+    this.adder = this.#button("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
+    this.remover = this.#button("\u2212", "Remove the selected key (Del, or right click)",
+      () => this.remove(this.selected));
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
     this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.stage);
     this.back = svgElement("g", { "aria-hidden": "true" }, this.svg);
     this.front = svgElement("g", {}, this.svg);
-    this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
+    this.root.append(this.alert);
     this.cancelDrag = listenToDrags(this, this.svg, this);
     this.listen(this.svg, "dblclick", (event) => { if (this.keyAt(event) === null) this.add(this.depthOf(event)); });
     this.listen(this.svg, "contextmenu", (event) => {
@@ -46,22 +61,45 @@ class DepthKeysPage extends EditedPage {
     super.close();
   }
 
-  adopt({ knots, selected }) { Object.assign(this, { knots, selected: Math.min(selected, knots.length - 1) }); }
+  /**
+   * @param {string} text
+   * @param {string} tip
+   * @param {() => void} action
+   */
+  #button(text, tip, action) {
+    const button = pageElement("button", "dnb-cv-button", this.bar,
+      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    button.textContent = text;
+    this.listen(button, "click", action);
+    return button;
+  }
+
+  /** @param {{ knots: number[], selected: number }} shown */
+  adopt({ knots, selected }) {
+    this.knots = knots;
+    this.selected = Math.min(selected, knots.length - 1);
+  }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
+  /** @param {number} depth */
   toPixel(depth) { return BAR.left + depth * this.span; }
 
+  /** @param {MouseEvent} event */
   depthOf(event) { return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span; }
 
-  keyAt(event) {
-    const hit = this.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-key]");
-    return hit && this.svg.contains(hit) ? Number(hit.dataset.key) : null;
-  }
+  /** The key under the pointer. @param {MouseEvent} event */
+  keyAt(event) { return numberUnder(event, this.svg, "data-key"); }
 
+  /** @returns {number} */
   get apart() { return this.model.get("least_apart"); }
 
-  // The k-th of these keys at another depth, as far as its neighbours let it.
+  /**
+   * These keys with the k-th one at another depth, as far as its neighbours let it.
+   * @param {number[]} knots
+   * @param {number} k
+   * @param {number} depth
+   */
   moved(knots, k, depth) {
     const low = k > 0 ? knots[k - 1] + this.apart : 0, high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
     if (low > high) return knots;
@@ -71,8 +109,17 @@ class DepthKeysPage extends EditedPage {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
+  /**
+   * The value that Python gets.
+   * @param {string} kind
+   * @param {number} index
+   */
   value(kind, index) { return { kind, index, knots: this.knots, selected: this.selected }; }
 
+  /**
+   * @param {string} kind
+   * @param {number} index
+   */
   commit(kind, index) {
     this.isHeld = false;
     this.nudged = null;
@@ -80,6 +127,10 @@ class DepthKeysPage extends EditedPage {
     this.invalidate();
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @returns {KeyDrag | null}
+   */
   press(event) {
     const k = this.isReadOnly ? null : this.keyAt(event);
     if (k === null) return null;
@@ -92,12 +143,21 @@ class DepthKeysPage extends EditedPage {
     return { k, before: { knots, selected } };
   }
 
+  /**
+   * @param {KeyDrag} grabbed
+   * @param {Vector2} by
+   */
   drag({ k, before }, [dx]) {
     this.knots = this.moved(before.knots, k, before.knots[k] + dx / this.span);
     this.move(this.value("move", k));
     this.invalidate();
   }
 
+  /**
+   * @param {KeyDrag} grabbed
+   * @param {boolean} isCancelled
+   * @param {boolean} isClick
+   */
   drop({ k, before }, isCancelled, isClick) {
     if (isCancelled) Object.assign(this, before);
     if (!isClick && (!isCancelled || this.model.get("live"))) { this.commit("move", k); return; }
@@ -107,6 +167,10 @@ class DepthKeysPage extends EditedPage {
     this.invalidate();
   }
 
+  /**
+   * @param {number} k
+   * @param {number} by
+   */
   nudge(k, by) {
     this.isHeld = true;
     this.nudged = k;
@@ -117,18 +181,20 @@ class DepthKeysPage extends EditedPage {
     this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
   }
 
-  // Arrow keys held down are one edit.
+  /** End what arrow keys do: those held down are one edit. */
   settle() {
     clearTimeout(this.keyTimer);
     if (this.nudged !== null) this.commit("move", this.nudged);
   }
 
+  /** @param {number} k */
   select(k) {
     if (this.isReadOnly || k === this.selected) return;
     this.selected = k;
     this.commit("select", k);
   }
 
+  /** @param {number} depth */
   add(depth) {
     if (this.isReadOnly) return;
     this.settle();
@@ -144,19 +210,21 @@ class DepthKeysPage extends EditedPage {
     this.speak(`added ${this.words(this.selected)}`);
   }
 
-  // In the middle of the wider gap beside the selected key; the ends of the bar count as gaps too.
+  /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
   addBeside() {
-    const { knots, selected: k } = this, at = knots[k], before = k > 0 ? knots[k - 1] : null, after = knots[k + 1] ?? null;
+    const { knots, selected: k } = this, at = knots[k], before = k > 0 ? knots[k - 1] : null;
+    const after = knots[k + 1] ?? null;
     const left = before === null ? [0, at] : [(before + at) / 2, (at - before) / 2];
     const right = after === null ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
     this.add(right[1] >= left[1] ? right[0] : left[0]);
   }
 
+  /** @param {number} k */
   remove(k) {
     if (this.isReadOnly) return;
     this.settle();
     if (this.knots.length === 1) { this.say("One key stays: the picture that is edited."); return; }
-    const hadFocus = this.svg.contains(this.root.getRootNode().activeElement);
+    const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
     this.knots = this.knots.filter((_, j) => j !== k);
     this.selected = Math.min(this.selected > k ? this.selected - 1 : this.selected, this.knots.length - 1);
     this.commit("remove", k);
@@ -169,10 +237,11 @@ class DepthKeysPage extends EditedPage {
     this.marks[this.selected].focus({ preventScroll: true });
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
-    const k = this.marks.indexOf(event.target);
+    const k = targetIndex(this.marks, event);
     if (k < 0 || this.isReadOnly) return;
     if (STEPS[event.key]) this.nudge(k, STEPS[event.key] * (event.shiftKey ? 0.1 : 0.01));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
@@ -185,6 +254,7 @@ class DepthKeysPage extends EditedPage {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
+  /** @param {number} k */
   words(k) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
 
   draw() {
@@ -202,33 +272,48 @@ class DepthKeysPage extends EditedPage {
     setAttributes(this.remover, { "aria-disabled": this.isReadOnly || this.knots.length === 1 });
   }
 
-  // The bar, and over it how much of each key there is at every depth.
+  /** Draw the bar, and over it how much of each key there is at every depth. */
   #drawBack() {
     this.back.replaceChildren();
     const { knots } = this, low = BAR.line - 14, top = low - BAR.hat;
     knots.forEach((knot, k) => {
-      const x = this.toPixel(knot), left = k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}` : `M${this.toPixel(0)} ${low}V${top}H${x}`;
+      const x = this.toPixel(knot), name = `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`;
+      const left = k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}`
+        : `M${this.toPixel(0)} ${low}V${top}H${x}`;
       const right = k < knots.length - 1 ? `L${this.toPixel(knots[k + 1])} ${low}Z` : `H${this.toPixel(1)}V${low}Z`;
-      svgElement("path", { class: `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`, d: left + right }, this.back);
+      svgElement("path", { class: name, d: left + right }, this.back);
     });
     svgElement("path", { class: "dnb-cv-rail", d: `M${this.toPixel(0)} ${BAR.line}H${this.toPixel(1)}` }, this.back);
-    for (const [depth, text, anchor, dx] of [[0, "0 front", "start", -8], [0.5, "0.5", "middle", 0], [1, "back 1", "end", 8]]) {
-      svgElement("path", { class: "dnb-cv-tick", d: `M${this.toPixel(depth)} ${BAR.line + 13}v3` }, this.back);
-      svgElement("text", { class: "dnb-cv-text", x: this.toPixel(depth) + dx, y: BAR.height - 3, "text-anchor": anchor },
-        this.back).textContent = text;
-    }
+    this.#drawTick(0, "0 front", "start", -8);
+    this.#drawTick(0.5, "0.5", "middle", 0);
+    this.#drawTick(1, "back 1", "end", 8);
+  }
+
+  /**
+   * @param {number} depth
+   * @param {string} text
+   * @param {string} anchor
+   * @param {number} dx
+   */
+  #drawTick(depth, text, anchor, dx) {
+    const x = this.toPixel(depth);
+    svgElement("path", { class: "dnb-cv-tick", d: `M${x} ${BAR.line + 13}v3` }, this.back);
+    const node = svgElement("text", { class: "dnb-cv-text", x: x + dx, y: BAR.height - 3, "text-anchor": anchor });
+    node.textContent = text;
+    this.back.append(node);
   }
 
   #drawMarks() {
-    while (this.marks.length > this.knots.length) this.marks.pop().remove();
+    while (this.marks.length > this.knots.length) this.marks.pop()?.remove();
     while (this.marks.length < this.knots.length) {
       const mark = svgElement("g", { class: "dnb-cv-node", "data-key": this.marks.length, role: "slider", tabindex: 0,
         "aria-valuemin": 0, "aria-valuemax": 1, ...OWN_KEYS }, this.front);
       svgElement("circle", { r: 13, class: "dnb-cv-hit" }, mark);
       svgElement("circle", { r: 12, class: "dnb-cv-halo" }, mark);
       svgElement("circle", { r: 8.5, class: "dnb-cv-dot" }, mark);
-      svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark).textContent = this.marks.length + 1;
+      const number = svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark);
       this.marks.push(mark);
+      number.textContent = String(this.marks.length);
     }
     this.knots.forEach((knot, k) => {
       const isSelected = k === this.selected;
@@ -240,6 +325,7 @@ class DepthKeysPage extends EditedPage {
   }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const page = new DepthKeysPage(model, el);
   return () => page.close();

@@ -1,11 +1,18 @@
-// A text for the clipboard or a file for the downloads, from Python; says what it has done.
+// A text for the clipboard or a file for the downloads, from Python; reports what it has done.
 
-const HAND_OVER_KEYS = { "data-lm-suppress-shortcuts": "true" };
+/** @import { Model } from "../types.d.ts" */
 
+import { OWN_KEYS, setAttributes } from "../ui/dom.js";
+
+/** @param {string} text */
 async function copied(text) {
-  try { await navigator.clipboard.writeText(text); return true; } catch (error) { return false; }
+  try { await navigator.clipboard.writeText(text); return true; } catch { return false; }
 }
 
+/**
+ * @param {string} name
+ * @param {DataView<ArrayBuffer>} bytes
+ */
 function downloaded(name, bytes) {
   const url = URL.createObjectURL(new Blob([bytes]));
   const link = Object.assign(document.createElement("a"), { href: url, download: name });
@@ -15,6 +22,7 @@ function downloaded(name, bytes) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
+/** @param {{ model: Model & { model_id?: string }, el: HTMLElement }} widget */
 function render({ model, el }) {
   const root = document.createElement("div");
   root.className = "dnb-hand-over";
@@ -22,10 +30,14 @@ function render({ model, el }) {
   line.setAttribute("role", "status");
   const area = Object.assign(document.createElement("textarea"), { className: "dnb-hand-over-text", readOnly: true,
     hidden: true, ariaLabel: "text to copy", spellcheck: false });
-  for (const [name, value] of Object.entries(HAND_OVER_KEYS)) area.setAttribute(name, value);
+  setAttributes(area, OWN_KEYS);
   root.append(line, area);
   el.append(root);
 
+  /**
+   * @param {any} content
+   * @param {DataView<ArrayBuffer>[]} buffers
+   */
   const receive = async (content, buffers) => {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
@@ -42,9 +54,10 @@ function render({ model, el }) {
     }
   };
   // Two views of one widget must not save a file twice.
+  const uid = model.get("_view_name") + (model.model_id ?? "");
   const firstShown = () => [...document.querySelectorAll(".dnb-hand-over")].find(
-    (other) => other.dataset.uid === root.dataset.uid);
-  root.dataset.uid = model.get("_view_name") + (model.model_id ?? "");
+    (other) => other.getAttribute("data-uid") === uid);
+  root.dataset.uid = uid;
   model.on("msg:custom", receive);
   return () => { model.off("msg:custom", receive); root.remove(); };
 }

@@ -1,11 +1,28 @@
 // A list of things with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 //
-// Python owns the list. The page tells what its user wants done to which row, of which state of the list ("version"),
-// and waits for the answer: a second click must not meet rows that have moved meanwhile.
+// Python owns the list. The front end requests a command for a row, with the state of the list ("version"), and waits
+// for the answer: a second click must not meet rows that have moved meanwhile.
+
+/** @import { Model } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { isDark, targetOf } from "./base.js";
 
-// command: tip, icon of 16 x 16
+/**
+ * A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds.
+ * @typedef {object} Row
+ * @property {string} [name]
+ * @property {string} [title]
+ * @property {boolean} on
+ * @property {string} [mark]
+ * @property {string} [swatch]
+ * @property {number} [indent]
+ * @property {string[]} [facts]
+ * @property {number} [time]
+ * @property {string} [tip]
+ */
+
+/** @type {Record<string, [string, string]>} command: tip, icon of 16 x 16 */
 const ROW_BUTTONS = {
   rename: ["Rename (F2)", "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2"],
   up: ["Earlier (Alt+Up)", "M8 13V3M4 7l4-4 4 4"],
@@ -14,32 +31,41 @@ const ROW_BUTTONS = {
   remove: ["Delete (Del)", "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4"],
 };
 const LONGEST_NAME = 100;
-const DARK_BELOW = 110; // brightness of the page's paper
 
-// Where the page is, which may be another zone than Python's.
+/** A time in the zone of the front end, which may be another than Python's. @param {number} seconds */
 function timeOfDay(seconds) {
   return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
 class ItemListPage {
+  chosen = -1; // the row that was in sight last
+  current = 0; // the row that Tab reaches
+  isWaiting = false;
+  isNaming = false;
+  isChoosing = false;
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     this.model = model;
-    this.chosen = -1; // the row that was in sight last
-    this.current = 0; // the row that Tab reaches
-    this.isWaiting = false;
-    this.isNaming = this.isChoosing = false;
     this.root = pageElement("div", "dnb-item-list", el);
     this.table = pageElement("table", "dnb-il-table", this.root);
     this.head = pageElement("thead", "", this.table);
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
     this.draw = () => this.#draw();
-    this.answered = (content) => { if (content.type === "done") { this.isChoosing = false; this.#wait(false); } };
+    this.answered = (/** @type {any} */ content) => {
+      if (content.type !== "done") return;
+      this.isChoosing = false;
+      this.#wait(false);
+    };
     for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
     this.root.addEventListener("keydown", (event) => this.#key(event));
     this.preference = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.#paper();
+    this.repaint = () => this.#repaint();
     this.preference.addEventListener("change", this.repaint);
     this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change the body
     this.themes.observe(document.body, { attributes: true });
@@ -57,19 +83,30 @@ class ItemListPage {
     this.root.remove();
   }
 
+  /** @returns {Row[]} */
   get rows() { return this.model.get("rows") || []; }
-  get hasSwitches() { return this.model.get("switches") !== false; }
-  get can() { return this.model.get("commands") || []; }
 
+  get hasSwitches() { return this.model.get("switches") !== false; }
+
+  /** @returns {string[]} */
+  get commands() { return this.model.get("commands") || []; }
+
+  /**
+   * @param {string} what the command
+   * @param {number} index
+   * @param {string | boolean | null} value
+   */
   act(what, index, value = null) {
-    if ((this.isWaiting && what !== "rename") || !this.rows[index] || (what !== "choose" && what !== "switch" && !this.can.includes(what))) return;
+    const isKnown = what === "choose" || what === "switch" || this.commands.includes(what);
+    if ((this.isWaiting && what !== "rename") || !this.rows[index] || !isKnown) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
-    this.current = index + (what === "down" || what === "double") - (what === "up");
+    this.current = index + Number(what === "down" || what === "double") - Number(what === "up");
     this.isChoosing = what === "choose"; // wherever its row will be then
     this.#wait(true);
     this.model.send({ type: "act", what, index, value, version: this.model.get("version") });
   }
 
+  /** @param {boolean} isWaiting */
   #wait(isWaiting) {
     this.isWaiting = isWaiting;
     this.table.setAttribute("aria-busy", String(isWaiting));
@@ -86,8 +123,9 @@ class ItemListPage {
     this.empty.hidden = rows.length > 0;
     this.#drawHead(rows.length > 0);
     this.body.replaceChildren(...rows.map((row, k) => this.#row(row, k, k === chosen)));
-    this.#paper();
-    if (this.isChoosing || (chosen !== this.chosen && !held)) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
+    this.#repaint();
+    const goesThere = this.isChoosing || (chosen !== this.chosen && !held);
+    if (goesThere) this.current = Math.max(0, Math.min(chosen, rows.length - 1));
     this.#reach();
     if (held) this.#focus(this.current, held);
     const isOther = chosen !== this.chosen;
@@ -95,33 +133,46 @@ class ItemListPage {
     if (isOther) this.#show();
   }
 
-  // By its own scroll bar: scrollIntoView would move the whole page.
+  /** Scroll to the chosen row by the list's own scroll bar: scrollIntoView would move the whole page. */
   #show() {
-    const line = this.body.children[this.chosen];
+    const line = this.body.rows[this.chosen];
     if (!line) return;
     const head = this.head.offsetHeight, top = line.offsetTop - head, end = line.offsetTop + line.offsetHeight;
     if (top < this.root.scrollTop) this.root.scrollTop = top;
     else if (end > this.root.scrollTop + this.root.clientHeight) this.root.scrollTop = end - this.root.clientHeight;
   }
 
+  /** @param {boolean} isShown */
   #drawHead(isShown) {
     const columns = this.model.get("columns") || [];
     this.head.replaceChildren();
     if (!columns.length || !isShown) return;
     const line = pageElement("tr", "", this.head);
-    for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) pageElement("th", "", line, { scope: "col" }).textContent = text;
+    for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) {
+      pageElement("th", "", line, { scope: "col" }).textContent = text;
+    }
   }
 
+  /**
+   * @param {Row} row
+   * @param {number} k
+   * @param {boolean} isChosen
+   */
   #row(row, k, isChosen) {
     const line = document.createElement("tr"), name = row.name || row.title || "";
     line.className = `dnb-il-row${isChosen ? " dnb-il-chosen" : ""}${row.on ? "" : " dnb-il-off"}`;
-    line.addEventListener("click", (event) => { if (!event.target.closest("button, input")) this.act("choose", k); });
+    line.addEventListener("click", (event) => {
+      if (!targetOf(event).closest("button, input")) this.act("choose", k);
+    });
     const mark = pageElement("td", "dnb-il-mark", line);
     const disc = pageElement("span", row.swatch ? "dnb-il-swatch" : "dnb-il-number", mark, { "aria-hidden": "true" });
     if (row.swatch) disc.style.background = row.swatch;
-    else disc.textContent = row.mark ?? k + 1;
-    const cell = pageElement("td", "dnb-il-name", line), facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
-    for (let depth = 0; depth < (row.indent || 0); depth += 1) pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
+    else disc.textContent = row.mark ?? String(k + 1);
+    const cell = pageElement("td", "dnb-il-name", line);
+    const facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
+    for (let depth = 0; depth < (row.indent || 0); depth += 1) {
+      pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
+    }
     const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
       title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
@@ -138,6 +189,12 @@ class ItemListPage {
     return line;
   }
 
+  /**
+   * @param {HTMLElement} line
+   * @param {Row} row
+   * @param {number} k
+   * @param {string} name
+   */
   #switch(line, row, k, name) {
     const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), { type: "checkbox",
       "data-part": "switch", title: "Switch on or off", "aria-label": `${name} is on`, ...OWN_KEYS });
@@ -145,9 +202,14 @@ class ItemListPage {
     on.addEventListener("change", () => { this.act("switch", k, on.checked); on.checked = row.on; });
   }
 
+  /**
+   * @param {HTMLElement} cell
+   * @param {number} k
+   * @param {string} name
+   */
   #buttons(cell, k, name) {
     const last = this.rows.length - 1;
-    for (const command of this.can) {
+    for (const command of this.commands) {
       const [tip, path] = ROW_BUTTONS[command];
       const isOff = (command === "up" && k === 0) || (command === "down" && k === last);
       const button = pageElement("button", "dnb-il-button", cell, { type: "button", title: tip, "data-part": command,
@@ -157,20 +219,18 @@ class ItemListPage {
     }
   }
 
-  #paper() {
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) || []).map(Number);
-    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : this.preference.matches;
-    this.root.classList.toggle("dnb-il-dark", isDark);
-  }
+  #repaint() { this.root.classList.toggle("dnb-il-dark", isDark(this.root, this.preference)); }
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 
+  /** @param {KeyboardEvent} event */
   #key(event) {
-    const line = event.target.closest(".dnb-il-row");
+    const target = targetOf(event), line = target.closest("tr");
     if (!line || this.isNaming) return;
-    const k = [...this.body.children].indexOf(line), step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    const k = [...this.body.rows].indexOf(line);
+    const step = event.key === "ArrowUp" ? -1 : event.key === "ArrowDown" ? 1 : 0;
     if (step && event.altKey) this.act(step < 0 ? "up" : "down", k);
-    else if (step) this.#focus(Math.max(0, Math.min(k + step, this.rows.length - 1)), event.target.dataset.part);
+    else if (step) this.#focus(Math.max(0, Math.min(k + step, this.rows.length - 1)), target.getAttribute("data-part"));
     else if (event.key === "F2") this.#rename(k);
     else if (event.key === "Delete") this.act("remove", k);
     else return;
@@ -178,13 +238,15 @@ class ItemListPage {
     event.stopPropagation();
   }
 
+  /** @param {number} k */
   #rename(k) {
-    if (!this.can.includes("rename") || this.isNaming || !this.rows[k]) return;
-    const cell = this.body.children[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
-    const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME, spellcheck: "false",
-      "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
+    if (!this.commands.includes("rename") || this.isNaming || !this.rows[k]) return;
+    const cell = this.body.rows[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
+    const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME,
+      spellcheck: "false", "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
     input.value = before;
     this.isNaming = true;
+    /** @param {boolean} isTaken */
     const end = (isTaken) => {
       if (!this.isNaming) return;
       this.isNaming = false;
@@ -199,29 +261,41 @@ class ItemListPage {
       event.stopPropagation();
     });
     input.addEventListener("blur", () => end(true));
-    cell.replaceChildren(input);
+    cell?.replaceChildren(input);
     input.select();
     input.focus();
   }
 
-  #focused() { return this.body.contains(document.activeElement) ? document.activeElement.dataset.part : null; }
+  /** The part of a row that has the focus, or null. */
+  #focused() {
+    const { activeElement } = document;
+    return activeElement && this.body.contains(activeElement) ? activeElement.getAttribute("data-part") : null;
+  }
 
+  /**
+   * @param {number} k
+   * @param {string | null} part
+   */
   #focus(k, part) {
-    const line = this.body.children[k];
+    const line = this.body.rows[k];
     if (!line) return;
     this.current = k;
     this.#reach();
-    (line.querySelector(`[data-part="${part}"]`) || line.querySelector("button")).focus({ preventScroll: false });
+    /** @type {HTMLElement | null} */
+    const wanted = line.querySelector(`[data-part="${part}"]`) ?? line.querySelector("button");
+    wanted?.focus({ preventScroll: false });
   }
 
-  // Tab reaches one row only, and all of it; arrows go to the others.
+  /** Let Tab reach one row only, and all of it; arrows go to the others. */
   #reach() {
-    [...this.body.children].forEach((line, k) => {
-      for (const part of line.querySelectorAll("[data-part]")) part.tabIndex = k === this.current ? 0 : -1;
+    [...this.body.rows].forEach((line, k) => {
+      const index = k === this.current ? "0" : "-1";
+      for (const part of line.querySelectorAll("[data-part]")) part.setAttribute("tabindex", index);
     });
   }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const page = new ItemListPage(model, el);
   return () => page.close();

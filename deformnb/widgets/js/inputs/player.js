@@ -1,39 +1,70 @@
-// The clock of a player: which moment of an animation is shown. It runs in the page, so that playing costs no message.
+// The player of an animation: play and pause, a bar with the key frames, speed and loop.
 //
-// All views of a player on one page share one clock, found on the player's bus:
+// Its clock runs in the front end, so that playing costs no message. All views of a player in one window share one
+// clock, found on the player's bus:
 //
 //   const clock = clockOf(busOf(playerModel));
-//   bus.addEventListener("deformnb:time", ...)   event.detail = {time, isPlaying}, at every picture and every change
+//   bus.addEventListener("deformnb:time", ...)   event.detail = {time, isPlaying}, at every frame and every change
+//
+// A view sets the traits time, is_playing, speed and loop: a few times a second while it plays, and exactly at rest.
+
+/** @import { Bus, Model, TimeDetail } from "../types.d.ts" */
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
 import { EditedPage } from "./base.js";
 
-const LONGEST_TICK = 250; // ms: a page that was hidden goes on where it was, and does not leap
+const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
+
+/**
+ * The functions of a window by which a clock ticks.
+ * @typedef {Pick<Window, "requestAnimationFrame" | "cancelAnimationFrame">} FrameSource
+ */
 
 export class PlayClock {
-  /** tell({time, isPlaying}) at every change; `page` has requestAnimationFrame and cancelAnimationFrame. */
-  constructor(tell, page = globalThis) {
-    Object.assign(this, { tell, page, position: 0, duration: 0, speed: 1, loop: "once", isPlaying: false, frame: 0,
-      last: null, leader: null });
+  position = 0;
+  duration = 0;
+  speed = 1;
+  loop = "once";
+  isPlaying = false;
+  frame = 0;
+  /** @type {number | null} the time of the last tick */
+  last = null;
+  /** @type {PlayerPage | null} the one view that sends the time to Python */
+  leader = null;
+
+  /**
+   * @param {(detail: TimeDetail) => void} publish called at every change
+   * @param {FrameSource} [frames]
+   */
+  constructor(publish, frames = window) {
+    this.publish = publish;
+    this.frames = frames;
   }
 
   /** The moment from 0 to the duration; on the way back of a swing it falls while the position rises. */
   get time() { return momentOf(this.position, this.duration, this.loop); }
 
-  /** What Python or a view says; what is undefined stays. */
+  /**
+   * Change settings; what is undefined stays.
+   * @param {{ duration?: number, speed?: number, loop?: string }} settings
+   */
   set({ duration, speed, loop }) {
     const time = this.time;
     if (speed !== undefined) this.speed = speed;
-    if (loop !== undefined && loop !== this.loop) Object.assign(this, { loop, position: time });
+    if (loop !== undefined && loop !== this.loop) {
+      this.loop = loop;
+      this.position = time;
+    }
     if (duration !== undefined) this.duration = duration;
     this.position = Math.min(this.position, this.duration * (this.loop === "swing" ? 2 : 1));
-    this.#told();
+    this.#changed();
   }
 
+  /** @param {number} time */
   seek(time) {
     this.position = Math.max(0, Math.min(this.duration, time));
-    this.#told();
+    this.#changed();
   }
 
   play() {
@@ -42,18 +73,19 @@ export class PlayClock {
     this.isPlaying = true;
     this.last = null;
     this.#next();
-    this.#told();
+    this.#changed();
   }
 
   pause() {
     if (!this.isPlaying) return;
     this.isPlaying = false;
-    this.page.cancelAnimationFrame(this.frame);
-    this.#told();
+    this.frames.cancelAnimationFrame(this.frame);
+    this.#changed();
   }
 
-  #next() { this.frame = this.page.requestAnimationFrame((now) => this.tick(now)); }
+  #next() { this.frame = this.frames.requestAnimationFrame((now) => this.tick(now)); }
 
+  /** @param {number} now */
   tick(now) {
     if (!this.isPlaying) return;
     const passed = this.last === null ? 0 : Math.min(LONGEST_TICK, Math.max(0, now - this.last)) / 1000;
@@ -67,17 +99,23 @@ export class PlayClock {
       this.position %= Math.max(end, 1e-9);
       this.#next();
     }
-    this.#told();
+    this.#changed();
   }
 
-  #told() { this.tell({ time: this.time, isPlaying: this.isPlaying }); }
+  #changed() { this.publish({ time: this.time, isPlaying: this.isPlaying }); }
 }
 
+/**
+ * @param {number} position
+ * @param {number} duration
+ * @param {string} loop
+ */
 function momentOf(position, duration, loop) {
   if (loop !== "swing" || position <= duration) return Math.min(position, duration);
   return Math.max(0, 2 * duration - position);
 }
 
+/** @param {Bus} bus */
 function clockOf(bus) {
   bus.clock ??= new PlayClock((detail) => {
     bus.moment = detail;
@@ -86,29 +124,57 @@ function clockOf(bus) {
   return bus.clock;
 }
 
-// The player of an animation: play and pause, a bar with the key frames, speed and loop. Joined behind the files that
-// widgets/inputs/player.py names. The page writes the traits time, is_playing, speed and loop, a few times a second while it plays
-// and exactly where it rests.
+// ---- the widget -----------------------------------------------------------------------------------------------------
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const LOOP_WORDS = { once: "once", loop: "loop", swing: "there and back" };
 const PLAYER_ICONS = {
-  first: "M4 3v10M12.5 3.5v9L6 8z", play: "M4.5 2.8v10.4L13 8z", pause: "M5 3v10M11 3v10", last: "M12 3v10M3.5 3.5v9L10 8z",
+  first: "M4 3v10M12.5 3.5v9L6 8z", play: "M4.5 2.8v10.4L13 8z", pause: "M5 3v10M11 3v10",
+  last: "M12 3v10M3.5 3.5v9L10 8z",
 };
 const KEY_NEAR = 1e-6; // seconds
 
 class PlayerPage extends EditedPage {
+  later = 0; // a timer
+  sent = -Infinity; // milliseconds
+  /** @type {number | undefined} the time that Python got last */
+  lastTime = undefined;
+  isScrubbed = false;
+  wasPlaying = false;
+  markedFor = ""; // the key frames that are drawn
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     super(model, el, "dnb-player");
     this.bus = busOf(model);
     this.uid = model.get("uid");
     holdBus(this.bus);
     this.clock = clockOf(this.bus);
-    this.clock.leader ??= this; // one view tells Python
-    this.sent = -Infinity;
-    this.#build();
-    this.heard = (event) => this.guard(() => this.moved(event.detail));
-    this.bus.addEventListener("deformnb:time", this.heard);
+    this.clock.leader ??= this;
+    const bar = pageElement("div", "dnb-pl-bar", this.root);
+    const buttons = pageElement("div", "dnb-pl-buttons", bar);
+    this.back = this.#button(buttons, "first", "Key frame before (Page up)", () => this.toKey(-1));
+    this.play = this.#button(buttons, "play", "Play (Space)", () => this.toggle());
+    this.play.classList.add("dnb-pl-play");
+    this.next = this.#button(buttons, "last", "Next key frame (Page down)", () => this.toKey(1));
+    this.track = pageElement("div", "dnb-pl-track", bar,
+      { role: "slider", tabindex: 0, "aria-valuemin": 0, ...OWN_KEYS });
+    this.rail = pageElement("div", "dnb-pl-rail", this.track);
+    this.done = pageElement("div", "dnb-pl-done", this.rail);
+    this.diamonds = pageElement("div", "dnb-pl-marks", this.rail, { "aria-hidden": "true" });
+    this.knob = pageElement("div", "dnb-pl-knob", this.rail);
+    this.read = pageElement("span", "dnb-pl-time", bar);
+    const choices = pageElement("div", "dnb-pl-choices", bar);
+    this.speed = this.#select(choices, "Speed", (value) => this.#set("speed", Number(value)));
+    this.loop = this.#select(choices, "What comes after the end", (value) => this.#set("loop", value));
+    this.loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
+    this.root.append(this.alert);
+    listenToScrub(this, this.track);
+    this.listener = (/** @type {CustomEvent<TimeDetail>} */ event) => { this.guard(() => this.moved(event.detail)); };
+    this.bus.addEventListener("deformnb:time", this.listener);
     for (const name of ["duration", "speed", "loop"]) this.on(`change:${name}`, () => this.#take());
     this.on("change:time", () => { if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time")); });
     this.on("change:is_playing", () => this.#run());
@@ -120,10 +186,8 @@ class PlayerPage extends EditedPage {
     this.#run();
   }
 
-  adopt() {} // its traits are read where they are shown
-
   close() {
-    this.bus.removeEventListener("deformnb:time", this.heard);
+    this.bus.removeEventListener("deformnb:time", this.listener);
     clearTimeout(this.later);
     if (this.clock.leader === this) this.clock.leader = null;
     releaseBus(this.bus, this.uid);
@@ -131,35 +195,26 @@ class PlayerPage extends EditedPage {
     super.close();
   }
 
-  #build() {
-    const bar = pageElement("div", "dnb-pl-bar", this.root);
-    const buttons = pageElement("div", "dnb-pl-buttons", bar);
-    this.back = this.#button(buttons, "first", "Key frame before (Page up)", () => this.toKey(-1));
-    this.play = this.#button(buttons, "play", "Play (Space)", () => this.toggle());
-    this.play.classList.add("dnb-pl-play");
-    this.next = this.#button(buttons, "last", "Next key frame (Page down)", () => this.toKey(1));
-    this.track = pageElement("div", "dnb-pl-track", bar, { role: "slider", tabindex: 0, "aria-valuemin": 0, ...OWN_KEYS });
-    this.rail = pageElement("div", "dnb-pl-rail", this.track);
-    this.done = pageElement("div", "dnb-pl-done", this.rail);
-    this.diamonds = pageElement("div", "dnb-pl-marks", this.rail, { "aria-hidden": "true" });
-    this.knob = pageElement("div", "dnb-pl-knob", this.rail);
-    this.read = pageElement("span", "dnb-pl-time", bar);
-    const choices = pageElement("div", "dnb-pl-choices", bar);
-    this.speed = this.#select(choices, "Speed", (value) => this.#say("speed", Number(value)));
-    this.loop = this.#select(choices, "What comes after the end", (value) => this.#say("loop", value));
-    this.loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
-    this.alert = pageElement("div", "dnb-cv-alert", this.root, { role: "alert", hidden: "" });
-    listenToScrub(this, this.track);
-  }
-
+  /**
+   * @param {HTMLElement} parent
+   * @param {"first" | "play" | "last"} icon
+   * @param {string} tip
+   * @param {() => void} action
+   */
   #button(parent, icon, tip, action) {
-    const button = pageElement("button", "dnb-pl-button", parent, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const button = pageElement("button", "dnb-pl-button", parent,
+      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
     svgElement("path", { d: PLAYER_ICONS[icon] }, svg);
     this.listen(button, "click", action);
     return button;
   }
 
+  /**
+   * @param {HTMLElement} parent
+   * @param {string} label
+   * @param {(value: string) => void} chosen
+   */
   #select(parent, label, chosen) {
     const select = pageElement("select", "dnb-cv-select", parent, { "aria-label": label, title: label, ...OWN_KEYS });
     this.listen(select, "change", () => chosen(select.value));
@@ -168,7 +223,10 @@ class PlayerPage extends EditedPage {
 
   // ---- the model ----------------------------------------------------------------------------------------------------
 
+  /** @returns {number} */
   get duration() { return this.model.get("duration"); }
+
+  /** The times of the key frames. @returns {number[]} */
   get keys() { return this.model.get("marks") || []; }
 
   #take() {
@@ -179,23 +237,27 @@ class PlayerPage extends EditedPage {
 
   #run() {
     if (this.model.get("is_playing")) this.clock.play(); else this.clock.pause();
-    this.#tell(true); // where there is nothing to play it stays paused
+    this.#send(true); // where there is nothing to play it stays paused
   }
 
-  #say(name, value) {
+  /**
+   * @param {"speed" | "loop"} name
+   * @param {number | string} value
+   */
+  #set(name, value) {
     this.model.set(name, value);
     this.model.save_changes();
     this.#take();
   }
 
-  /** Tells Python the time: at once where it rests, else a few times a second. */
-  #tell(isAtRest) {
+  /** Send the time to Python: at once at rest, else a few times a second. @param {boolean} isAtRest */
+  #send(isAtRest) {
     if (this.clock.leader === null) this.clock.leader = this;
     if (this.clock.leader !== this) return;
     const { time, isPlaying } = this.clock, now = performance.now(), pause = this.model.get("sync_ms");
     clearTimeout(this.later);
     if (!isAtRest && now - this.sent < pause) {
-      this.later = setTimeout(() => this.guard(() => this.#tell(true)), pause - (now - this.sent));
+      this.later = setTimeout(() => this.guard(() => this.#send(true)), pause - (now - this.sent));
       return;
     }
     const isNew = time !== this.model.get("time"), isTurned = isPlaying !== Boolean(this.model.get("is_playing"));
@@ -207,39 +269,46 @@ class PlayerPage extends EditedPage {
     this.model.save_changes();
   }
 
+  /** @param {TimeDetail} detail */
   moved({ isPlaying }) {
     const hasStopped = this.wasPlaying && !isPlaying;
     this.wasPlaying = isPlaying;
-    this.#tell(hasStopped || (!isPlaying && !this.isScrubbed));
+    this.#send(hasStopped || (!isPlaying && !this.isScrubbed));
     this.invalidate();
   }
 
-  // ---- what hands do ------------------------------------------------------------------------------------------------
+  // ---- what the user does -------------------------------------------------------------------------------------------
 
   toggle() { if (this.clock.isPlaying) this.clock.pause(); else this.clock.play(); }
 
+  /** @param {number} time */
   seek(time) {
     this.clock.pause();
     this.clock.seek(time);
   }
 
-  /** To the key frame before or after the moment shown. */
+  /** Go to the key frame before or after the moment shown. @param {number} way 1 or -1 */
   toKey(way) {
     const { time } = this.clock, places = [...new Set([0, ...this.keys, this.duration])].sort((a, b) => a - b);
     const found = way > 0 ? places.find((t) => t > time + KEY_NEAR) : places.findLast((t) => t < time - KEY_NEAR);
     if (found !== undefined) this.seek(found);
   }
 
+  /**
+   * @param {number} share of the bar
+   * @param {"start" | "move" | "end"} phase
+   */
   scrubbed(share, phase) {
     this.isScrubbed = phase !== "end";
     if (phase === "start") this.clock.pause();
-    // Near a key frame it holds on to it: six pixels.
+    // It snaps to a key frame that is nearer than six pixels.
     const time = share * this.duration, reach = (6 / Math.max(1, this.rail.clientWidth)) * this.duration;
     const key = this.keys.find((t) => Math.abs(t - time) < reach);
     this.clock.seek(key ?? time);
-    if (phase === "end") this.#tell(true);
+    if (phase === "end") this.#send(true);
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
     const isButton = event.target instanceof HTMLButtonElement, { time } = this.clock, step = this.model.get("step");
@@ -261,45 +330,60 @@ class PlayerPage extends EditedPage {
     const { time, isPlaying } = this.clock, { duration, keys } = this, share = duration > 0 ? time / duration : 0;
     const label = this.model.get("label") || "Animation";
     setAttributes(this.root, { "aria-label": label });
-    this.rail.style.setProperty("--share", share);
+    this.rail.style.setProperty("--share", String(share));
     const tip = isPlaying ? "Pause (Space)" : "Play (Space)";
     setAttributes(this.play, { title: tip, "aria-label": tip, "aria-disabled": duration <= 0 });
-    setAttributes(this.play.querySelector("path"), { d: PLAYER_ICONS[isPlaying ? "pause" : "play"] });
+    this.play.querySelector("path")?.setAttribute("d", PLAYER_ICONS[isPlaying ? "pause" : "play"]);
     this.play.classList.toggle("dnb-pl-solid", !isPlaying);
     setText(this.read, `${time.toFixed(2)} / ${duration.toFixed(2)} s`);
-    setAttributes(this.track, { "aria-valuemax": duration, "aria-valuenow": Number(time.toFixed(3)), "aria-label": `${label}, time`,
+    setAttributes(this.track, { "aria-label": `${label}, time`, "aria-valuemax": duration,
+      "aria-valuenow": Number(time.toFixed(3)),
       "aria-valuetext": `${time.toFixed(2)} of ${duration.toFixed(2)} seconds` });
     this.#drawMarks(keys, duration, time);
     this.#drawChoices();
   }
 
+  /**
+   * @param {number[]} keys
+   * @param {number} duration
+   * @param {number} time
+   */
   #drawMarks(keys, duration, time) {
     const shown = JSON.stringify([keys, duration]);
     if (shown !== this.markedFor) {
       this.markedFor = shown;
       this.diamonds.replaceChildren(...keys.map((t, k) => {
-        const mark = pageElement("span", "dnb-pl-mark", null, { title: `key frame ${k + 1} at ${Number(t.toFixed(3))} s` });
-        mark.style.setProperty("--at", duration > 0 ? t / duration : 0);
+        const title = `key frame ${k + 1} at ${Number(t.toFixed(3))} s`;
+        const mark = pageElement("span", "dnb-pl-mark", null, { title });
+        mark.style.setProperty("--at", String(duration > 0 ? t / duration : 0));
         return mark;
       }));
     }
-    [...this.diamonds.children].forEach((mark, k) => mark.classList.toggle("dnb-pl-here", Math.abs(keys[k] - time) < 1e-3));
+    [...this.diamonds.children].forEach((mark, k) => {
+      mark.classList.toggle("dnb-pl-here", Math.abs(keys[k] - time) < 1e-3);
+    });
   }
 
   #drawChoices() {
     const speed = this.model.get("speed"), speeds = [...new Set([...SPEEDS, speed])].sort((a, b) => a - b);
     if (this.speed.dataset.all !== speeds.join()) {
       this.speed.dataset.all = speeds.join();
-      this.speed.replaceChildren(...speeds.map((s) => new Option(`${s} \u00d7`, s)));
+      this.speed.replaceChildren(...speeds.map((s) => new Option(`${s} \u00d7`, String(s))));
     }
     this.speed.value = speed;
     this.loop.value = this.model.get("loop");
   }
 }
 
-// Presses and drags along a bar, with the mouse, a pen or a finger: page.scrubbed(share, "start" | "move" | "end").
+/**
+ * Listen to presses and drags along the bar, with the mouse, a pen or a finger.
+ * @param {PlayerPage} page
+ * @param {HTMLElement} track
+ */
 function listenToScrub(page, track) {
+  /** @type {number | null} */
   let pointer = null;
+  /** @param {PointerEvent} event */
   const share = (event) => {
     const { left, width } = page.rail.getBoundingClientRect();
     return Math.max(0, Math.min(1, (event.clientX - left) / Math.max(1, width)));
@@ -307,12 +391,14 @@ function listenToScrub(page, track) {
   page.listen(track, "pointerdown", (event) => {
     if (pointer !== null || event.button !== 0) return;
     pointer = event.pointerId;
-    track.setPointerCapture(pointer);
+    track.setPointerCapture(event.pointerId);
     track.focus({ preventScroll: true });
     page.scrubbed(share(event), "start");
   });
-  page.listen(track, "pointermove", (event) => { if (event.pointerId === pointer) page.scrubbed(share(event), "move"); });
-  for (const name of ["pointerup", "pointercancel"]) {
+  page.listen(track, "pointermove", (event) => {
+    if (event.pointerId === pointer) page.scrubbed(share(event), "move");
+  });
+  for (const name of /** @type {const} */ (["pointerup", "pointercancel"])) {
     page.listen(track, name, (event) => {
       if (event.pointerId !== pointer) return;
       pointer = null;
@@ -321,6 +407,7 @@ function listenToScrub(page, track) {
   }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const page = new PlayerPage(model, el);
   return () => page.close();

@@ -1,11 +1,14 @@
-// What was lost when a kernel died, with a way to have it back; and a word when this page's own kernel has gone.
+// An offer to restore what was lost when a kernel died; and a message when the front end's own kernel has gone.
 //
-// Python owns the offer. What a page can know of its kernel: the notebook's manager of widgets tells each model that
-// its comm is dead when the kernel is restarted by its user, and the kernel itself tells when it died and was started
-// again. Other hosts tell nothing.
+// Python owns the offer. What a front end can know of its kernel: the notebook's widget manager notifies each model
+// that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
+// started again. Other hosts signal nothing.
+
+/** @import { Model } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 
+/** @type {[string, string, string][]} command, text, tip */
 const RESTORE_BUTTONS = [
   ["restore", "Restore", "Go on with it; can be undone"],
   ["skip", "Skip", "Offer it no more; it stays under History"],
@@ -13,13 +16,28 @@ const RESTORE_BUTTONS = [
 ];
 const SURE = "Delete for good?";
 const SURE_FOR = 5000; // ms in which a second click deletes
-const GONE = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died", terminating: "was stopped" };
+/** @type {Record<string, string>} */
+const GONE = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died",
+  terminating: "was stopped" };
+
+/**
+ * A signal of Lumino.
+ * @typedef {{ connect?: (slot: StatusSlot) => void, disconnect?: (slot: StatusSlot) => void }} StatusSignal
+ */
+/** @typedef {(kernel: unknown, status: string) => void} StatusSlot */
+/** @typedef {Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } }} NotebookModel */
 
 class RestoreBarPage {
+  timer = 0;
+  isWaiting = false;
+  fate = ""; // of the kernel
+
+  /**
+   * @param {NotebookModel} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     this.model = model;
-    this.host = el;
-    this.fate = ""; // of the kernel
     this.root = pageElement("div", "dnb-restore", el, { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
     this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {
@@ -30,8 +48,9 @@ class RestoreBarPage {
       return button;
     });
     this.draw = () => this.#draw();
-    this.answered = (content) => { if (content.type === "done") this.#wait(false); };
+    this.answered = (/** @type {any} */ content) => { if (content.type === "done") this.#wait(false); };
     this.died = () => this.#gone("restarting");
+    /** @type {StatusSlot} */
     this.changed = (_kernel, status) => { if (GONE[status]) this.#gone(status); };
     for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
@@ -50,6 +69,10 @@ class RestoreBarPage {
     this.root.remove();
   }
 
+  /**
+   * @param {string} what
+   * @param {HTMLButtonElement} button
+   */
   #act(what, button) {
     if (this.isWaiting) return;
     if (what === "delete" && button.textContent !== SURE) {
@@ -61,11 +84,13 @@ class RestoreBarPage {
     this.model.send({ type: "act", what, version: this.model.get("version") });
   }
 
+  /** @param {boolean} isWaiting */
   #wait(isWaiting) {
     this.isWaiting = isWaiting;
     for (const button of this.buttons) button.disabled = isWaiting;
   }
 
+  /** @param {string} status */
   #gone(status) {
     this.fate = GONE[status];
     this.#draw();
@@ -87,6 +112,7 @@ class RestoreBarPage {
 }
 
 export default {
+  /** @param {{ model: NotebookModel, el: HTMLElement }} widget */
   render({ model, el }) {
     const page = new RestoreBarPage(model, el);
     return () => page.close();

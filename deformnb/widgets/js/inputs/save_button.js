@@ -1,18 +1,25 @@
 // The studio's button "Save", and Ctrl+S anywhere in the studio.
 
+/** @import { Model } from "../types.d.ts" */
+
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 
 class SaveButtonPage {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     this.model = model;
     this.host = el;
-    // Looks as the buttons beside it, which ipywidgets has drawn.
-    this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-save", el, { type: "button", ...OWN_KEYS });
+    // Looks like the buttons beside it, which ipywidgets has drawn.
+    this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-save", el,
+      { type: "button", ...OWN_KEYS });
     this.button.textContent = "Save";
     this.button.addEventListener("click", () => this.save());
     this.draw = () => this.#draw();
     for (const name of ["unsaved", "tip"]) model.on(`change:${name}`, this.draw);
-    this.pressed = (event) => this.#key(event);
+    this.pressed = (/** @type {KeyboardEvent} */ event) => this.#key(event);
     // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
     window.addEventListener("keydown", this.pressed, true);
     this.#draw();
@@ -26,9 +33,11 @@ class SaveButtonPage {
     this.button.remove();
   }
 
+  /** @param {KeyboardEvent} event */
   #key(event) {
-    const isSave = (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey && event.key.toLowerCase() === "s";
-    if (!isSave || !event.target?.closest?.(".dnb-studio")?.contains(this.host)) return;
+    const isCommand = (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey, { target } = event;
+    const studio = target instanceof Element ? target.closest(".dnb-studio") : null;
+    if (!isCommand || event.key.toLowerCase() !== "s" || !studio?.contains(this.host)) return;
     event.preventDefault(); // else the browser would offer to save the page
     if (!event.repeat) this.save();
   }
@@ -42,6 +51,7 @@ class SaveButtonPage {
 }
 
 export default {
+  /** @param {{ model: Model, el: HTMLElement }} widget */
   render({ model, el }) {
     const page = new SaveButtonPage(model, el);
     return () => page.close();

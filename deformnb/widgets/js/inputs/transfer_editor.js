@@ -1,39 +1,94 @@
-// The part of a value axis that is seen, and values that are stretched from one window to another. Pure functions; no DOM.
+// The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
+
+/** @import { NodeRules } from "../maths/curves.js" */
+/** @import { Model } from "../types.d.ts" */
+/** @import { NodeDrag, PlotDrag } from "./curve_plot.js" */
 
 import { lineAt, shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { KEYS_REST, listenToDrags } from "./base.js";
+import { attributeUnder, listenToDrags, numberUnder, targetIndex, targetOf, treeOf } from "./base.js";
 import { ARROWS, CurvePlot, pathOf, PLOT } from "./curve_plot.js";
+
+/**
+ * A value and its red, green and blue, from 0 to 1.
+ * @typedef {number[]} ColorStop
+ */
+
+/** @typedef {"level" | "low" | "high"} WindowPart */
+
+/**
+ * A state before a drag.
+ * @typedef {{ nodes: number[][], colors: ColorStop[], named: string }} Kept
+ */
+
+// ---- the part of the axis of values that is seen, and the window (no DOM) -------------------------------------------
 
 const FINEST = 1 / 500; // share of the whole axis that is seen at most enlarged
 const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the wheel
 
-// [low, high] with a value kept where it is, within the whole axis; null where all of it is seen.
+/**
+ * The seen part of the axis, zoomed by a factor about a value and kept within the whole axis; null where all of it is
+ * seen.
+ * @param {number[]} seen
+ * @param {number[]} whole
+ * @param {number} factor
+ * @param {number} at
+ * @returns {number[] | null}
+ */
 export function zoomedAxis([low, high], [first, last], factor, at) {
   const span = last - first, width = Math.max(FINEST * span, (high - low) / factor);
   if (width >= span * (1 - 1e-9)) return null;
   return keptInside([at - (at - low) * width / (high - low), width], [first, last]);
 }
 
-// The axis moved along, within the whole axis.
+/**
+ * The seen part of the axis, moved and kept within the whole axis.
+ * @param {number[]} seen
+ * @param {number[]} whole
+ * @param {number} by
+ */
 export function pannedAxis([low, high], whole, by) { return keptInside([low + by, high - low], whole); }
 
+/**
+ * @param {number[]} part its low end and its width
+ * @param {number[]} whole
+ * @returns {number[]}
+ */
 function keptInside([low, width], [first, last]) {
   const from = Math.max(first, Math.min(last - width, low));
   return [from, from + width];
 }
 
-// As TransferFunction.windowed does: both ends are met exactly.
+/**
+ * A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly.
+ * @param {number} value
+ * @param {number[]} from
+ * @param {number[]} to
+ */
 export function stretchedValue(value, [first, last], [low, high]) {
   return value === last ? high : Math.min(high, low + (value - first) / (last - first) * (high - low));
 }
 
+/**
+ * The window of a transfer function, from its first value to its last.
+ * @param {number[][]} nodes
+ * @param {ColorStop[]} stops
+ * @returns {number[]}
+ */
 export function windowOf(nodes, stops) {
-  const values = [...nodes, ...stops].map(([value]) => value);
+  const values = [...nodes, ...stops].map((row) => row[0]);
   return [Math.min(...values), Math.max(...values)];
 }
 
-// What a drag of one end ("low", "high") or of the whole ("level") makes of a window: at least this wide, within limits.
+/**
+ * A window after a drag of one end or of the whole ("level"): at least so wide, and within limits.
+ * @param {number[]} window
+ * @param {WindowPart} part
+ * @param {number} by
+ * @param {number} least
+ * @param {number[]} limits
+ * @returns {number[]}
+ */
 export function movedWindow([low, high], part, by, least, [first, last]) {
   if (part === "low") return [Math.max(Math.min(first, low), Math.min(high - least, low + by)), high];
   if (part === "high") return [low, Math.min(Math.max(last, high), Math.max(low + least, high + by))];
@@ -41,43 +96,82 @@ export function movedWindow([low, high], part, by, least, [first, last]) {
   return [low + shift, high + shift];
 }
 
-// The colours of a transfer function: a strip, and under it stops that are dragged, added, removed and recoloured.
-// Needs maths/curves.js, ui/dom.js and inputs/base.js; ColorStops belongs to a TransferEditorPage.
+// ---- the colours: a strip, and under it stops that are dragged, added, removed and recoloured -----------------------
 
 const STRIP = { top: 28, height: 12 }; // CSS pixels, from the floor of the plot
 const PIN = "M0 -1L6 6V15.5H-6V6Z";
 
+/** @param {number[]} rgb */
 export function hexOf(rgb) {
   return `#${rgb.map((v) => Math.round(255 * Math.max(0, Math.min(1, v))).toString(16).padStart(2, "0")).join("")}`;
 }
 
-export function rgbOf(hex) { return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255); }
+/**
+ * @param {string} hex
+ * @returns {number[]}
+ */
+export function rgbOf(hex) {
+  /** @param {number} k */
+  const part = (k) => parseInt(hex.slice(k, k + 2), 16) / 255;
+  return [part(1), part(3), part(5)];
+}
 
-// Red, green and blue at a value, linear between stops [value, red, green, blue].
-export function colorAt(stops, value) { return [1, 2, 3].map((c) => lineAt(stops.map((stop) => [stop[0], stop[c]]), value)); }
+/**
+ * Red, green and blue at a value, linear between stops.
+ * @param {ColorStop[]} stops
+ * @param {number} value
+ * @returns {number[]}
+ */
+export function colorAt(stops, value) {
+  /** @param {1 | 2 | 3} c */
+  const part = (c) => lineAt(stops.map((stop) => [stop[0], stop[c]]), value);
+  return [part(1), part(2), part(3)];
+}
 
-// A stop keeps its place among the others. No edit changes the list it is given.
+/**
+ * Stops with one of them moved, which keeps its place among the others. No edit changes the list it is given.
+ * @param {ColorStop[]} stops
+ * @param {number} k
+ * @param {number} value
+ * @param {number[]} range
+ * @returns {ColorStop[]}
+ */
 export function movedStop(stops, k, value, [first, last]) {
   const low = k > 0 ? stops[k - 1][0] : Math.min(first, stops[0][0]);
   const high = k < stops.length - 1 ? stops[k + 1][0] : Math.max(last, stops[stops.length - 1][0]);
-  const [, ...rgb] = stops[k];
-  return stops.map((stop, j) => (j === k ? [Math.max(low, Math.min(high, value)), ...rgb] : stop));
+  const [, r, g, b] = stops[k];
+  return stops.map((stop, j) => (j === k ? [Math.max(low, Math.min(high, value)), r, g, b] : stop));
 }
 
-// [stops, index of the new one]: nothing changes its colour.
+/**
+ * Stops with another one that changes no colour, and its index.
+ * @param {ColorStop[]} stops
+ * @param {number} value
+ * @returns {[ColorStop[], number]}
+ */
 export function addedStop(stops, value) {
   const index = stops.findIndex((stop) => stop[0] > value), k = index < 0 ? stops.length : index;
   return [[...stops.slice(0, k), [value, ...colorAt(stops, value)], ...stops.slice(k)], k];
 }
 
 class ColorStops {
+  chosen = 0;
+  /** @type {SVGGElement[]} */
+  grips = [];
+  isPicking = false;
+
+  /**
+   * @param {TransferEditorPage} page
+   * @param {string} fill of the strip
+   */
   constructor(page, fill) {
-    Object.assign(this, { page, chosen: 0, grips: [], isPicking: false });
+    this.page = page;
     this.group = svgElement("g", { class: "dnb-cv-stops" }, page.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Colours";
     this.strip = svgElement("rect", { class: "dnb-cv-strip", fill, height: STRIP.height, rx: 2 }, this.group);
-    this.ground = svgElement("rect", { class: "dnb-cv-hit", height: STRIP.height + 18 }, this.group); // for double clicks
+    // Double clicks go to this.
+    this.ground = svgElement("rect", { class: "dnb-cv-hit", height: STRIP.height + 18 }, this.group);
     this.cancelDrag = listenToDrags(page, this.group, this);
     page.listen(this.group, "dblclick", (event) => this.#doubleClick(event));
     page.listen(this.group, "contextmenu", (event) => {
@@ -86,12 +180,8 @@ class ColorStops {
       event.preventDefault();
       if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
     });
-  }
-
-  /** The browser's own input of a colour, for the chosen stop. */
-  addPicker(bar) {
-    const { page } = this;
-    this.picker = pageElement("input", "dnb-cv-color", bar, { type: "color", ...OWN_KEYS });
+    // The browser's own input of a colour, for the bar.
+    this.picker = pageElement("input", "dnb-cv-color", null, { type: "color", ...OWN_KEYS });
     page.listen(this.picker, "input", () => this.#recolour());
     page.listen(this.picker, "change", () => { this.#recolour(); this.#picked(); });
     page.listen(this.picker, "blur", () => this.#picked());
@@ -99,8 +189,10 @@ class ColorStops {
 
   get stops() { return this.page.colors; }
 
+  /** The value that Python gets. */
   value() { return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) }; }
 
+  /** @param {number} k */
   words(k) {
     const [value, ...rgb] = this.stops[k];
     return `value ${this.page.shownValue(value)}, colour ${hexOf(rgb)}`;
@@ -110,21 +202,25 @@ class ColorStops {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  #at(event) {
-    const hit = this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-stop]");
-    return hit && this.group.contains(hit) ? Number(hit.dataset.stop) : null;
-  }
+  /** The index of the stop under the pointer. @param {MouseEvent} event */
+  #at(event) { return numberUnder(event, this.group, "data-stop"); }
 
+  /**
+   * @param {ColorStop[]} stops
+   * @param {number} chosen
+   */
   #show(stops, chosen = this.chosen) {
     this.chosen = chosen;
     this.page.changed({ colors: stops });
   }
 
+  /** @param {number} k */
   choose(k) {
     this.chosen = k;
     this.page.choose(this);
   }
 
+  /** @param {PointerEvent} event */
   press(event) {
     const { page } = this, k = page.isReadOnly ? null : this.#at(event);
     if (k === null) return null;
@@ -135,14 +231,27 @@ class ColorStops {
     return { k, from: page.toPixel([this.stops[k][0], 0])[0], before: page.kept() };
   }
 
+  /**
+   * @param {{ k: number, from: number, before: Kept }} grabbed
+   * @param {number[]} by
+   */
   drag({ k, from, before }, [dx]) {
     const { page } = this, [value] = page.tidy(page.toPlace([from + dx, 0]));
     this.#show(movedStop(before.colors, k, value, page.range), k);
     page.move(this.value());
   }
 
+  /**
+   * @param {{ before: Kept }} grabbed
+   * @param {boolean} isCancelled
+   * @param {boolean} isClick
+   */
   drop({ before }, isCancelled, isClick) { this.page.dropped(this, before, isCancelled, isClick); }
 
+  /**
+   * @param {number} k
+   * @param {number} by
+   */
   nudge(k, by) {
     const { page } = this;
     page.nudging(this);
@@ -151,6 +260,7 @@ class ColorStops {
     page.move(this.value());
   }
 
+  /** @param {number} value */
   add(value) {
     const { page } = this;
     if (page.isReadOnly) return;
@@ -172,12 +282,13 @@ class ColorStops {
 
   get canRemove() { return this.stops.length > 1; }
 
+  /** @param {number} k */
   remove(k) {
     const { page } = this;
     if (page.isReadOnly) return;
     page.settle();
     if (!this.canRemove) { page.say("One colour stays."); return; }
-    const hadFocus = this.group.contains(page.root.getRootNode().activeElement);
+    const hadFocus = this.group.contains(treeOf(page.root).activeElement);
     this.#show(this.stops.filter((_, j) => j !== k), Math.min(k, this.stops.length - 2));
     page.commitOf(this);
     if (hadFocus) this.#focus(); else page.draw();
@@ -191,6 +302,7 @@ class ColorStops {
     this.grips[this.chosen].focus({ preventScroll: true });
   }
 
+  /** @param {MouseEvent} event */
   #doubleClick(event) {
     event.preventDefault();
     event.stopPropagation();
@@ -204,14 +316,14 @@ class ColorStops {
     if (this.page.isReadOnly) return;
     this.page.draw();
     this.picker.focus({ preventScroll: true });
-    try { this.picker.showPicker(); } catch { /* not without a hand's own click: Enter opens them */ }
+    try { this.picker.showPicker(); } catch { /* only a click of the user may: Enter opens them */ }
   }
 
   #recolour() {
-    const { page } = this, rgb = rgbOf(this.picker.value);
+    const { page } = this, [r, g, b] = rgbOf(this.picker.value);
     if (page.isReadOnly || hexOf(this.stops[this.chosen].slice(1)) === this.picker.value) return;
     this.isPicking = page.isHeld = true;
-    this.#show(this.stops.map((stop, j) => (j === this.chosen ? [stop[0], ...rgb] : stop)));
+    this.#show(this.stops.map((stop, j) => (j === this.chosen ? [stop[0], r, g, b] : stop)));
     page.choose(this);
     page.move(this.value());
   }
@@ -222,8 +334,9 @@ class ColorStops {
     this.page.commitOf(this);
   }
 
+  /** Returns whether the key is one of the stops. @param {KeyboardEvent} event */
   key(event) {
-    const k = this.grips.indexOf(event.target), { page } = this;
+    const k = targetIndex(this.grips, event), { page } = this;
     if (k < 0 || page.isReadOnly) return false;
     const step = ARROWS[event.key];
     if (step) this.nudge(k, (step[0] + step[1]) * page.valueStep(event.shiftKey));
@@ -236,62 +349,69 @@ class ColorStops {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
+  /** @param {number} floor of the plot, in pixels */
   draw(floor) {
     const { page } = this, { left, width } = page.box, top = floor + STRIP.top;
     this.chosen = Math.min(this.chosen, this.stops.length - 1);
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     setAttributes(this.strip, { x: left, y: top, width });
     setAttributes(this.ground, { x: left, y: top, width });
-    while (this.grips.length > this.stops.length) this.grips.pop().remove();
+    while (this.grips.length > this.stops.length) this.grips.pop()?.remove();
     while (this.grips.length < this.stops.length) this.grips.push(this.#grip(this.grips.length));
     const [first, last] = page.range;
     this.stops.forEach(([value, ...rgb], k) => {
       const [x] = page.toPixel([value, 0]), grip = this.grips[k], isChosen = k === this.chosen;
       setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top + STRIP.height})`, tabindex: 0,
-        "aria-label": `colour ${k + 1} of ${this.stops.length}`, "aria-valuetext": this.words(k), "aria-valuenow": value,
-        "aria-valuemin": first, "aria-valuemax": last, "aria-readonly": page.isReadOnly });
-      grip.querySelector(".dnb-cv-pin").setAttribute("fill", hexOf(rgb));
+        "aria-label": `colour ${k + 1} of ${this.stops.length}`, "aria-valuetext": this.words(k),
+        "aria-valuenow": value, "aria-valuemin": first, "aria-valuemax": last, "aria-readonly": page.isReadOnly });
+      grip.querySelector(".dnb-cv-pin")?.setAttribute("fill", hexOf(rgb));
       grip.classList.toggle("dnb-cv-chosen", isChosen && page.row === this);
       grip.style.display = page.isSeen(value) ? "" : "none";
     });
     this.#drawPicker();
   }
 
+  /** @param {number} k */
   #grip(k) {
-    const { page } = this, grip = svgElement("g", { class: "dnb-cv-grip", "data-stop": k, role: "slider", ...OWN_KEYS }, this.group);
+    const { page } = this;
+    const grip = svgElement("g", { class: "dnb-cv-grip", "data-stop": k, role: "slider", ...OWN_KEYS }, this.group);
     svgElement("rect", { class: "dnb-cv-hit", x: -10, y: -STRIP.height, width: 20, height: STRIP.height + 18 }, grip);
     svgElement("path", { class: "dnb-cv-ring", d: PIN }, grip);
     svgElement("path", { class: "dnb-cv-pin", d: PIN }, grip);
-    svgElement("title", {}, grip).textContent = "Drag; double click or Enter: another colour; right click or Del: remove";
+    const tip = "Drag; double click or Enter: another colour; right click or Del: remove";
+    svgElement("title", {}, grip).textContent = tip;
     page.listen(grip, "focus", () => { if (!page.isHeld) this.choose(this.grips.indexOf(grip)); });
     return grip;
   }
 
   #drawPicker() {
-    const { picker, page } = this, hex = hexOf(this.stops[this.chosen].slice(1));
+    const { picker, page } = this, [value, ...rgb] = this.stops[this.chosen], hex = hexOf(rgb);
     if (!this.isPicking && picker.value !== hex) picker.value = hex;
     picker.disabled = page.isReadOnly;
     setAttributes(picker, { title: "Another colour for the chosen stop",
-      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${page.shownValue(this.stops[this.chosen][0])}` });
+      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${page.shownValue(value)}` });
   }
 }
 
-// The window of a transfer function: a bar from its first to its last node. Its ends are the window's, all of it is the
-// level; what is dragged takes all nodes and colours along. Needs inputs/transfer_editor.js, ui/dom.js and inputs/base.js;
-// WindowBar belongs to a TransferEditorPage.
+// ---- the window: a bar from the first value to the last, whose drags take all nodes and colours along ---------------
 
 const BAR_AT = { top: 64, height: 12 }; // CSS pixels, from the floor of the plot
-const WINDOW_PARTS = { level: "level: all values", low: "low end", high: "high end" };
+const WINDOW_PARTS = /** @type {const} */ (["level", "low", "high"]);
 const NARROWEST = 1 / 1000; // of the values of the volume
 
 class WindowBar {
+  /** @type {WindowPart} */
+  part = "level";
+
+  /** @param {TransferEditorPage} page */
   constructor(page) {
-    Object.assign(this, { page, part: "level", grips: {} });
+    this.page = page;
     this.group = svgElement("g", { class: "dnb-cv-window" }, page.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Window";
     this.rail = svgElement("path", { class: "dnb-cv-rail", "aria-hidden": "true" }, this.group);
-    for (const [part, text] of Object.entries(WINDOW_PARTS)) this.grips[part] = this.#grip(part, text);
+    this.grips = { level: this.#grip("level", "level: all values"), low: this.#grip("low", "low end"),
+      high: this.#grip("high", "high end") };
     this.cancelDrag = listenToDrags(page, this.group, this);
     page.listen(this.group, "dblclick", (event) => {
       event.preventDefault();
@@ -302,7 +422,7 @@ class WindowBar {
 
   get window() { return windowOf(this.page.nodes, this.page.colors); }
 
-  /** How far either end may go: as far again as the values of the volume reach. */
+  /** Limits of either end: as far again as the values of the volume reach. @returns {number[]} */
   get limits() {
     const { low, high } = this.page.model.get("histogram");
     return [low - (high - low), high + (high - low)];
@@ -319,30 +439,41 @@ class WindowBar {
     return !(high > low);
   }
 
+  /** The value that Python gets. */
   value() { return { window: this.window }; }
 
   facts() {
     const [low, high] = this.window, { page } = this;
-    return `Window ${page.shownValue(low)} to ${page.shownValue(high)}: level ${page.shownValue((low + high) / 2)}, width ${page.shownValue(high - low)}`;
+    const level = page.shownValue((low + high) / 2), width = page.shownValue(high - low);
+    return `Window ${page.shownValue(low)} to ${page.shownValue(high)}: level ${level}, width ${width}`;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
+  /** The part of the bar under the pointer. @param {MouseEvent} event */
   #at(event) {
-    const hit = this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY)?.closest?.("[data-window]");
-    return hit && this.group.contains(hit) ? hit.dataset.window : null;
+    const found = attributeUnder(event, this.group, "data-window");
+    return WINDOW_PARTS.find((part) => part === found) ?? null;
   }
 
+  /** @param {WindowPart} part */
   choose(part) {
     this.part = part;
     this.page.choose(this);
   }
 
+  /**
+   * Stretch nodes and colours to a window.
+   * @param {{ nodes: number[][], colors: ColorStop[] }} from
+   * @param {number[]} to
+   */
   #show({ nodes, colors }, to) {
-    const from = windowOf(nodes, colors), at = (row) => [stretchedValue(row[0], from, to), ...row.slice(1)];
-    this.page.changed({ nodes: nodes.map(at), colors: colors.map(at) });
+    const from = windowOf(nodes, colors);
+    this.page.changed({ nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
+      colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]) });
   }
 
+  /** @param {PointerEvent} event */
   press(event) {
     const { page } = this, part = page.isReadOnly || this.isFlat ? null : this.#at(event);
     if (part === null) return null;
@@ -353,15 +484,29 @@ class WindowBar {
     return { part, before: page.kept() };
   }
 
+  /**
+   * @param {{ part: WindowPart, before: Kept }} grabbed
+   * @param {number[]} by
+   */
   drag({ part, before }, [dx]) {
     const { page } = this, [[x0, x1]] = page.view, [low, high] = windowOf(before.nodes, before.colors);
-    const end = part === "high" ? high : low, by = page.tidy([end + dx / page.box.width * (x1 - x0), 0], true, false)[0] - end;
+    const end = part === "high" ? high : low, to = end + dx / page.box.width * (x1 - x0);
+    const by = page.tidy([to, 0], true, false)[0] - end;
     this.#show(before, movedWindow([low, high], part, by, this.least, this.limits));
     page.move(this.value());
   }
 
+  /**
+   * @param {{ before: Kept }} grabbed
+   * @param {boolean} isCancelled
+   * @param {boolean} isClick
+   */
   drop({ before }, isCancelled, isClick) { this.page.dropped(this, before, isCancelled, isClick); }
 
+  /**
+   * @param {WindowPart} part
+   * @param {number} by
+   */
   nudge(part, by) {
     const { page } = this;
     if (this.isFlat) return;
@@ -371,8 +516,9 @@ class WindowBar {
     page.move(this.value());
   }
 
+  /** Returns whether the key is one of the window. @param {KeyboardEvent} event */
   key(event) {
-    const { page } = this, part = Object.keys(this.grips).find((name) => this.grips[name] === event.target);
+    const { page } = this, part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
     if (!part || page.isReadOnly) return false;
     const step = ARROWS[event.key];
     if (step) this.nudge(part, (step[0] + step[1]) * page.valueStep(event.shiftKey));
@@ -383,9 +529,13 @@ class WindowBar {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
+  /**
+   * @param {WindowPart} part
+   * @param {string} text
+   */
   #grip(part, text) {
-    const { page } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part, role: "slider",
-      tabindex: 0, "aria-label": `window, ${text}`, ...OWN_KEYS }, this.group);
+    const { page } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part,
+      role: "slider", tabindex: 0, "aria-label": `window, ${text}`, ...OWN_KEYS }, this.group);
     const tip = part === "level" ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
       : "Drag: all nodes and colours are stretched";
     svgElement("title", {}, grip).textContent = tip;
@@ -393,7 +543,8 @@ class WindowBar {
       svgElement("rect", { class: "dnb-cv-hit", y: -6, height: BAR_AT.height + 12 }, grip);
       svgElement("rect", { class: "dnb-cv-span", height: BAR_AT.height, rx: 3 }, grip);
     } else {
-      svgElement("rect", { class: "dnb-cv-hit", x: part === "low" ? -14 : -4, y: -6, width: 18, height: BAR_AT.height + 12 }, grip);
+      const x = part === "low" ? -14 : -4;
+      svgElement("rect", { class: "dnb-cv-hit", x, y: -6, width: 18, height: BAR_AT.height + 12 }, grip);
       svgElement("rect", { class: "dnb-cv-end", x: -4, y: -3, width: 8, height: BAR_AT.height + 6, rx: 3 }, grip);
       svgElement("path", { class: "dnb-cv-notch", d: `M-1 1.5v9M1 1.5v9` }, grip);
     }
@@ -401,27 +552,30 @@ class WindowBar {
     return grip;
   }
 
+  /** @param {number} floor of the plot, in pixels */
   draw(floor) {
     const { page } = this, { left, width } = page.box, top = floor + BAR_AT.top, [low, high] = this.window;
+    /** @param {number} value */
     const inside = (value) => Math.max(left, Math.min(left + width, page.toPixel([value, 0])[0]));
     const from = inside(low), to = inside(high), middle = (low + high) / 2;
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     this.rail.setAttribute("d", `M${left} ${top + BAR_AT.height / 2}h${width}`);
     const [first, last] = this.limits;
-    for (const [part, value, x] of [["level", middle, from], ["low", low, from], ["high", high, to]]) {
-      const grip = this.grips[part];
-      setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top})`, "aria-valuenow": value, "aria-valuemin": first,
-        "aria-valuemax": last, "aria-valuetext": page.shownValue(value), "aria-readonly": page.isReadOnly,
-        "aria-disabled": this.isFlat });
+    const places = { level: { value: middle, x: from }, low: { value: low, x: from }, high: { value: high, x: to } };
+    for (const part of WINDOW_PARTS) {
+      const grip = this.grips[part], { value, x } = places[part];
+      setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top})`, "aria-valuenow": value,
+        "aria-valuemin": first, "aria-valuemax": last, "aria-valuetext": page.shownValue(value),
+        "aria-readonly": page.isReadOnly, "aria-disabled": this.isFlat });
       grip.classList.toggle("dnb-cv-chosen", page.row === this && this.part === part);
       grip.classList.toggle("dnb-cv-beyond", part !== "level" && !page.isSeen(value));
     }
-    for (const rect of this.grips.level.querySelectorAll("rect")) rect.setAttribute("width", Math.max(0, to - from).toFixed(2));
+    const length = Math.max(0, to - from).toFixed(2);
+    for (const rect of this.grips.level.querySelectorAll("rect")) rect.setAttribute("width", length);
   }
 }
 
-// The transfer editor: opacity over the histogram of a volume, below it colours and the window of both. Joined behind the
-// files that widgets/inputs/transfer_editor.py names.
+// ---- the widget -----------------------------------------------------------------------------------------------------
 
 export const ROWS = { ...PLOT, left: 58, bottom: 92 }; // room for colours and window under the axis
 const LEAST_BAR = 1.5; // CSS pixels
@@ -432,23 +586,27 @@ const VALUE_ICONS = {
 };
 
 class TransferEditorPage extends CurvePlot {
+  margins = ROWS;
+  /** @type {ColorStop[]} */
+  colors = [];
+  back = ""; // the preset that "Reset" takes
+  /** @type {number[]} */
+  range = [0, 1];
+  /** @type {number[] | null} the part of the axis that is seen; null for all of it */
+  zoom = null;
+  /** @type {ColorStops | WindowBar | null} the row at which the user works; null for the nodes of the curve */
+  row = null;
+  /** @type {ColorStops | WindowBar | null} the row that arrow keys have changed */
+  pending = null;
+  hintTimer = 0;
+  hinted = "";
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
   constructor(model, el) {
     super(model, el, "dnb-transfer-editor");
-    Object.assign(this, { margins: ROWS, zoom: null, row: null, pending: null, hintTimer: 0, hinted: "" });
-    this.#build();
-    this.on("change:histogram", () => { this.zoom = null; this.invalidate(); });
-    for (const name of ["height", "power"]) this.on(`change:${name}`, () => { this.power = model.get("power"); this.invalidate(); });
-    this.power = model.get("power") || 1;
-    this.listen(this.svg, "wheel", (event) => this.wheel(event), { passive: false });
-    this.start();
-  }
-
-  close() {
-    clearTimeout(this.hintTimer);
-    super.close();
-  }
-
-  #build() {
     this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Presets", ...OWN_KEYS });
     pageElement("option", "", this.chooser, { value: "" }).textContent = "own settings";
     for (const name of this.model.get("presets") ?? []) {
@@ -471,31 +629,52 @@ class TransferEditorPage extends CurvePlot {
     this.window = new WindowBar(this);
     this.rows = [this.stops, this.window];
     this.listen(this.frontLayer, "focusin", () => this.choose(null));
-    this.stops.addPicker(this.bar);
-    this.addButtons();
+    this.bar.append(this.stops.picker, this.pair);
     pageElement("span", "dnb-cv-gap", this.bar);
     this.nearer = this.#button("in", "Zoom into the values (+, or the wheel)", () => this.zoomBy(2));
     this.farther = this.#button("out", "Zoom out (\u2212)", () => this.zoomBy(0.5));
     this.wholer = this.#button("all", "Show all values (0)", () => this.zoomTo(null));
+    this.power = model.get("power") || 1;
+    this.on("change:histogram", () => { this.zoom = null; this.invalidate(); });
+    for (const name of ["height", "power"]) {
+      this.on(`change:${name}`, () => { this.power = model.get("power"); this.invalidate(); });
+    }
+    this.listen(this.svg, "wheel", (event) => this.wheel(event), { passive: false });
+    this.start();
   }
 
+  close() {
+    clearTimeout(this.hintTimer);
+    super.close();
+  }
+
+  /**
+   * @param {"in" | "out" | "all"} icon
+   * @param {string} tip
+   * @param {() => void} action
+   */
   #button(icon, tip, action) {
-    const button = pageElement("button", "dnb-cv-button", this.bar, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
-    const drawn = svgElement("svg", { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
+    const button = pageElement("button", "dnb-cv-button", this.bar,
+      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const drawn = svgElement("svg", { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true",
+      focusable: "false" }, button);
     svgElement("path", { d: VALUE_ICONS[icon] }, drawn);
     this.listen(button, "click", action);
     return button;
   }
 
+  /** @param {{ nodes: number[][], colors: ColorStop[], preset: string, range: number[], back: string }} shown */
   adopt(shown) {
-    const { nodes, colors, preset: named, range, back } = shown;
-    Object.assign(this, { nodes, colors, named, range, back });
+    this.nodes = shown.nodes;
+    this.colors = shown.colors;
+    this.named = shown.preset;
+    this.range = shown.range;
+    this.back = shown.back;
     if (this.zoom) this.zoom = zoomedAxis(this.zoom, this.whole, 1, this.zoom[0]);
     this.view = this.axes();
   }
 
-  value() { return { nodes: this.nodes }; }
-
+  /** @param {string} preset */
   take(preset) {
     if (this.isReadOnly) { this.invalidate(); return; }
     this.settle();
@@ -505,24 +684,29 @@ class TransferEditorPage extends CurvePlot {
 
   // ---- edits of nodes, colours and window ------------------------------------------------------------------------
 
-  /** What a drag may have to come back to. */
+  /** The state that a cancelled drag restores. @returns {Kept} */
   kept() {
     const { nodes, colors, named } = this;
     return { nodes, colors, named };
   }
 
+  /** @param {Partial<Kept>} what */
   changed(what) {
     Object.assign(this, what);
     this.named = "";
     this.invalidate();
   }
 
-  /** The row that a hand is at; null for the nodes of the curve. */
+  /**
+   * Make a row the one at which the user works; null for the nodes of the curve.
+   * @param {ColorStops | WindowBar | null} row
+   */
   choose(row) {
     this.row = row;
     this.invalidate();
   }
 
+  /** @param {ColorStops | WindowBar} row */
   commitOf(row) {
     clearTimeout(this.keyTimer);
     this.pending = null;
@@ -532,23 +716,29 @@ class TransferEditorPage extends CurvePlot {
     this.invalidate();
   }
 
+  /**
+   * End a drag of a row.
+   * @param {ColorStops | WindowBar} row
+   * @param {Kept} before
+   * @param {boolean} isCancelled
+   * @param {boolean} isClick
+   */
   dropped(row, before, isCancelled, isClick) {
     if (!isCancelled && !isClick) { this.commitOf(row); return; }
     this.isHeld = false;
     Object.assign(this, before);
-    // Whoever followed the movements hears where it ended; Python's value has not changed.
+    // Whoever followed the movements must get the value at the end; Python's has not changed.
     if (isCancelled && this.model.get("live")) this.end(before.named ? { preset: before.named } : row.value());
     else this.receive();
     this.invalidate();
   }
 
-  /** An arrow key is at work on a row: keys held down are one edit. */
+  /** Begin an edit of a row by an arrow key: keys held down are one edit. @param {ColorStops | WindowBar} row */
   nudging(row) {
     if (this.pending !== row) this.settle();
     this.pending = row;
     this.isHeld = true;
-    clearTimeout(this.keyTimer);
-    this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
+    this.settleSoon();
   }
 
   settle() {
@@ -556,32 +746,43 @@ class TransferEditorPage extends CurvePlot {
     else super.settle();
   }
 
+  /**
+   * @param {number[][]} nodes
+   * @param {number} chosen
+   */
   show(nodes, chosen) {
     super.show(nodes, chosen);
     this.row = null;
     this.reveal(nodes[chosen][0]);
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @returns {NodeDrag | PlotDrag | null}
+   */
   press(event) {
     const grabbed = super.press(event);
     if (grabbed !== null) { this.choose(null); return grabbed; }
     const [x, y] = this.pointOf(event), { left, top, width, height } = this.box;
     const isInside = x > left && x < left + width && y > top && y < top + height;
-    return this.zoom && isInside && event.target.closest(".dnb-cv-grip") === null ? { pan: this.zoom } : null;
+    return this.zoom && isInside && targetOf(event).closest(".dnb-cv-grip") === null ? { pan: this.zoom } : null;
   }
 
+  /**
+   * @param {NodeDrag | PlotDrag} grabbed
+   * @param {number[]} by
+   */
   drag(grabbed, by) {
-    if (!grabbed.pan) { super.drag(grabbed, by); return; }
+    if (!("pan" in grabbed)) { super.drag(grabbed, by); return; }
     const [low, high] = grabbed.pan;
     this.zoomTo(pannedAxis(grabbed.pan, this.whole, -by[0] / this.box.width * (high - low)));
   }
-
-  drop(grabbed, isCancelled, isClick) { if (!grabbed.pan) super.drop(grabbed, isCancelled, isClick); }
 
   addChosen() { if (this.row === this.stops) this.stops.addChosen(); else super.addChosen(); }
 
   removeChosen() { if (this.row === this.stops) this.stops.removeChosen(); else super.removeChosen(); }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey) return;
     const isEscaped = event.key === "Escape" && this.rows.some((row) => row.cancelDrag());
@@ -592,25 +793,33 @@ class TransferEditorPage extends CurvePlot {
 
   // ---- the values that are seen ------------------------------------------------------------------------------------
 
+  /** The ends of the whole axis of values. @returns {number[]} */
   get whole() {
     const [low, high] = this.range;
     return [low, high > low ? high : low + 1];
   }
 
+  /** @param {number} value */
   isSeen(value) {
     const [[low, high]] = this.view, slack = 1e-9 * (high - low);
     return value >= low - slack && value <= high + slack;
   }
 
+  /** @param {number[] | null} zoom */
   zoomTo(zoom) {
     this.zoom = zoom;
     this.view = this.axes();
     this.invalidate();
   }
 
-  /** About a value, by default the chosen one where it is seen. */
+  /**
+   * Zoom about a value, by default the chosen one where it is seen.
+   * @param {number} factor
+   * @param {number} [about]
+   */
   zoomBy(factor, about) {
-    const [[low, high]] = this.view, chosen = this.row === this.stops ? this.colors[this.stops.chosen][0] : this.nodes[this.chosen][0];
+    const [[low, high]] = this.view;
+    const chosen = this.row === this.stops ? this.colors[this.stops.chosen][0] : this.nodes[this.chosen][0];
     const at = about ?? (this.isSeen(chosen) && !(this.row === this.window) ? chosen : (low + high) / 2);
     this.zoomTo(zoomedAxis([low, high], this.whole, factor, at));
   }
@@ -618,19 +827,19 @@ class TransferEditorPage extends CurvePlot {
   zoomToWindow() {
     const [low, high] = this.window.window, room = 0.1 * (high - low), whole = this.whole;
     if (!(high > low)) return;
-    const wanted = [Math.max(whole[0], low - room), Math.min(whole[1], high + room)];
-    this.zoomTo(zoomedAxis(wanted, whole, 1, low));
+    this.zoomTo(zoomedAxis([Math.max(whole[0], low - room), Math.min(whole[1], high + room)], whole, 1, low));
   }
 
-  /** What an arrow key takes beyond the edge is seen again. */
+  /** Bring a value back into sight that an arrow key has moved beyond the edge. @param {number} value */
   reveal(value) {
     if (!this.zoom || this.isSeen(value)) return;
     const [low, high] = this.zoom;
     this.zoomTo(pannedAxis(this.zoom, this.whole, value < low ? value - low : value - high));
   }
 
+  /** @param {KeyboardEvent} event */
   #zoomKey(event) {
-    if (!this.svg.contains(event.target)) return false;
+    if (!this.svg.contains(targetOf(event))) return false;
     if (event.key === "+" || event.key === "=") this.zoomBy(2);
     else if (event.key === "-") this.zoomBy(0.5);
     else if (event.key === "0") this.zoomTo(null);
@@ -638,15 +847,16 @@ class TransferEditorPage extends CurvePlot {
     return true;
   }
 
-  // The wheel belongs to the page that scrolls, until someone works in here.
+  /** Zoom. The wheel scrolls the page until the user works in here. @param {WheelEvent} event */
   wheel(event) {
-    const isWanted = event.ctrlKey || event.metaKey || this.root.contains(this.root.getRootNode().activeElement);
-    if (!isWanted) { this.hint("Click here, or hold Ctrl, to zoom with the wheel"); return; }
-    if (!this.zoom && event.deltaY >= 0 && !event.ctrlKey && !event.metaKey) return; // all is seen: let the page scroll
+    const isCommand = event.ctrlKey || event.metaKey, isFocused = this.root.contains(treeOf(this.root).activeElement);
+    if (!isCommand && !isFocused) { this.hint("Click here, or hold Ctrl, to zoom with the wheel"); return; }
+    if (!this.zoom && event.deltaY >= 0 && !isCommand) return; // all is seen: let the page scroll
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [[low, high]] = this.view;
     if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
-      if (this.zoom) this.zoomTo(pannedAxis(this.zoom, this.whole, event.deltaX * lines / this.box.width * (high - low)));
+      const by = event.deltaX * lines / this.box.width * (high - low);
+      if (this.zoom) this.zoomTo(pannedAxis(this.zoom, this.whole, by));
       return;
     }
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
@@ -654,6 +864,7 @@ class TransferEditorPage extends CurvePlot {
     this.zoomBy(Math.exp(-delta * (event.ctrlKey ? 0.01 : WHEEL_STEP)), at);
   }
 
+  /** @param {string} text */
   hint(text) {
     this.hinted = text;
     clearTimeout(this.hintTimer);
@@ -663,16 +874,25 @@ class TransferEditorPage extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
+  /** @returns {NodeRules} */
   rules() { return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
 
+  /** @returns {number[][]} */
   axes() { return [this.zoom ?? this.whole, [0, 1]]; }
 
-  // A hand keeps what it drags within what is seen; the ends of the window may leave it.
+  /**
+   * The same, kept within what is seen; the ends of the window may leave it.
+   * @param {number[]} place
+   * @param {boolean} [isFree]
+   * @param {boolean} [isInside]
+   * @returns {number[]}
+   */
   tidy([x, y], isFree = false, isInside = true) {
     const [[low, high]] = this.view;
     return super.tidy([isInside ? Math.max(low, Math.min(high, x)) : x, y], isFree);
   }
 
+  /** The step of an arrow key along the axis of values. @param {boolean} isFar */
   valueStep(isFar) {
     const [[low, high]] = this.view;
     return (isFar ? 10 : 1) * (high - low) / 200;
@@ -688,37 +908,43 @@ class TransferEditorPage extends CurvePlot {
     });
   }
 
+  /** @param {number} alpha */
   tickText(alpha) { return String(alpha); }
 
+  /** @param {number} value */
   shownValue(value) {
     const [[low, high]] = this.view;
     return shownNumber(value, high - low);
   }
 
-  endWords() { return this.view[0].map((value) => this.shownValue(value)); }
-
+  /** @param {number} k */
   words(k) {
     const [value, alpha] = this.nodes[k];
     return `value ${this.shownValue(value)}, opacity ${Number(alpha.toPrecision(3))}`;
   }
 
   help() {
-    return "Tab goes through the nodes, the colours below and the window of all, arrows move them, A adds one, Delete removes "
-      + "one, Enter recolours; plus and minus zoom.";
+    return "Tab goes through the nodes, the colours below and the window of all, arrows move them, A adds one, " +
+      "Delete removes one, Enter recolours; plus and minus zoom.";
   }
 
   drawBack() {
     const { left, top, width, height } = this.box, { low, high, heights } = this.model.get("histogram");
-    const x = (value) => this.toPixel([value, 0])[0], floor = top + height, each = (high - low) / heights.length;
+    const floor = top + height, each = (high - low) / heights.length;
+    /** @param {number} value */
+    const x = (value) => this.toPixel([value, 0])[0];
+    /** @param {number} k */
     const edge = (k) => Math.max(left, Math.min(left + width, x(Math.min(high, low + k * each)))).toFixed(2);
-    const together = Math.max(1, Math.ceil(LEAST_BAR / (x(each) - x(0)))), steps = []; // finer bars are seen when zoomed
+    const together = Math.max(1, Math.ceil(LEAST_BAR / (x(each) - x(0)))); // finer bars are seen when zoomed
+    const steps = [];
     for (let k = 0; k < heights.length; k += together) {
       const h = Math.max(...heights.slice(k, k + together));
       steps.push(`V${(floor - h * height * 0.97).toFixed(2)}H${edge(k + together)}`);
     }
     this.bars.setAttribute("d", `M${edge(0)} ${floor}${steps.join("")}V${floor}Z`);
     const outline = this.outline();
-    this.area.setAttribute("d", `${pathOf(outline)}L${outline[outline.length - 1][0]} ${floor}L${outline[0][0]} ${floor}Z`);
+    const [from] = outline[0], [to] = outline[outline.length - 1];
+    this.area.setAttribute("d", `${pathOf(outline)}L${to} ${floor}L${from} ${floor}Z`);
     const first = x(this.colors[0][0]), last = x(this.colors[this.colors.length - 1][0]);
     setAttributes(this.gradient, { x1: first, x2: last });
     this.gradient.replaceChildren(...this.colors.map(([value, ...rgb]) => svgElement("stop", {
@@ -742,12 +968,14 @@ class TransferEditorPage extends CurvePlot {
     const { isReadOnly, row, stops, back, named } = this, isAtStops = row === stops;
     if (isAtStops) setAttributes(this.remover, { "aria-disabled": isReadOnly || !stops.canRemove });
     const what = isAtStops ? "colour" : "node";
-    setAttributes(this.adder, { title: `Add a ${what} after the chosen one (A, or double click)`, "aria-label": `Add a ${what}` });
-    setAttributes(this.remover, { title: `Remove the chosen ${what} (Del, or right click)`, "aria-label": `Remove the chosen ${what}` });
+    setAttributes(this.adder, { title: `Add a ${what} after the chosen one (A, or double click)`,
+      "aria-label": `Add a ${what}` });
+    setAttributes(this.remover, { title: `Remove the chosen ${what} (Del, or right click)`,
+      "aria-label": `Remove the chosen ${what}` });
     const isOwn = !named, again = back ? `the preset ${back}` : "a preset";
     setAttributes(this.resetter, { "aria-disabled": isReadOnly || !isOwn || !back,
       title: `Take ${again} again: undo knows nothing of colours and opacities` });
-    this.chooser.value = named ?? "";
+    this.chooser.value = named;
     this.chooser.disabled = isReadOnly;
     setAttributes(this.farther, { "aria-disabled": !this.zoom });
     setAttributes(this.wholer, { "aria-disabled": !this.zoom });
@@ -764,6 +992,7 @@ class TransferEditorPage extends CurvePlot {
   }
 }
 
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const page = new TransferEditorPage(model, el);
   return () => page.close();

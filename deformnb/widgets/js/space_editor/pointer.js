@@ -1,79 +1,154 @@
-// Pointer, wheel and keys of the editor in space, turned into calls of the page.
+// Pointer, wheel and keys of the editor in space, turned into calls of the editor.
 
+/** @import { SpaceEditorPage } from "./editor.js" */
+/** @import { Line, SpacePane } from "./pane.js" */
+/** @import { Moved } from "./point_tools.js" */
+
+import { treeOf } from "../editor/drawing.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "../editor/handles.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfHand } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
+import { SLACK } from "../ui/dom.js";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
+import { LINES } from "./pane.js";
 
-export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
-const STILL = { mouse: 2, pen: 3, touch: 6 }; // a press that moves less is a click
+/**
+ * A press or a drag; places are in CSS pixels of the picture.
+ * @typedef {object} Press
+ * @property {number} pointer
+ * @property {number[]} from
+ * @property {number[]} at
+ * @property {boolean} isPress whether it has not moved yet
+ * @property {number} slack
+ *
+ * @typedef {Press & { kind: "pan" | "tap" }} PlainGesture
+ * @typedef {Press & { kind: "mirror", start: number }} MirrorGesture
+ * @typedef {Press & { kind: "turn", ids: number[], about: number[], start: number[], scales: boolean }} TurnGesture
+ * @typedef {Press & { kind: "band", before: number[] }} BandGesture
+ * @typedef {Press & { kind: "cross", line: Line | null }} CrossGesture
+ * @typedef {Press & { kind: "points", id: number, ids: number[], what: Moved, adds: boolean,
+ *   was: boolean }} PointsGesture
+ * @typedef {PlainGesture | MirrorGesture | TurnGesture | BandGesture | CrossGesture | PointsGesture} Gesture
+ */
 
-// Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held.
+/** The element to which an event was sent. @param {Event} event */
+function targetOf(event) { return /** @type {Element} */ (event.target); }
+
+/** Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held. */
 export class PaneGestures {
+  /** @type {Gesture | null} */
+  gesture = null;
+  isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
+  rolled = 0; // pixels of the wheel
+
+  /**
+   * @param {SpaceEditorPage} page
+   * @param {SpacePane} pane
+   */
   constructor(page, pane) {
-    Object.assign(this, { page, pane, gesture: null });
+    this.page = page;
+    this.pane = pane;
+    /**
+     * @template {keyof HTMLElementEventMap} K
+     * @param {Element} target
+     * @param {K} name
+     * @param {(event: HTMLElementEventMap[K]) => void} handler
+     * @param {AddEventListenerOptions} [options]
+     */
     const on = (target, name, handler, options = {}) => target.addEventListener(
-      name, (event) => page.guard(() => handler(event)), { signal: page.closed.signal, ...options });
+      name, (event) => page.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
+      { signal: page.closed.signal, ...options });
     on(pane.svg, "pointerdown", (e) => this.down(e));
     on(pane.svg, "pointermove", (e) => this.move(e));
     on(pane.svg, "pointerup", (e) => this.up(e));
-    for (const name of ["pointercancel", "lostpointercapture"]) on(pane.svg, name, (e) => this.up(e, true));
+    on(pane.svg, "pointercancel", (e) => this.up(e, true));
+    on(pane.svg, "lostpointercapture", (e) => this.up(e, true));
     on(pane.svg, "dblclick", (e) => this.doubleClick(e));
     on(pane.svg, "contextmenu", (e) => this.contextMenu(e));
     on(pane.svg, "touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, { passive: false });
     on(pane.stage, "wheel", (e) => this.wheel(e), { passive: false });
   }
 
+  /**
+   * @param {MouseEvent} event
+   * @returns {number[]}
+   */
   place(event) {
     const box = this.pane.stage.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  // What an event is about: a point, a line of the cross-hair, or nothing. A captured pointer's clicks do not tell.
-  hit(event) {
+  /**
+   * What lies under the pointer. Clicks of a captured pointer go to the element that has captured it.
+   * @param {MouseEvent} event
+   */
+  #elementAt(event) {
     const isClick = event.type === "dblclick" || event.type === "contextmenu";
-    const node = isClick ? this.page.root.getRootNode().elementFromPoint(event.clientX, event.clientY) : event.target;
-    const found = node?.closest?.("[data-id], [data-source], [data-line]"), { id, source, line } = found?.dataset ?? {};
-    if (id !== undefined) return { id: Number(id), what: "target" };
-    if (source !== undefined) return { id: Number(source), what: "source" };
-    return line === undefined ? null : { line };
+    return isClick ? treeOf(this.page.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
   }
 
-  // The handle that turns, or the plane of the mirror.
-  markAt(event) { return event.target.closest?.("[data-mark]")?.dataset.mark ?? null; }
+  /**
+   * The point under the pointer, or null.
+   * @param {MouseEvent} event
+   * @returns {{ id: number, what: Moved } | null}
+   */
+  pointAt(event) {
+    const found = this.#elementAt(event)?.closest("[data-id], [data-source], [data-line]");
+    const id = found?.getAttribute("data-id"), source = found?.getAttribute("data-source");
+    if (id) return { id: Number(id), what: "target" };
+    return source ? { id: Number(source), what: "source" } : null;
+  }
 
+  /** The line of the cross-hair under the pointer, or null. @param {MouseEvent} event */
+  #lineAt(event) {
+    const name = targetOf(event).closest("[data-line]")?.getAttribute("data-line");
+    return LINES.find((line) => line === name) ?? null;
+  }
+
+  /** @param {PointerEvent} event */
   down(event) {
-    const { page, pane } = this, at = this.place(event), hit = this.hit(event), mark = this.markAt(event);
+    const { page, pane } = this, at = this.place(event), hit = this.pointAt(event);
+    const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
     if (page.isWaiting || this.gesture) return;
     this.isOthers = event.pointerType === "touch" && !page.isWorkedIn; // before this press gives it the focus
     pane.svg.setPointerCapture(event.pointerId);
     event.preventDefault();
-    const begun = { pointer: event.pointerId, from: at, at, isPress: true, slack: STILL[event.pointerType] ?? 2 };
+    const slack = SLACK[event.pointerType] ?? SLACK.mouse;
+    const begun = { pointer: event.pointerId, from: at, at, isPress: true, slack };
     if (event.button === 1 || (event.button === 0 && page.isSpaceDown)) this.gesture = { ...begun, kind: "pan" };
     else if (event.button !== 0) return;
     else if (mark === "axis") {
       pane.marks.grip.focus({ preventScroll: true });
-      this.gesture = { ...begun, kind: "mirror", start: page.mirror.at };
+      this.gesture = { ...begun, kind: "mirror", start: page.pointTools.mirror.at };
     } else if (mark === "turn") this.#grabTurn(begun);
-    else if (hit?.id !== undefined) this.#grab(event, hit, begun);
-    else if (page.isAdding) this.#grab(event, { id: page.addAt(pane, at), what: "target" }, begun);
-    else if (this.isOthers) this.gesture = { ...begun, kind: "tap" };
+    else if (hit) this.#grab(event, hit, begun);
+    else if (page.isAdding) {
+      const id = page.pointTools.addAt(pane, at);
+      if (id === null) page.select([]); else this.#grab(event, { id, what: "target" }, begun);
+    } else if (this.isOthers) this.gesture = { ...begun, kind: "tap" };
     else {
       pane.stage.focus({ preventScroll: true });
       this.gesture = event.shiftKey || page.isSelecting ? { ...begun, kind: "band", before: [...page.selected] }
-        : { ...begun, kind: "cross", line: hit?.line ?? null };
+        : { ...begun, kind: "cross", line: this.#lineAt(event) };
     }
   }
 
+  /** @param {Press} begun */
   #grabTurn(begun) {
-    const { page, pane } = this, ids = page.beginTurn(), { k, x, y } = pane.view;
+    const { page, pane } = this, ids = page.pointTools.beginTurn(), { k, x, y } = pane.view;
     if (!ids) return;
-    const flat = page.points.filter((p) => ids.includes(p.id)).map((p) => ({ target: inPane(pane.info, p.target) })), [a, b] = middleOf(flat);
-    const about = [k * a + x, k * b + y];
-    this.gesture = { ...begun, kind: "turn", ids, about, start: [begun.at[0] - about[0], begun.at[1] - about[1]] };
+    const turned = page.points.filter((p) => ids.includes(p.id));
+    const [a, b] = middleOf(turned.map((p) => ({ target: inPane(pane.info, p.target) })));
+    const about = [k * a + x, k * b + y], start = [begun.at[0] - about[0], begun.at[1] - about[1]];
+    this.gesture = { ...begun, kind: "turn", ids, about, start, scales: false };
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @param {{ id: number, what: Moved }} hit
+   * @param {Press} begun
+   */
   #grab(event, { id, what }, begun) {
     const { page, pane } = this, was = page.selected.has(id);
     const adds = page.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
@@ -83,30 +158,36 @@ export class PaneGestures {
       ids: freeIds(page.points, page.selected.has(id) ? [...page.selected] : [id]) };
   }
 
+  /** @param {PointerEvent} event */
   move(event) {
     const g = this.gesture, at = this.place(event);
     if (!g || g.pointer !== event.pointerId) return;
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
-    const { page, pane: { view: { k } } } = this;
-    if (g.kind === "pan") this.pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
+    const { page, pane } = this, { pointTools: tools } = page, { k } = pane.view;
+    if (g.kind === "pan") pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
     else if (g.kind === "tap") page.hint("Tap a picture first, then a finger moves its cross-hair");
-    else if (g.kind === "mirror") page.moveMirror(this.pane.under(at), false);
+    else if (g.kind === "mirror") tools.moveMirror(pane.under(at), false);
     else if (g.kind === "turn") {
       g.scales = event.altKey;
-      page.turnTo(this.pane, g.ids, ...turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event));
-    } else if (g.kind === "cross") this.page.moveCross(this.pane, at, g.line, true);
-    else {
-      if (g.isPress) this.page.beginDrag();
-      if (!g.ids.length) this.page.tellLocked(g.id);
-      const way = wayInPane(this.pane.info, (at[0] - g.from[0]) / k, (at[1] - g.from[1]) / k);
-      this.page.drag(g.ids, this.page.snappedWay(this.pane.info, g.id, way, g.what, event.altKey), g.what, g.id);
+      const [angle, factor] = turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
+      tools.turnTo(pane, g.ids, angle, factor);
+    } else if (g.kind === "cross") page.moveCross(pane, at, g.line, true);
+    else if (g.kind === "points") {
+      if (g.isPress) page.beginDrag();
+      if (!g.ids.length) tools.tellLocked(g.id);
+      const way = wayInPane(pane.info, (at[0] - g.from[0]) / k, (at[1] - g.from[1]) / k);
+      tools.drag(g.ids, tools.snappedWay(pane.info, g.id, way, g.what, event.altKey), g.what, g.id);
     }
     g.isPress = false;
     g.at = at;
   }
 
-  // Selects what is drawn clearly in a rectangle, besides what was selected.
+  /**
+   * Select what is drawn clearly in a rectangle, besides what was selected.
+   * @param {BandGesture} g
+   * @param {number[]} at
+   */
   #band(g, at) {
     const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]), width: Math.abs(at[0] - g.from[0]),
       height: Math.abs(at[1] - g.from[1]) };
@@ -114,57 +195,71 @@ export class PaneGestures {
     this.page.select([...g.before, ...this.pane.pointsInside(box)]);
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @param {boolean} isCancelled
+   */
   up(event, isCancelled = false) {
     const g = this.gesture, { page } = this;
     if (!g || g.pointer !== event.pointerId) return;
     this.gesture = null;
     this.pane.handles.showBand(null);
-    if (g.kind === "mirror") this.#letMirrorGo(g, isCancelled);
+    if (g.kind === "mirror") this.#releaseMirror(g, isCancelled);
     else if (g.kind === "turn") page.endDrag(isCancelled || g.isPress, g.scales ? "scale" : "turn");
     else if (g.kind === "points") {
       if (!g.isPress) page.endDrag(isCancelled);
       else if (g.was) page.select(g.adds ? [...page.selected].filter((id) => id !== g.id) : [g.id]);
-    } else if (["cross", "tap"].includes(g.kind) && !isCancelled) {
+    } else if ((g.kind === "cross" || g.kind === "tap") && !isCancelled) {
       if (g.kind === "tap") {
         if (!g.isPress) return;
         this.pane.stage.focus({ preventScroll: true });
       }
-      if (g.isPress && !g.line) page.moveCross(this.pane, g.from, null, false);
+      const line = g.kind === "cross" ? g.line : null;
+      if (g.isPress && !line) page.moveCross(this.pane, g.from, null, false);
       if (g.isPress) page.select([]);
       page.lookAtRest();
     }
   }
 
-  #letMirrorGo(g, isCancelled) {
-    const { at, normal } = this.page.mirror, held = isCancelled ? g.start : at;
-    this.page.moveMirror(normal.map((x) => held * x), true);
+  /**
+   * @param {MirrorGesture} g
+   * @param {boolean} isCancelled
+   */
+  #releaseMirror(g, isCancelled) {
+    const { pointTools: tools } = this.page, { at, normal } = tools.mirror, held = isCancelled ? g.start : at;
+    tools.moveMirror(normal.map((x) => held * x), true);
   }
 
-  // Escape during a drag: as if it had not begun.
+  /** Undo what a drag has done so far (Escape). Returns whether there was one. */
   cancel() {
     const g = this.gesture;
     this.gesture = null;
     this.pane.handles.showBand(null);
     if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") this.page.endDrag(true);
-    if (g?.kind === "mirror") this.#letMirrorGo(g, true);
+    if (g?.kind === "mirror") this.#releaseMirror(g, true);
     return g !== null;
   }
 
+  /** @param {MouseEvent} event */
   doubleClick(event) {
     if (this.page.isWaiting || this.page.isSelecting) return;
-    const hit = this.hit(event);
-    if (hit?.id !== undefined) this.page.goTo(hit.id);
-    else this.page.addAt(this.pane, this.place(event));
+    const hit = this.pointAt(event);
+    if (hit) this.page.goTo(hit.id);
+    else this.page.pointTools.addAt(this.pane, this.place(event));
     event.preventDefault();
   }
 
+  /** @param {MouseEvent} event */
   contextMenu(event) {
     event.preventDefault();
-    const hit = this.hit(event);
-    if (hit?.id !== undefined && isRightClick(event)) this.page.remove([hit.id]);
+    const hit = this.pointAt(event);
+    if (hit && isRightClick(event)) this.page.pointTools.remove([hit.id]);
   }
 
-  // The wheel goes through the slices, with Ctrl it zooms; it belongs to the page around until someone works in here.
+  /**
+   * Go through the slices, with Ctrl zoom. The wheel scrolls the page until the user works in here.
+   * @param {WheelEvent} event
+   */
   wheel(event) {
     const { page, pane } = this, isZoom = event.ctrlKey || event.metaKey;
     if (!isZoom && !page.isWorkedIn) {
@@ -172,9 +267,10 @@ export class PaneGestures {
       return;
     }
     event.preventDefault();
-    const delta = Math.max(-240, Math.min(240, event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1)));
-    if (isZoom || !page.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), ...this.place(event)); return; }
-    this.rolled = (this.rolled ?? 0) + delta;
+    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [x, y] = this.place(event);
+    const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
+    if (isZoom || !page.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), x, y); return; }
+    this.rolled += delta;
     const notches = Math.trunc(this.rolled / 40); // a notch of a wheel is about 100, a trackpad sends many small ones
     if (notches === 0) return;
     this.rolled = 0;
@@ -182,38 +278,44 @@ export class PaneGestures {
   }
 }
 
-export const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+/** @type {Record<string, number[]>} */
+const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-// Keys pressed anywhere in the editor; true if they meant something.
+/**
+ * Do what a key anywhere in the editor means; returns whether it means something.
+ * @param {SpaceEditorPage} page
+ * @param {KeyboardEvent} event
+ */
 export function spaceKey(page, event) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, isCommand = event.ctrlKey || event.metaKey;
-  if (event.target.closest("input[type=text], select")) return false; // have keys of their own
-  const onButton = event.target.closest("button"), pane = page.paneOf(event.target);
-  const focused = event.target.closest("[data-id]"), id = focused ? Number(focused.dataset.id) : null;
+  const target = targetOf(event), tools = page.pointTools, fast = event.shiftKey ? 10 : 1;
+  if (target.closest("input[type=text], select")) return false; // have keys of their own
+  const onButton = target.closest("button"), pane = page.paneOf(target);
+  const focused = target.closest("[data-id]"), id = focused ? Number(focused.getAttribute("data-id")) : null;
   if (isCommand && POINT_STEPS[key] && !onButton) {
     return pane.handles.focusNext(page.points.map((p) => p.id), POINT_STEPS[key], id);
   }
   if (isCommand) return spaceCommand(page, key, event.shiftKey);
-  if (event.target.closest("input[type=range]")) return false;
+  if (target.closest("input[type=range]")) return false;
   if (onButton && key in SPACE_ARROWS) return page.toolbar.focusNext(onButton, key);
   if (onButton && (key === "Enter" || key === " ")) return false;
-  if (key in SPACE_ARROWS && event.target.closest("[data-mark]")) return mirrorKey(page, pane, SPACE_ARROWS[key], event.shiftKey ? 10 : 1);
+  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(page, pane, SPACE_ARROWS[key], fast);
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code] : key];
-  if (way) { page.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey }); return true; }
+  if (way) { tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey }); return true; }
   if (key in SPACE_ARROWS) {
-    page.nudge(pane, id, SPACE_ARROWS[key], event.shiftKey ? 10 : 1, event.altKey ? "both" : "target");
+    tools.nudge(pane, id, SPACE_ARROWS[key], fast, event.altKey ? "both" : "target");
     return true;
   }
   if (key === "PageUp" || key === "PageDown") {
-    const by = (key === "PageUp" ? -1 : 1) * (event.shiftKey ? 10 : 1);
-    if (event.altKey) page.nudgeDepth(pane, id, by);
+    const by = (key === "PageUp" ? -1 : 1) * fast;
+    if (event.altKey) tools.nudgeDepth(pane, id, by);
     else page.scroll(pane, by);
     return true;
   }
   if (event.altKey) return false;
   if (key === " ") { page.isSpaceDown = true; return true; }
   if (key === "Enter") {
-    if (id === null) page.addAtCursor(pane); else page.toggleSelected(id);
+    if (id === null) tools.addPlace(page.cursor, pane); else page.toggleSelected(id);
     return true;
   }
   if (key === "Escape") return page.escape();
@@ -223,14 +325,26 @@ export function spaceKey(page, event) {
   return true;
 }
 
-// The plane of the mirror by voxels of a picture that looks along it.
+/**
+ * Move the plane of the mirror by voxels of a picture that looks along it.
+ * @param {SpaceEditorPage} page
+ * @param {SpacePane} pane
+ * @param {number[]} steps
+ * @param {number} voxels
+ */
 function mirrorKey(page, pane, [dx, dy], voxels) {
-  const { spacing: [du, dv] } = pane.info, way = wayInPane(pane.info, dx * voxels * du, dy * voxels * dv), { at, normal } = page.mirror;
-  page.moveMirror(normal.map((x, k) => at * x + way[k]), true);
-  page.speak(`mirror at ${shownLength(page.mirror.at)}`);
+  const { info, info: { spacing: [du, dv] } } = pane, { pointTools: tools } = page, { at, normal } = tools.mirror;
+  const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
+  tools.moveMirror(normal.map((x, k) => at * x + way[k]), true);
+  page.speak(`mirror at ${shownLength(tools.mirror.at)}`);
   return true;
 }
 
+/**
+ * @param {SpaceEditorPage} page
+ * @param {string} key
+ * @param {boolean} isShift
+ */
 function spaceCommand(page, key, isShift) {
   if (key === "z") page.stepHistory(isShift ? "redo" : "undo");
   else if (key === "y") page.stepHistory("redo");

@@ -1,0 +1,152 @@
+// The rows of the table of control points: the data that Python sends, columns, order, texts. Pure functions; no DOM.
+
+/** @import { Model } from "../types.d.ts" */
+
+/** @type {Record<number, string[]>} */
+export const AXES = { 2: ["a", "b"], 3: ["x", "y", "z"] };
+const FLAGS = { active: 1, locked: 2, suspect: 4 };
+
+/**
+ * A point: its source, target, weight, radius and error as numbers.
+ * @typedef {object} TableRow
+ * @property {number} id
+ * @property {string} name
+ * @property {boolean} active
+ * @property {boolean} locked
+ * @property {boolean} suspect whether it disagrees with its neighbours
+ * @property {Float64Array} numbers
+ */
+
+/**
+ * @typedef {object} Column
+ * @property {string} key
+ * @property {string} title
+ * @property {"fact" | "text" | "check" | "number" | "go"} kind "fact" and "go" cannot be edited
+ * @property {string} width as in CSS
+ * @property {string} tip
+ * @property {number} [at] the index in a row of numbers
+ * @property {string} [field] the field of a point, where it is not the key
+ * @property {number} [axis] the index in this field
+ */
+
+/**
+ * @param {number} dim
+ * @returns {Column[]}
+ */
+export function pointColumns(dim) {
+  const axes = AXES[dim] ?? AXES[2], unit = "in the volume's unit", number = /** @type {const} */ ("number");
+  return [
+    { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
+    { key: "name", title: "Name", kind: "text", width: "minmax(90px, 1fr)", tip: "Name of the point" },
+    { key: "active", title: "On", kind: "check", width: "42px",
+      tip: "A point that is off keeps its place and has no say" },
+    { key: "locked", title: "Lock", kind: "check", width: "48px",
+      tip: "A locked point stays where it is until it is unlocked" },
+    ...axes.map((axis, k) => ({ key: `source_${axis}`, field: "source", axis: k, title: `from ${axis}`, kind: number,
+      at: k, width: "minmax(64px, 92px)", tip: `Source, ${axis}: where the feature is, ${unit}` })),
+    ...axes.map((axis, k) => ({ key: `target_${axis}`, field: "target", axis: k, title: `to ${axis}`, kind: number,
+      at: dim + k, width: "minmax(64px, 92px)", tip: `Target, ${axis}: where it shall go, ${unit}` })),
+    { key: "drag", title: "Drag", kind: "fact", width: "minmax(56px, 80px)", tip: `How far it is dragged, ${unit}` },
+    { key: "weight", title: "Weight", kind: "number", at: 2 * dim, width: "64px",
+      tip: "How much the point counts beside others. It matters only with smoothing" },
+    { key: "radius", title: "Radius", kind: "number", at: 2 * dim + 1, width: "64px",
+      tip: `How far this point reaches, ${unit}; empty: as far as all (Support, under Interpolation)` },
+    { key: "error", title: "Off by", kind: "fact", at: 2 * dim + 2, width: "minmax(64px, 80px)",
+      tip: `How far all other points would miss this one (leave-one-out error), ${unit}. ! marks a point that ` +
+        "disagrees with its neighbours" },
+    { key: "go", title: "", kind: "go", width: "34px", tip: "Show the point in the picture" },
+  ];
+}
+
+/** @param {DataView | null | undefined} view */
+function bytesOf(view) {
+  return view ? view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength) : new ArrayBuffer(0);
+}
+
+/**
+ * All points of a model, or null while its traits do not fit together yet.
+ * @param {Model} model
+ * @returns {TableRow[] | null}
+ */
+export function readPoints(model) {
+  /** @type {number[]} */
+  const ids = model.get("ids") ?? [];
+  const names = model.get("names") ?? [], dim = model.get("dim"), width = 2 * dim + 3;
+  const numbers = bytesOf(model.get("numbers")), flags = new Uint8Array(bytesOf(model.get("flags")));
+  const isWhole = names.length === ids.length && flags.length === ids.length;
+  if (!isWhole || numbers.byteLength !== 8 * width * ids.length) return null;
+  const all = new Float64Array(numbers);
+  return ids.map((id, k) => ({ id, name: names[k], active: Boolean(flags[k] & FLAGS.active),
+    locked: Boolean(flags[k] & FLAGS.locked), suspect: Boolean(flags[k] & FLAGS.suspect),
+    numbers: all.subarray(k * width, (k + 1) * width) }));
+}
+
+/**
+ * @param {TableRow} p
+ * @param {number} dim
+ */
+function dragOf(p, dim) {
+  let sum = 0;
+  for (let k = 0; k < dim; k += 1) sum += (p.numbers[dim + k] - p.numbers[k]) ** 2;
+  return Math.sqrt(sum);
+}
+
+/**
+ * The value of a cell, for its order and its text.
+ * @param {TableRow} p
+ * @param {Column} column
+ * @param {number} dim
+ */
+export function cellValue(p, { key, at }, dim) {
+  if (key === "drag") return dragOf(p, dim);
+  return at === undefined ? p[/** @type {"id" | "name" | "active" | "locked"} */ (key)] : p.numbers[at];
+}
+
+/**
+ * The text of a value while it is edited, with all digits; empty for no number.
+ * @param {string | number | boolean} value
+ */
+export function editedText(value) { return Number.isNaN(value) ? "" : String(value); }
+
+/** @param {number} value */
+export function shownNumber(value) {
+  if (Number.isNaN(value)) return "";
+  const size = Math.abs(value);
+  if (size === 0) return "0";
+  return size < 0.005 || size >= 1e7 ? value.toExponential(1) : value.toFixed(2);
+}
+
+/**
+ * Indices of the points in the order of a column; those without a value come last, either way round.
+ * @param {TableRow[]} points
+ * @param {Column | undefined} column
+ * @param {boolean} isDown
+ * @param {number} dim
+ */
+export function orderedPoints(points, column, isDown, dim) {
+  const places = points.map((_, k) => k);
+  if (!column) return places;
+  const values = points.map((p) => cellValue(p, column, dim)), sign = isDown ? -1 : 1;
+  /** @param {string | number | boolean} v */
+  const isNothing = (v) => v === "" || Number.isNaN(v);
+  return places.sort((i, j) => {
+    const p = values[i], q = values[j];
+    if (isNothing(p) || isNothing(q)) return Number(isNothing(p)) - Number(isNothing(q)) || i - j;
+    const isText = typeof p === "string" && typeof q === "string";
+    return sign * (isText ? p.localeCompare(q, undefined, { numeric: true }) : Number(p) - Number(q)) || i - j;
+  });
+}
+
+/**
+ * The points as CSV with a header, which Python takes back (deformnb.io.landmarks).
+ * @param {TableRow[]} points
+ * @param {number} dim
+ */
+export function pointsAsCsv(points, dim) {
+  const columns = pointColumns(dim).filter(({ key }) => !["drag", "error", "go"].includes(key));
+  /** @param {string} text */
+  const quoted = (text) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  /** @param {TableRow} p */
+  const line = (p) => columns.map((c) => quoted(editedText(cellValue(p, c, dim))));
+  return [columns.map(({ key }) => key), ...points.map(line)].map((row) => `${row.join(",")}\n`).join("");
+}

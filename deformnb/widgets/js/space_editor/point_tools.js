@@ -1,0 +1,317 @@
+// Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
+// snap, turning and scaling.
+
+/** @import { Mirror, PaneInfo, Point } from "../types.d.ts" */
+/** @import { SpaceEditorPage } from "./editor.js" */
+/** @import { SpacePane } from "./pane.js" */
+
+import { treeOf } from "../editor/drawing.js";
+import { dot } from "../maths/camera.js";
+import { shownLength } from "../maths/numbers.js";
+import {
+  addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey,
+} from "../maths/points.js";
+import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.js";
+
+const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
+export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
+
+/** @typedef {"target" | "source" | "both"} Moved */
+
+export class SpacePointTools {
+  /** @param {SpaceEditorPage} page */
+  constructor(page) { this.page = page; }
+
+  // ---- edits --------------------------------------------------------------------------------------------------------
+
+  /**
+   * An edit, and the same on the other side of the mirror if there is one.
+   * @param {Point[]} points
+   * @param {string} kind
+   * @param {string | null} join edits with the same are undone as one
+   */
+  change(points, kind, join = null) { return this.page.edit(this.symmetric(this.page.points, points), kind, join); }
+
+  /**
+   * A step of a drag: points moved from where they were by a way in space.
+   * @param {number[]} ids
+   * @param {number[]} way
+   * @param {Moved} what
+   * @param {number} id the point under the pointer
+   */
+  drag(ids, way, what, id) {
+    const { page, page: { drag0 } } = this;
+    if (drag0) page.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
+  }
+
+  /**
+   * Move points by voxels of a picture, or the cross-hair if there are none.
+   * @param {SpacePane} pane
+   * @param {number | null} id the point in focus
+   * @param {number[]} steps
+   * @param {number} voxels
+   * @param {Moved} what
+   */
+  nudge(pane, id, [dx, dy], voxels, what) {
+    const { spacing: [du, dv] } = pane.info;
+    this.#nudgeBy(id, wayInPane(pane.info, dx * voxels * du, dy * voxels * dv), what);
+  }
+
+  /**
+   * Move points across the slices.
+   * @param {SpacePane} pane
+   * @param {number | null} id
+   * @param {number} voxels
+   */
+  nudgeDepth(pane, id, voxels) {
+    const by = voxels * pane.info.spacing[2];
+    if (this.page.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x), "target");
+  }
+
+  /**
+   * @param {number | null} id
+   * @param {number[]} way
+   * @param {Moved} what
+   */
+  #nudgeBy(id, way, what) {
+    const { page } = this, ids = page.chosenIds(id);
+    if (ids.length === 0) { page.setCursor(page.cursor.map((x, k) => x + way[k]), true); return; }
+    if (id !== null && !page.selected.has(id)) page.select([id]);
+    const free = freeIds(page.points, ids);
+    if (!free.length) this.tellLocked(ids[0]);
+    this.change(movedInSpace(page.points, free, way, what), "nudge", `nudge ${ids}`);
+    const p = ids.length === 1 ? page.points.find((q) => q.id === ids[0]) : null;
+    if (p) page.speak(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
+  }
+
+  /**
+   * Add a point that holds what is seen where it is put: Python looks up where that comes from, and nothing moves.
+   * Where there is a point already, it is selected. Returns its id, or null.
+   * @param {SpacePane} pane
+   * @param {number[]} at in pixels
+   */
+  addAt(pane, at) {
+    const { page } = this, { k, x, y } = pane.view;
+    const near = page.points.map((p) => flatPoint(p, pane.info, page.isSlice ? pane.depth : null)).find(
+      (p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
+    if (near) { page.select([near.id]); pane.handles.focus(near.id); return near.id; }
+    if (!pane.isInside(at)) { page.hint("Points are put inside the volume"); return null; }
+    return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
+  }
+
+  /**
+   * @param {number[]} place
+   * @param {SpacePane} pane
+   */
+  addPlace(place, pane) {
+    const { page } = this, id = nextId(page.points, page.sender.nextId);
+    if (!this.change(addedPoint(page.points, id, place, place), "add")) return null;
+    page.select([id]);
+    page.drawNow();
+    pane.handles.focus(id);
+    page.speak(`point ${id} added at ${place.map(shownLength).join(", ")}`);
+    return id;
+  }
+
+  /** @param {number} id */
+  tellLocked(id) {
+    const p = this.page.points.find((q) => q.id === id);
+    if (p) this.page.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+  }
+
+  /** @param {number[]} ids */
+  toggleLock(ids) {
+    const { page } = this;
+    if (!ids.length) page.hint("Select points to lock them");
+    else if (page.edit(lockedPoints(page.points, ids), "lock")) {
+      page.speak(page.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
+    }
+  }
+
+  /** @param {number[]} wanted */
+  remove(wanted) {
+    const { page } = this, ids = freeIds(page.points, wanted);
+    if (wanted.length && !ids.length) this.tellLocked(wanted[0]);
+    const at = page.points.findIndex((p) => p.id === ids[0]), pane = page.paneOf(document.activeElement);
+    const hadFocus = page.root.contains(treeOf(page.root).activeElement);
+    if (!ids.length || !this.change(removedPoints(page.points, ids), "remove")) return;
+    page.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    page.drawNow();
+    const next = page.points[Math.min(at, page.points.length - 1)];
+    if (hadFocus && !(next && pane.handles.focus(next.id))) pane.stage.focus({ preventScroll: true });
+  }
+
+  // ---- the mirror ---------------------------------------------------------------------------------------------------
+
+  /**
+   * The picture whose depth runs most nearly along an axis of space.
+   * @param {string} axis "x", "y" or "z"
+   */
+  #facing(axis) {
+    const k = "xyz".indexOf(axis);
+    return this.page.panes.reduce((p, q) => (Math.abs(q.n[k]) > Math.abs(p.n[k]) ? q : p));
+  }
+
+  /** The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate. */
+  get mirror() {
+    const { on = false, axis = "x", at = null } = this.page.model.get("mirror") ?? {}, pane = this.#facing(axis);
+    const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1, normal = pane.n.map((x) => sign * x);
+    return { on, axis, at: at ?? dot(normal, fromPane(pane, [0, 0, (pane.box[4] + pane.box[5]) / 2])), normal };
+  }
+
+  /** The lengths within which a source is on the plane, and a partner is found. */
+  get #mirrorNear() {
+    const { spacing } = this.page.panes[0];
+    return { axis: 0.5 * Math.min(...spacing), partner: Math.max(...spacing) };
+  }
+
+  /**
+   * @param {boolean} on
+   * @param {string} axis
+   * @param {number | null} at null for the middle
+   */
+  #setMirror(on, axis, at) {
+    const { page } = this;
+    page.set("mirror", { on, axis, at });
+    if (at === null) page.set("mirror", { on, axis, at: this.mirror.at });
+    if (on) page.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
+  }
+
+  toggleMirror() {
+    const { on, axis, at } = this.mirror;
+    this.#setMirror(!on, axis, at);
+  }
+
+  /** Lay the plane across the next axis. */
+  turnMirror() { this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3], null); }
+
+  /**
+   * Move the plane to a place in space; Python gets it at the end.
+   * @param {number[]} place
+   * @param {boolean} isEnd
+   */
+  moveMirror(place, isEnd) {
+    const { model } = this.page, { on, axis, normal } = this.mirror, pane = this.#facing(axis);
+    const ends = [pane.box[4], pane.box[5]].map((depth) => dot(normal, fromPane(pane, [0, 0, depth])));
+    const at = Math.max(Math.min(...ends), Math.min(Math.max(...ends), dot(normal, place)));
+    model.set("mirror", { on, axis, at });
+    if (isEnd) model.save_changes();
+    this.page.invalidate();
+  }
+
+  /**
+   * The plane as a picture shows it that looks along it: "a" and "b" as of a flat mirror, null where it faces the
+   * viewer.
+   * @param {PaneInfo} pane
+   * @returns {Mirror | null}
+   */
+  mirrorIn(pane) {
+    const { on, at, normal } = this.mirror, a = dot(normal, pane.u), b = dot(normal, pane.v);
+    if (!on || Math.max(Math.abs(a), Math.abs(b)) < 0.9) return null;
+    const place = inPane(pane, normal.map((x) => at * x)), k = Math.abs(a) > Math.abs(b) ? 0 : 1;
+    return { on, axis: "ab"[k], at: place[k] };
+  }
+
+  /** @param {number} id */
+  #sideOfPoint(id) {
+    const p = this.page.points.find((q) => q.id === id), { mirror } = this;
+    return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
+  }
+
+  /**
+   * An edit, and the same on the other side.
+   * @param {Point[]} before
+   * @param {Point[]} after
+   * @param {number} lead the side that decides where both have changed
+   */
+  symmetric(before, after, lead = 0) {
+    const { mirror } = this;
+    if (!mirror.on) return after;
+    const id = nextId(after, this.page.sender.nextId);
+    return mirroredEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
+  }
+
+  // ---- the lattice to which targets snap ----------------------------------------------------------------------------
+
+  /** The step of the lattice; 0 for none. @returns {number} */
+  get snap() { return this.page.model.get("snap") || 0; }
+
+  toggleSnap() {
+    const { page } = this, { box: [a0, a1, b0, b1, c0, c1], spacing } = page.panes[0], voxel = Math.min(...spacing);
+    const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
+    page.set("snap", this.snap > 0 ? 0 : step);
+    if (this.snap > 0) page.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
+  }
+
+  /**
+   * The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays.
+   * @param {PaneInfo} pane
+   * @param {number[]} place
+   */
+  #snapped(pane, [a, b, c]) {
+    const { snap: step } = this, { box: [a0,, b0], spacing: [du, dv] } = pane;
+    /** @type {(value: number, first: number) => number} */
+    const near = (value, first) => first + step * Math.round((value - first) / step);
+    return step > 0 ? [near(a, a0 + du / 2), near(b, b0 + dv / 2), c] : [a, b, c];
+  }
+
+  /**
+   * The way that brings the point under the pointer onto a node; the others go with it.
+   * @param {PaneInfo} pane
+   * @param {number} id
+   * @param {number[]} way
+   * @param {Moved} what
+   * @param {boolean} isLoose
+   */
+  snappedWay(pane, id, way, what, isLoose) {
+    const p = this.page.drag0?.find((q) => q.id === id);
+    if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
+    const to = fromPane(pane, this.#snapped(pane, inPane(pane, p.target.map((x, k) => x + way[k]))));
+    return to.map((x, k) => x - p.target[k]);
+  }
+
+  // ---- turning and scaling ------------------------------------------------------------------------------------------
+
+  /** The ids that a turn takes along; null, and a hint, where there is nothing to turn. */
+  #turnables() {
+    const { page } = this, chosen = [...page.selected], free = freeIds(page.points, chosen);
+    if (page.isLocked || !chosen.length) return null;
+    if (!free.length) this.tellLocked(chosen[0]);
+    else if (free.length < 2) page.hint("Select two points or more to turn them", 4000);
+    return free.length < 2 ? null : free;
+  }
+
+  /**
+   * Turn or scale by a key, in the plane of a picture. Quick presses are undone as one.
+   * @param {SpacePane} pane
+   * @param {number} way 1 or -1
+   * @param {{ isLarge: boolean, isScale: boolean }} how
+   */
+  turnKey(pane, way, how) {
+    const { page } = this, ids = this.#turnables(), [angle, factor] = turnOfKey(way, how);
+    const kind = angle ? "turn" : "scale";
+    if (!ids) return;
+    this.change(turnedInSpace(page.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
+    page.speak(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
+  }
+
+  /** Begin a drag of the handle that turns. Returns the ids, or null. */
+  beginTurn() {
+    const ids = this.#turnables();
+    if (ids) this.page.beginDrag();
+    return ids;
+  }
+
+  /**
+   * A step of such a drag.
+   * @param {SpacePane} pane
+   * @param {number[]} ids
+   * @param {number} angle
+   * @param {number} factor
+   */
+  turnTo(pane, ids, angle, factor) {
+    const { page, page: { drag0 } } = this;
+    if (drag0) page.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
+    page.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+  }
+}
