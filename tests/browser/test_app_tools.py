@@ -110,7 +110,7 @@ def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
 
 def test_a_node_of_the_net_becomes_a_point_where_it_is_dragged(tab: Tab) -> None:
     tab.page.get_by_label("Drag the grid").check()
-    tab.page.wait_for_function(f"{EDITOR}.netNodes.isOn && {EDITOR}.netNodes.places")
+    tab.page.wait_for_function(f"{EDITOR}.netNodes.isOn && {EDITOR}.netNodes.made")
     stroke(tab, 30, 12)  # in the middle of 16 cells is a node
     tab.says("5 points, 1 moved")
     way = (tab.app.desk.session.points.target - tab.app.desk.session.points.source)[4]
