@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -43,7 +44,7 @@ class NodeTests(pytest.Item):
         if done.returncode != 0:
             raise NodeTestError(done.stdout + done.stderr)
 
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: object = None) -> object:
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         return str(excinfo.value) if isinstance(excinfo.value, NodeTestError) else super().repr_failure(excinfo)
 
     def reportinfo(self) -> tuple[Path, None, str]:
