@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
-from scripts import run_script
 
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
@@ -144,11 +143,3 @@ def test_a_perspective_has_no_bar_and_says_why(page: LivePage) -> None:
     view.set_camera(perspective=False)
     page.pixels()
     assert page.page.locator(".dnb-scale-bar").is_visible()
-
-
-@pytest.mark.parametrize(("length", "unit", "wanted"), [
-    (50, "mm", "50 mm"), (20000, "mm", "20 m"), (0.05, "mm", "50 \u00b5m"), (0.2, "mm", "0.2 mm"),
-    (5, "voxels", "5 voxels"),
-])
-def test_words_of_lengths(length: float, unit: str, wanted: str) -> None:
-    assert run_script(("ui/view_parts.js",), "([length, unit]) => lengthText(length, unit)", [length, unit]) == wanted

@@ -1,4 +1,4 @@
-"""The editor's scripts without a page: edits and their undo, messages in flight, the inverse map and folds."""
+"""The maps of an editor in its scripts are those of the package: the inverse, folds, slopes."""
 
 from __future__ import annotations
 
@@ -17,67 +17,6 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
 from deformnb.warping.points import warp_points
 
 BOX = [0.0, 500.0, 0.0, 450.0]
-
-
-def test_edits_change_what_they_say_and_nothing_else() -> None:
-    points = as_json(scattered(4))
-    main = """(points) => { const before = JSON.stringify(points), out = {
-        moved: movedPoints(points, [1, 3], 5, -2), both: movedPoints(points, [0], 1, 1, "both"),
-        source: movedPoints(points, [2], 3, 0, "source"), removed: removedPoints(points, [0, 2]),
-        off: switchedPoints(points, [1]), on: switchedPoints(switchedPoints(points, [1]), [1]),
-        mixed: switchedPoints(switchedPoints(points, [1]), [0, 1]), named: renamedPoint(points, 2, "  fin "),
-        reset: resetPoints(points, [3]), added: addedPoint(points, 9, [1, 2], [3, 4]), next: nextId(points, 7) };
-        return [out, before === JSON.stringify(points)]; }"""
-    out, is_pure = run_script(("maths/points.js",), main, points)
-    assert is_pure
-    targets = {name: [p["target"] for p in out[name]] for name in ("moved", "both", "source", "reset")}
-    sources = {name: [p["source"] for p in out[name]] for name in ("moved", "both", "source", "reset")}
-    t, s = [p["target"] for p in points], [p["source"] for p in points]
-    assert targets["moved"] == [t[0], [t[1][0] + 5, t[1][1] - 2], t[2], [t[3][0] + 5, t[3][1] - 2]]
-    assert sources["moved"] == s
-    assert (targets["both"][0], sources["both"][0]) == ([t[0][0] + 1, t[0][1] + 1], [s[0][0] + 1, s[0][1] + 1])
-    assert (targets["source"], sources["source"][2]) == (t, [s[2][0] + 3, s[2][1]])
-    assert targets["reset"] == [*t[:3], s[3]]
-    assert [p["id"] for p in out["removed"]] == [1, 3]
-    switches = [[p["active"] for p in out[name]] for name in ("off", "on", "mixed")]
-    assert switches == [[True, False, True, True], [True] * 4, [False, False, True, True]]
-    assert out["named"][2]["name"] == "fin"
-    assert out["added"][4] == {"id": 9, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1,
-                               "locked": False, "radius": None}
-    assert out["next"] == 7
-
-
-def test_undo_goes_back_to_the_start_and_redo_to_the_end() -> None:
-    main = """() => { const history = new History(3), seen = [];
-        let now = 0;
-        for (let k = 0; k < 5; k++) { history.record(k, null, now += 5000); }
-        let current = 5;
-        for (;;) { const back = history.undo(current); if (back === null) break; seen.push(current = back); }
-        for (;;) { const next = history.redo(current); if (next === null) break; seen.push(current = next); }
-        history.undo(current); history.record(99);
-        return [seen, history.redo(0)]; }"""
-    assert run_script(("maths/points.js",), main, None) == [[4, 3, 2, 3, 4, 5], None]  # the oldest two are forgotten
-
-
-def test_quick_steps_of_one_kind_are_undone_as_one() -> None:
-    main = """() => { const history = new History();
-        const steps = [["nudge 1", 0], ["nudge 1", 100], ["nudge 1", 500], ["nudge 2", 600], ["nudge 2", 5000],
-            [null, 5001], [null, 5002]];
-        steps.forEach(([kind, at], k) => history.record(k, kind, at));
-        return history.past; }"""
-    assert run_script(("maths/points.js",), main, None) == [0, 3, 4, 5, 6]
-
-
-def test_points_from_anywhere_are_cleaned() -> None:
-    main = """() => [cleanPoints(null), cleanPoints([3, null, { id: 1, source: [1, 2] },
-        { id: 0.5, source: [1, 2], target: [1, 2] },
-        { id: 4, source: [1, 2], target: [3, 4], weight: -1 }, { id: 4, source: [1, 2], target: [3, 4] },
-        { id: 5, source: [1, NaN], target: [3, 4] }])]"""
-    good = {"id": 4, "name": "", "source": [1, 2], "target": [3, 4], "active": True, "weight": 1,
-            "locked": False, "radius": None}
-    assert run_script(("maths/points.js",), main, None) == [[], [good]]
-
-
 MAPS = ("maths/rbf.js", "maths/rigid_stages.js", "maths/cuts.js", "maths/warp_map.js", "maths/folds.js")
 
 
@@ -166,57 +105,6 @@ def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not
         assert np.abs(back[[0, -1], 1] - [0, 450]).max() < 1e-5
     folded = run_script(MAPS, main, as_json(scattered(size=60.0)))
     assert all(np.isfinite(run).all() for runs in folded for run in runs)
-
-
-# ---- shapes ---------------------------------------------------------------------------------------------------------
-
-SHAPES = ("maths/points.js", "maths/shapes.js")
-
-
-def test_a_half_plane_is_turned_by_two_places_on_its_line() -> None:
-    main = """([region, place]) => { const moved = movedCorner(region, 0, place, 10);
-        return [cornersOf(region, 10), moved, cornersOf(moved, 10)]; }"""
-    region = {"kind": "half_space", "point": [5, 5], "normal": [0, 1]}  # all above b = 5 is inside
-    before, moved, after = run_script(SHAPES, main, [region, [-5, 15]])
-    assert before == [[-5, 5], [15, 5]]
-    assert after[0] == pytest.approx([-5, 15])
-    along = np.subtract(after[1], after[0])
-    assert along[0] * -10 - along[1] * 20 == pytest.approx(0)  # through the other place as before
-    assert np.dot(moved["normal"], [0, 1]) > 0.8  # the same side
-    turned = run_script(SHAPES, "(region) => turnedRegion(region)", region)
-    assert np.array_equal(turned["normal"], [0, -1])
-
-
-@pytest.mark.parametrize("ends", [([0, 40], [100, 50]), ([100, 50], [0, 40])])
-def test_the_ground_is_away_from_the_middle(ends: tuple[list[float], list[float]]) -> None:
-    found = run_script(SHAPES, "([p, q]) => groundThrough(p, q, [50, 10])", ends)
-    assert np.dot(np.subtract([50, 10], found["point"]), found["normal"]) > 0
-    assert np.hypot(*found["normal"]) == pytest.approx(1, abs=1e-12)
-
-
-def test_a_stroke_keeps_its_corners_and_nothing_else() -> None:
-    stroke = [[k, 0] for k in range(20)] + [[20, k] for k in range(20)]
-    stroke += [[20 + k, 20 + 0.2 * (k % 2)] for k in range(20)]
-    assert run_script(SHAPES, "(path) => simplified(path, 0.5)", stroke) == [[0, 0], [20, 0], [20, 20], [39, 20.2]]
-
-
-def test_a_line_keeps_two_corners_and_a_closed_one_three() -> None:
-    line = {"kind": "line", "vertices": [[0, 0], [5, 5], [9, 0]]}
-    main = """(line) => [removedCorner(line, 1), removedCorner(removedCorner(line, 1), 0),
-        removedCorner({ ...line, kind: "polygon" }, 0), insertedCorner(line, 1, [7, 3]).vertices,
-        movedRegion(line, 1, 2).vertices, turnedRegion(line).vertices[0], turnedRegion({ ...line, kind: "polygon" })]"""
-    less, none, triangle, more, moved, first, closed = run_script(SHAPES, main, line)
-    assert less["vertices"] == [[0, 0], [9, 0]]
-    assert (none, triangle, closed) == (None, None, None)
-    assert more == [[0, 0], [5, 5], [7, 3], [9, 0]]
-    assert (moved, first) == ([[1, 2], [6, 7], [10, 2]], [9, 0])
-
-
-def test_regions_that_are_known_stay_the_same_objects() -> None:
-    main = """(list) => { const old = cleanShapes(list, "cuts"), told = JSON.parse(JSON.stringify(list));
-        const again = cleanShapes(told, "cuts", old);
-        return [again[0].region === old[0].region, sameShapes(again, old), cleanShapes([null, 3, {}], "cuts")]; }"""
-    assert run_script(SHAPES, main, [{"region": {"vertices": [[0, 1], [2, 3]], "kind": "line"}}]) == [True, True, []]
 
 
 def test_the_slope_beside_rigid_parts_is_that_of_the_package() -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, Step
@@ -278,41 +277,3 @@ def test_what_cannot_be_put_on_a_page_is_said() -> None:
     view.show_deformation(Deformation.in_space(ControlPoints.from_arrays(GRID.corners(), GRID.corners() * 1.01)))
     with pytest.raises(DeformError, match="another deformation since"):
         standalone_html(editor, view)
-
-
-def test_a_model_without_jupyter_tells_of_changes_and_saves_them_once() -> None:
-    main = """() => { const told = [], saved = [], sent = [];
-        const model = new PlainModel({ a: 1, b: 2 }, { save: (s) => saved.push(s),
-            deliver: (content, buffers) => sent.push([content, buffers.length]) });
-        const heard = () => told.push(["a", model.get("a")]);
-        model.on("change:a", heard);
-        model.on("change", () => told.push("any"));
-        model.on("msg:custom", (content, buffers) => told.push([content, buffers.length]));
-        model.set("a", 5); model.set("b", 2); model.save_changes(); model.save_changes();
-        model.update({ a: 6 }); model.update({ a: 6 });
-        model.off("change:a", heard); model.update({ a: 7 });
-        model.receive({ type: "done" }, [1]); model.send({ type: "edit" });
-        return { told, saved, sent }; }"""
-    out = run_script(("sync/host_model.js",), main, None)
-    assert out["told"] == [["a", 5], "any", ["a", 6], "any", "any", [{"type": "done"}, 1]]
-    assert out["saved"] == [{"a": 5, "b": 2}]
-    assert out["sent"] == [[{"type": "edit"}, 0]]
-
-
-def test_a_model_without_jupyter_goes_before_the_other_side_until_it_is_answered() -> None:
-    main = """() => { const told = [], model = new PlainModel({ a: [0], b: 0 }, { isAnswered: true });
-        const say = (what) => told.push([what, model.get("a"), model.get("b")]);
-        model.on("change:a", () => say("heard"));
-        const hand = (a) => { model.set("a", a); model.save_changes(); };
-        model.update({ a: [1] }); hand([2]);
-        model.update({ a: [1], b: 3 }); say("crossed");
-        hand([4]); model.answered({ a: [2] }); say("answered the first"); model.update({ a: [2] });
-        model.answered({ a: [4] }); say("answered");
-        model.update({ a: [5] }); hand([9]); model.answered({ a: [5] }); say("refused");
-        hand([6]); model.set("a", [7]); model.answered({ a: [6] }); say("ahead"); model.save_changes();
-        model.answered({ a: [7] }); model.update({ a: [8] });
-        return told; }"""
-    assert run_script(("sync/host_model.js",), main, None) == [
-        ["heard", [1], 0], ["heard", [2], 0], ["crossed", [2], 3], ["heard", [4], 3], ["answered the first", [4], 3],
-        ["answered", [4], 3], ["heard", [5], 3], ["heard", [9], 3], ["heard", [5], 3], ["refused", [5], 3],
-        ["heard", [6], 3], ["heard", [7], 3], ["ahead", [7], 3], ["heard", [8], 3]]

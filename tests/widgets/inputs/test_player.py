@@ -1,4 +1,4 @@
-"""The player in Python: what a page may say, and the clock itself run by hand."""
+"""The player in Python, and what a page may say."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import logging
 from typing import Any
 
 import pytest
-from scripts import run_script
 
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe, Step
@@ -55,53 +54,3 @@ def test_the_page_decides_on_what_it_plays_and_on_nothing_else(caplog: pytest.Lo
     assert (player.time, player.duration, player.speed, player.loop) == (1.25, 2.0, 0.5, "loop")
     player.set_state({"time": float("inf")})
     assert player.time == 1.25
-
-
-CLOCK = """
-function main({ loop, duration, speed, ticks, start }) {
-  let next = null;
-  const page = { requestAnimationFrame: (f) => { next = f; return 1; }, cancelAnimationFrame: () => { next = null; } };
-  const told = [], clock = new PlayClock((d) => told.push(d), page);
-  clock.set({ duration, speed, loop });
-  clock.seek(start);
-  clock.play();
-  for (const now of ticks) { const f = next; next = null; if (f) f(now); }
-  const before = clock.time;
-  const wasPlaying = clock.isPlaying;
-  clock.play();
-  const again = clock.time;
-  clock.pause();
-  clock.set({ loop: "once" });
-  return { times: told.map((d) => d.time), before, wasPlaying, again, kept: clock.time, waits: next !== null };
-}
-"""
-
-
-def clock(**options: Any) -> Any:
-    given = {"loop": "once", "duration": 1.0, "speed": 1.0, "start": 0.0, "ticks": [], **options}
-    return run_script(("inputs/player.js",), CLOCK, given)
-
-
-def test_the_clock_plays_once_and_ends_exactly() -> None:
-    made = clock(ticks=[1000 + 100 * k for k in range(15)])
-    assert made["before"] == 1.0
-    assert not made["wasPlaying"]
-    assert made["again"] == 0  # from the beginning again
-    assert made["times"][3:6] == pytest.approx([0, 0.1, 0.2])
-    half = clock(ticks=[1000, 1200], speed=0.5, start=0.25)
-    assert half["before"] == pytest.approx(0.35)
-    assert half["wasPlaying"]
-    assert not half["waits"]  # it was paused
-
-
-def test_the_clock_goes_round_and_back() -> None:
-    ticks = [0, *(200 * k for k in range(1, 8))]  # 1.4 s of a second
-    assert clock(loop="loop", ticks=ticks)["before"] == pytest.approx(0.4)
-    back = clock(loop="swing", ticks=ticks)
-    assert back["before"] == pytest.approx(0.6)
-    assert back["kept"] == pytest.approx(0.6)  # another loop goes on from the moment that is shown
-
-
-def test_the_clock_does_not_leap_over_time_that_nobody_saw() -> None:
-    assert clock(ticks=[0, 60_000], duration=10.0)["before"] == pytest.approx(0.25)
-    assert clock(duration=0.0, ticks=[0, 100])["before"] == 0

@@ -697,13 +697,6 @@ def test_gradients_are_central_differences_in_physical_units() -> None:
     np.testing.assert_allclose(rgba[..., :3] - 128, g[2:7], atol=0.51)  # rounded to a byte
 
 
-@pytest.mark.parametrize(("vector", "side"), [
-    ([1, 0, 0], "L"), ([-1, 0, 0], "R"), ([0, 1, 0], "P"), ([0, -1, 0], "A"), ([0, 0, 1], "S"), ([0, 0, -1], "I"),
-    ([0, 0.8, -0.6], "PI"), ([-0.6, 0, 0.8], "SR"), ([0.95, 0.3, 0], "L")])
-def test_the_side_of_the_patient_is_that_of_lps(vector: list[float], side: str) -> None:
-    assert run_script(("maths/camera.js",), "(vector) => sideOf(vector)", vector) == side
-
-
 def test_rings_of_blocks_are_empty_and_no_fewer() -> None:
     values = rough()
     alphas = np.where(np.arange(256) > 80, 0.5, 0.0)

@@ -1,0 +1,119 @@
+// The drawing of a live view: a drag in an editor beside it never waits for the GPU, and maps are not requested in
+// vain.
+
+import assert from "node:assert/strict";
+import test from "node:test";
+import { FieldLink } from "../../deformnb/widgets/js/view/follow_editor.js";
+import { FrameLoop } from "../../deformnb/widgets/js/view/render_loop.js";
+
+const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true };
+
+/**
+ * A page with a clock of its own: timers, frames, and a GPU that takes its time. The compositor waits for all work of
+ * the GPU if a canvas has changed, as browsers do that draw in software.
+ */
+function played(options = {}) {
+  const { pixelCost, seconds, moves, isSoftware } = { ...SOFTWARE, ...options };
+  let clock = 0, free = 0, count = 0, isDirty = false, queue = [];
+  const log = { waits: [], casts: [], presents: [], caughtUp: 0, moves: 0, reported: 0 };
+  const later = (run, at, isFrame) => { queue.push({ run, at, isFrame, id: ++count }); return count; };
+  const forget = (id) => { queue = queue.filter((task) => task.id !== id); };
+  const own = { performance: { now: () => clock }, setTimeout: (run, ms = 0) => later(run, clock + ms, false),
+    requestAnimationFrame: (run) => later(run, 0, true), clearTimeout: forget, cancelAnimationFrame: forget };
+  const before = Object.keys(own).map((name) => [name, Object.getOwnPropertyDescriptor(globalThis, name)]);
+  const restore = () => {
+    for (const [name, old] of before) {
+      delete globalThis[name];
+      if (old) Object.defineProperty(globalThis, name, old);
+    }
+  };
+  for (const [name, value] of Object.entries(own)) {
+    Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
+  }
+  const give = (ms) => { free = Math.max(free, clock) + ms; };
+  const gl = { SIGNALED: 1, SYNC_STATUS: 2, SYNC_GPU_COMMANDS_COMPLETE: 3, isContextLost: () => false, flush() {},
+    deleteSync() {}, fenceSync: () => ({ at: free }), getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0) };
+  const caster = { gl, isReady: true, isSoftware, canvas: { width: 600, height: 450 },
+    cast(name, _width, _height, _picture, { tile }) {
+      log.casts.push([clock, name]);
+      give(pixelCost * tile[2] * tile[3]);
+    },
+    enlarge() { give(1); },
+    present(name) { isDirty = true; log.presents.push([clock, name]); give(0.5); } };
+  try {
+    const loop = new FrameLoop(caster, (width) => [{ layer: 0, x: 0, width, original: false }],
+      () => ({ target: 80, settle: 200 }), () => { log.reported = clock; }, () => { log.caughtUp += 1; });
+    for (let k = 0; k < moves; k++) {
+      later(() => { log.moves += 1; loop.touch(true); if (k === moves - 1) loop.release(); }, 16 * k, false);
+    }
+    for (let frame = 16; clock < 1e3 * seconds; frame = Math.max(frame + 16, 16 * Math.ceil(clock / 16))) {
+      for (;;) { // the tasks before the frame, in the order of time
+        queue.sort((a, b) => a.at - b.at || a.id - b.id);
+        const next = queue.find((task) => !task.isFrame && task.at <= frame);
+        if (!next) break;
+        forget(next.id);
+        clock = Math.max(clock, next.at);
+        next.run();
+      }
+      clock = Math.max(clock, frame);
+      for (const task of queue.filter((other) => other.isFrame)) { forget(task.id); task.run(); }
+      if (isDirty) { log.waits.push(Math.max(0, free - clock)); clock = Math.max(clock, free); isDirty = false; }
+    }
+  } finally { restore(); }
+  return log;
+}
+
+test("no frame waits for rays", () => {
+  const { waits } = played();
+  assert.ok(waits.length > 15);
+  assert.ok(Math.max(...waits) <= 1); // the time to put a finished picture on the canvas
+});
+
+test("the volume follows the pointer and is drawn in full when it rests", () => {
+  const log = played(), last = 16 * (log.moves - 1);
+  assert.ok(log.presents.filter(([at]) => at <= last).length / (last / 1e3) > 6);
+  assert.ok(log.reported > last + 200);
+  assert.equal(log.presents.at(-1)[1], "full0");
+  const full = Math.min(...log.casts.filter(([, name]) => name === "full0").map(([at]) => at));
+  assert.ok(full > last); // nothing in full during a drag
+  // Two passes in pieces of 40 ms, each of which may wait for two frames.
+  assert.ok(log.reported - full < 2 * 2e-3 * 600 * 450 * (40 + 2 * 16) / 40);
+});
+
+test("maps are requested once for a picture and not at every movement", () => {
+  const log = played(), until = 16 * (log.moves - 1);
+  const pictures = log.presents.filter(([at]) => at <= until).length;
+  const tiles = log.casts.filter(([, name]) => name === "full0").length;
+  assert.ok(log.caughtUp <= pictures + 2 + tiles);
+  assert.ok(pictures < log.moves / 3);
+});
+
+test("a processor that draws rests between pictures however often the pointer moves", () => {
+  const log = played(), last = 16 * (log.moves - 1);
+  const shown = log.presents.map(([at]) => at).filter((at) => at < last);
+  const coarse = log.casts.filter(([, name]) => name === "coarse0").map(([at]) => at);
+  for (const done of shown.slice(5, -1)) assert.ok(coarse.find((at) => at > done) - done > 36);
+  const gpu = played({ isSoftware: false, pixelCost: 2e-5 });
+  assert.ok(gpu.presents.filter(([at]) => at < last).length / (last / 1e3) > 25); // a GPU needs no rest
+});
+
+for (const moves of [1, 2]) {
+  test(`the first of ${moves} is drawn at once`, () => assert.ok(played({ moves }).presents[0][0] < 200));
+}
+
+/** The calls of a link's listeners; after drawn movements also whether maps are awaited, before and after. */
+function linked(details) {
+  const calls = [], link = new FieldLink(null, () => calls.push("maps"), (isMoving) => calls.push(isMoving));
+  link.settled = JSON.stringify([]) + JSON.stringify({});
+  for (const [phase, draws] of details) {
+    link.moved({ phase, points: [], settings: {} });
+    if (draws) { calls.push(Boolean(link.awaited)); link.catchUp(); calls.push(Boolean(link.awaited)); }
+  }
+  return calls;
+}
+
+// Else the view would wait for a drag that has ended long ago, and stay coarse.
+test("the end of a movement is reported even if it ends where it began", () => {
+  assert.deepEqual(linked([["move", false], ["move", false], ["end", false]]), [true, true, false]);
+  assert.deepEqual(linked([["move", true], ["end", true]]), [true, true, false, false, false, false]);
+});

@@ -1,0 +1,54 @@
+// Edits of cuts and rigid parts.
+
+import assert from "node:assert/strict";
+import test from "node:test";
+import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
+import {
+  cornersOf, groundThrough, insertedCorner, movedCorner, movedRegion, removedCorner, simplified, turnedRegion,
+} from "../../deformnb/widgets/js/maths/shapes.js";
+
+const line = { kind: "line", vertices: [[0, 0], [5, 5], [9, 0]] }, polygon = { ...line, kind: "polygon" };
+
+test("a half plane is turned by two places on its line", () => {
+  const region = { kind: "half_space", point: [5, 5], normal: [0, 1] }; // all above b = 5 is inside
+  assert.deepEqual(cornersOf(region, 10), [[-5, 5], [15, 5]]);
+  const moved = movedCorner(region, 0, [-5, 15], 10), [p, q] = cornersOf(moved, 10);
+  assert.ok(Math.hypot(p[0] + 5, p[1] - 15) < 1e-9);
+  assert.ok(Math.abs((q[0] - p[0]) * -10 - (q[1] - p[1]) * 20) < 1e-9); // through the other place as before
+  assert.ok(moved.normal[1] > 0.8); // the same side
+  assert.deepEqual(turnedRegion(region).normal.map((v) => v + 0), [0, -1]);
+});
+
+for (const [p, q] of [[[0, 40], [100, 50]], [[100, 50], [0, 40]]]) {
+  test(`the ground from ${p} to ${q} is away from the middle`, () => {
+    const { point, normal } = groundThrough(p, q, [50, 10]);
+    assert.ok((50 - point[0]) * normal[0] + (10 - point[1]) * normal[1] > 0);
+    assert.ok(Math.abs(Math.hypot(...normal) - 1) < 1e-12);
+  });
+}
+
+test("a stroke keeps its corners and nothing else", () => {
+  const steps = Array.from({ length: 20 }, (_, k) => k);
+  const stroke = [...steps.map((k) => [k, 0]), ...steps.map((k) => [20, k]),
+    ...steps.map((k) => [20 + k, 20 + 0.2 * (k % 2)])];
+  assert.deepEqual(simplified(stroke, 0.5), [[0, 0], [20, 0], [20, 20], [39, 20.2]]);
+});
+
+test("a line keeps two corners and a closed one three", () => {
+  const less = removedCorner(line, 1);
+  assert.deepEqual(less.vertices, [[0, 0], [9, 0]]);
+  assert.equal(removedCorner(less, 0), null);
+  assert.equal(removedCorner(polygon, 0), null);
+  assert.deepEqual(insertedCorner(line, 1, [7, 3]).vertices, [[0, 0], [5, 5], [7, 3], [9, 0]]);
+  assert.deepEqual(movedRegion(line, 1, 2).vertices, [[1, 2], [6, 7], [10, 2]]);
+  assert.deepEqual(turnedRegion(line).vertices[0], [9, 0]);
+  assert.equal(turnedRegion(polygon), null);
+});
+
+test("regions that are known stay the same objects", () => {
+  const list = [{ region: { vertices: [[0, 1], [2, 3]], kind: "line" } }], old = cleanShapes(list, "cuts");
+  const again = cleanShapes(structuredClone(list), "cuts", old);
+  assert.equal(again[0].region, old[0].region);
+  assert.ok(sameShapes(again, old));
+  assert.deepEqual(cleanShapes([null, 3, {}], "cuts"), []);
+});
