@@ -11,7 +11,7 @@ demo:  ## set up what is missing, then run the demo (ARGS="--volume FILE" go to 
 test:  ## set up what is missing, then run all tests (ARGS="-k warp" go to pytest)
 	@sh run test $(ARGS)
 
-check:  ## set up what is missing, then lint, check types and the direction of imports
+check:  ## set up what is missing, then lint, check types and the direction of imports, of Python and JavaScript
 	@sh run check
 
 bench:  ## set up what is missing, then compare the speed with other packages (ARGS="--size 128")
