@@ -11,7 +11,7 @@ import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./key_help.js";
  */
 
 /**
- * The page around a toolbar: `guard` shows an error of f, `run` does a command.
+ * The editor around a toolbar: `guard` reports an error of f, `run` does a command.
  * @typedef {{ guard: (f: () => void) => void, run: (command: string, focused: null) => void }} ToolPage
  */
 
