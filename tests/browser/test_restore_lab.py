@@ -90,3 +90,26 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page.evaluate("() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart(); }")
     page.wait_for_function("document.querySelector('.dnb-restore-gone')", timeout=60_000)  # its user's own restart
     page.close()
+
+
+@pytest.mark.nightly
+def test_an_unsaved_notebook_can_be_loaded_again_twice(lab: Lab, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 1280, "height": 1000})
+    page.on("dialog", lambda dialog: dialog.accept())  # the browser asks whether to leave what is not saved
+    failures: list[str] = []
+    page.on("console", lambda message: failures.append(message.text) if "Failed to initialize" in message.text else None)
+    lab.open_notebook(page, [SETUP], "unsaved.ipynb")
+    ready(page)
+    for _ in range(2):
+        page.reload(timeout=60_000)
+        lab.wait_until_open(page)
+        lab.run_all(page)  # the notebook's file has no outputs; the kernel has the widgets of the cells before
+        ready(page)
+        page.mouse.dblclick(*at(page, 20, 20))
+        page.wait_for_function(f"{EDITOR}.points.length === 5")
+        assert page.get_by_text("Failed to initialize model").count() == 0
+        end = time.monotonic() + 60
+        while lab.run(page, "print(len(studio.editor.points))").strip() != "5":
+            assert time.monotonic() < end, "the point has not reached the kernel"
+    assert not failures
+    page.close()
