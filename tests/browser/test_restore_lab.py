@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
@@ -97,7 +98,7 @@ def test_an_unsaved_notebook_can_be_loaded_again_twice(lab: Lab, browser: Any) -
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
     page.on("dialog", lambda dialog: dialog.accept())  # the browser asks whether to leave what is not saved
     failures: list[str] = []
-    page.on("console", lambda message: failures.append(message.text) if "Failed to initialize" in message.text else None)
+    page.on("console", lambda message: failures.extend(re.findall("Failed to initialize.*", message.text)))
     lab.open_notebook(page, [SETUP], "unsaved.ipynb")
     ready(page)
     for _ in range(2):
