@@ -55,9 +55,9 @@ _UNHELD = (" nothing holds the affine trend, which may shear or stretch without 
            "trend affine stays calm")
 
 # What a trend shortens more than this it collapses; ratios beyond would be rounding.
-_COLLAPSED = 1e-6
+COLLAPSED = 1e-6
 # Pairs of crossing points this many quarters of an octave (8 times) behind the worst are not named.
-_FAR_BEHIND = 12
+FAR_BEHIND = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +292,10 @@ def crossing_pairs(ready: PreparedPoints, linear: NDArray[np.float64], most: int
     along = x[first] - x[second]
     beside = y[first] - y[second] - along
     gap = np.linalg.norm(ready.targets[first] - ready.targets[second], axis=1)
-    ratio = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(along, axis=1), _COLLAPSED * gap)
+    ratio = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(along, axis=1), COLLAPSED * gap)
     # In quarters of an octave: neither rounding nor a small move changes who is named.
     degree = np.round(4 * np.log2(np.maximum(ratio, 1.0)))
     pairs = {(min(i, j), max(i, j)): d for i, j, d, r in zip(
         first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True) if r > 1}
     worst = sorted(pairs, key=lambda pair: (-pairs[pair], pair))[:most]
-    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - _FAR_BEHIND]
+    return [(ready.ids[i], ready.ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - FAR_BEHIND]

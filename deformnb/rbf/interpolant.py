@@ -179,12 +179,12 @@ CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
 
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
 # above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
-_RESIDUAL = 1e-7
+RESIDUAL = 1e-7
 # Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
-_MOST_GAIN = 1e5
+MOST_GAIN = 1e5
 # Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
-_ROUNDING = 1e-10
+ROUNDING = 1e-10
 
 # Ratio of the diagonal entries of a Cholesky factor below which its matrix is singular to working precision.
 _SINGULAR = 1e-7
@@ -591,13 +591,13 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
     with float64():
         solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved)
-    if scales is not None and not np.abs(alpha).max() <= _MOST_GAIN * np.abs(d).max():
+    if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
         raise DeformError(
             "the support radii that these control points have of their own do not go together: the system is nearly "
             f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
         )
     # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
-    if not np.abs(miss).max() <= _RESIDUAL * np.abs(d).max() + _ROUNDING * np.abs(x).max():
+    if not np.abs(miss).max() <= RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max():
         raise DeformError(
             f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
             f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
@@ -609,7 +609,7 @@ def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothi
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.
-_STEEP = 10.0
+STEEP = 10.0
 
 _COLLAPSES = {
     "affine": "the trend collapses everything to one place",
@@ -627,9 +627,9 @@ def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: N
              for i, j in torn]
     notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
     is_plain = ready.trend.startswith("affine") and (ready.trend != "affine" or kernel.order == 2)
-    if is_plain and np.linalg.norm(map_linear, 2) > _STEEP:
+    if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
         notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
-            f"the affine trend stretches more than {_STEEP:g} times: the control points nearly lie on one line or in "
+            f"the affine trend stretches more than {STEEP:g} times: the control points nearly lie on one line or in "
             "one plane; the trend similarity would not"
         )
     sources = ready.targets + ready.displacements

@@ -38,7 +38,7 @@ from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
 from deformnb.errors import DeformError
 
 # Stands for s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
-_TINY = 1e-30
+TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class WendlandC0(AbstractKernel):
 
     @staticmethod
     def slope(s: Any) -> Any:
-        r = jnp.sqrt(jnp.maximum(s, _TINY))
+        r = jnp.sqrt(jnp.maximum(s, TINY))
         return -jnp.maximum(1 - r, 0.0) / r
 
 
@@ -196,7 +196,7 @@ class Linear(AbstractKernel):
 
     @staticmethod
     def slope(s: Any) -> Any:
-        return -0.5 / jnp.sqrt(jnp.maximum(s, _TINY))
+        return -0.5 / jnp.sqrt(jnp.maximum(s, TINY))
 
 
 class ThinPlate(AbstractKernel):
@@ -206,11 +206,11 @@ class ThinPlate(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return 0.5 * s * jnp.log(jnp.maximum(s, _TINY))
+        return 0.5 * s * jnp.log(jnp.maximum(s, TINY))
 
     @staticmethod
     def slope(s: Any) -> Any:
-        return 0.5 * (jnp.log(jnp.maximum(s, _TINY)) + 1)
+        return 0.5 * (jnp.log(jnp.maximum(s, TINY)) + 1)
 
 
 class Cubic(AbstractKernel):

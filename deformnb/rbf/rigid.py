@@ -298,7 +298,7 @@ def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np
 
 
 # A point that asks, inside a part, for what the part does anyway may miss it by this share of the box of all points.
-_SAME_MOTION = 1e-6
+SAME_MOTION = 1e-6
 
 
 @dataclass(frozen=True)
@@ -542,7 +542,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
         back = points.target if part.motion is None else part.motion.inverse(points.target)
         size = _size_of(points)
         asks = points.active & (part.region.signed_distance(back) <= 0)
-        asks &= np.linalg.norm(points.source - back, axis=1) > _SAME_MOTION * size
+        asks &= np.linalg.norm(points.source - back, axis=1) > SAME_MOTION * size
         carried = points.source if part.motion is None else part.motion(points.source)
         for k in np.flatnonzero(asks).tolist():
             points = points.edit(points.ids[k], **({"target": carried[k]} if held == "carry" else {"active": False}))
@@ -577,7 +577,7 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
         holders = np.flatnonzero(distances[:, k] <= 0).tolist()
         for h in holders:
             asked, done = points.source[k], moved[h][k]
-            if np.linalg.norm(asked - done) > _SAME_MOTION * size:
+            if np.linalg.norm(asked - done) > SAME_MOTION * size:
                 held = "is fixed" if parts[h].motion is None else "has a motion of its own"
                 raise DeformError(f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
                                   "point, or change the part.")

@@ -35,11 +35,11 @@ NO_ANGLE = 1e-6
 # there, and from it on it is the plain one.
 THIN = 0.25
 # How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
-# ((THIN - spread) / spread)^2 / _SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
+# ((THIN - spread) / spread)^2 / SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
 # tried and held det J above 0.3 beside them; smaller ones are nearer to a similarity.
-_SOFTNESS = 0.5
+SOFTNESS = 0.5
 # Below this spread the similarity is reached to rounding; it keeps the penalty finite.
-_LEAST_SPREAD = 1e-4
+LEAST_SPREAD = 1e-4
 
 
 class Span(NamedTuple):
@@ -187,8 +187,8 @@ def _relative_moments(m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def ridge_of(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> NDArray[np.float64]:
     """The penalty (..., dim, dim) of the trend "affine" for :func:`thin_directions`; zero where none is thin."""
-    s = np.maximum(spreads, _LEAST_SPREAD)
-    weight = np.where(s < THIN, ((THIN - s) / s) ** 2 / _SOFTNESS, 0.0)
+    s = np.maximum(spreads, LEAST_SPREAD)
+    weight = np.where(s < THIN, ((THIN - s) / s) ** 2 / SOFTNESS, 0.0)
     return np.asarray(directions * weight[..., None, :] @ np.swapaxes(directions, -1, -2))
 
 

@@ -41,7 +41,7 @@ _ROWS, _LIVE, _SERVED = "ItemList", "LiveView", "VolumeView"
 
 MESSAGES: tuple[MessageKind, ...] = (
     # Editors
-    MessageKind("greet", TO_PYTHON, _EDITORS, "A front end has opened; done answers it and so shows that Python listens",
+    MessageKind("greet", TO_PYTHON, _EDITORS, "A front end has opened; done answers it: Python listens",
                 _SENDER),
     MessageKind("edit", TO_PYTHON, _EDITORS, "Control points that are being dragged or were edited",
                 {**_SENDER, "phase": '"move" or "end"', "kind": "what was done, one of protocol.KINDS",

@@ -11,7 +11,7 @@ import {
 import { RbfError, rbfLabel } from "../maths/rbf.js";
 import { heldPoints, partLabel } from "../maths/rigid_stages.js";
 import { placeSeen } from "../maths/warp_map.js";
-import { LONGEST_EDIT } from "../sync/edits.js";
+import { MOST_CHARACTERS } from "../sync/edits.js";
 import { treeOf } from "./drawing.js";
 import { pointLabel } from "./handles.js";
 
@@ -85,7 +85,7 @@ export class PointTools {
     const { page } = this;
     if (page.isLocked || samePoints(points, page.points)) return false;
     if (!page.error && !this.accepts(points)) return false;
-    if (JSON.stringify(points).length > LONGEST_EDIT) {
+    if (JSON.stringify(points).length > MOST_CHARACTERS) {
       page.say("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }

@@ -10,7 +10,7 @@ import {
   cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, movedCorner, movedRegion, removedCorner,
   SHAPE_NAMES, shapeLabel, shapeName, simplified, toldShape, turnedRegion, withShape,
 } from "../maths/shapes.js";
-import { LONGEST_EDIT } from "../sync/edits.js";
+import { MOST_CHARACTERS } from "../sync/edits.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { REGION_MARKS, ShapeHandles, shapePaths } from "./shape_handles.js";
 
@@ -295,7 +295,7 @@ export class ShapeTools {
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
     if (fault) { page.say(fault, true); return false; }
     if (wasFine && !page.pointTools.accepts(points, { ...page.shapes, [what]: shapes })) return false;
-    if (JSON.stringify(shapes).length > LONGEST_EDIT) {
+    if (JSON.stringify(shapes).length > MOST_CHARACTERS) {
       page.say("These shapes are too large to send.", true);
       return false;
     }

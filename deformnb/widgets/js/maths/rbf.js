@@ -1,6 +1,11 @@
 // The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. All arithmetic is
 // in float64, as in the package; a test compares the two for every kernel and trend.
 
+import {
+  COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MOST_GAIN,
+  NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, TINY,
+} from "./constants.js";
+
 /** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
 /**
@@ -317,7 +322,7 @@ function rbfComplete(images, basis) {
 
 /** @param {number[][]} h @param {number} size @param {number[][]} previous  where there is none */
 function rbfNearestRotation(h, size, previous) {
-  const least = RBF_NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
+  const least = NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
   const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], length = Math.hypot(c, s);
   return length > least ? [[c / length, -s / length], [s / length, c / length]] : previous;
 }
@@ -366,7 +371,7 @@ function rbfSpan(rows) {
   if (rows.length < 2) return [];
   const { sigma, along } = rbfPrincipal(rows);
   if (sigma[0] === 0) return [];
-  return sigma[1] > RBF_FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
+  return sigma[1] > FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
 }
 
 /**
@@ -393,8 +398,6 @@ function rbfPrincipal(rows) {
   const sigma = columns.map((p) => Math.hypot(...p)), first = sigma[0] >= sigma[1] ? 0 : 1;
   return { sigma: [sigma[first], sigma[1 - first]], along: v[first] };
 }
-
-const RBF_THIN = 0.25, RBF_SOFTNESS = 0.5, RBF_LEAST_SPREAD = 1e-4;
 
 /**
  * The spread of places across their longest direction, relative to it, in the thinner of two sets:
@@ -496,8 +499,8 @@ function rbfClosest(ready) {
 function rbfWarnings(ready, kernel, map) {
   const notes = [];
   const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
-  if (isPlain && rbfSpectralNorm(map) > RBF_STEEP) {
-    notes.push(`the affine trend stretches more than ${RBF_STEEP} times: the control points nearly lie on one line ` +
+  if (isPlain && rbfSpectralNorm(map) > STEEP) {
+    notes.push(`the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
       "or in one plane; the trend similarity would not");
   }
   /** @type {(place: (q: Place) => number[]) => number} */
@@ -510,11 +513,11 @@ function rbfWarnings(ready, kernel, map) {
     affine_exact: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
   const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
-  if (Object.hasOwn(collapses, ready.trend) && sources < RBF_NO_ANGLE * spread((q) => q.x)) {
+  if (Object.hasOwn(collapses, ready.trend) && sources < NO_ANGLE * spread((q) => q.x)) {
     notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
   } else if (isPlain) {
     const largest = rbfSpectralNorm(map), det = map[0][0] * map[1][1] - map[0][1] * map[1][0];
-    if (!(Math.abs(det) >= RBF_NO_ANGLE * largest * largest)) {
+    if (!(Math.abs(det) >= NO_ANGLE * largest * largest)) {
       notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
         "everything flat");
     }
@@ -530,7 +533,7 @@ function rbfTornPairs({ merged, n, ids }, most = 3) {
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
     for (let j = i + 1; j < n && found.length < most; j++) {
       const gap = [0, 1].map((k) => merged[i].x[k] + merged[i].d[k] - merged[j].x[k] - merged[j].d[k]);
-      if (Math.hypot(...gap) <= RBF_SAME_PLACE * size) found.push([ids[i], ids[j]]);
+      if (Math.hypot(...gap) <= SAME_PLACE * size) found.push([ids[i], ids[j]]);
     }
   }
   return found;
@@ -550,7 +553,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
   for (let i = 0; i < n; i++) {
     for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
       const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
-      const along = Math.max(RBF_COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
+      const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
       const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
       // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
@@ -559,7 +562,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
     }
   }
   const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
-  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - RBF_FAR_BEHIND).sort(([p], [q]) => p - q)
+  return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - FAR_BEHIND).sort(([p], [q]) => p - q)
     .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
 }
 
@@ -567,20 +570,6 @@ function rbfCrossingPairs(ready, map, most = 3) {
 
 /** Points or settings that cannot be fitted, with a message for users. */
 export class RbfError extends Error {}
-
-const RBF_TINY = 1e-30;
-const RBF_SAME_PLACE = 1e-6;
-const RBF_SAME_DISPLACEMENT = 1e-9;
-const RBF_FLAT = 1e-7;
-const RBF_LARGEST_SET = 2000;
-const RBF_LARGEST_COORDINATE = 1e15;
-const RBF_RESIDUAL = 1e-7;
-const RBF_ROUNDING = 1e-10;
-const RBF_MOST_GAIN = 1e5;
-const RBF_STEEP = 10;
-const RBF_LONGEST_SHARE = 100;
-const RBF_NO_ANGLE = 1e-6;
-const RBF_COLLAPSED = 1e-6, RBF_FAR_BEHIND = 12;
 
 /** @type {Record<string, Kernel>} */
 export const RBF_KERNELS = {
@@ -592,7 +581,7 @@ export const RBF_KERNELS = {
   wendland_c0: {
     title: "Wendland C0", order: 0, compact: true, share: 1, gaps: Infinity,
     profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s); return t * t; },
-    slope: (s) => { const r = Math.sqrt(Math.max(s, RBF_TINY)); return r >= 1 ? 0 : -(1 - r) / r; },
+    slope: (s) => { const r = Math.sqrt(Math.max(s, TINY)); return r >= 1 ? 0 : -(1 - r) / r; },
   },
   wendland_c4: {
     title: "Wendland C4", order: 0, compact: true, share: 1, gaps: 8,
@@ -605,8 +594,8 @@ export const RBF_KERNELS = {
   },
   thin_plate: {
     title: "Thin-plate spline", order: 2, compact: false, share: 1, gaps: Infinity,
-    profile: (s) => 0.5 * s * Math.log(Math.max(s, RBF_TINY)),
-    slope: (s) => 0.5 * (Math.log(Math.max(s, RBF_TINY)) + 1),
+    profile: (s) => 0.5 * s * Math.log(Math.max(s, TINY)),
+    slope: (s) => 0.5 * (Math.log(Math.max(s, TINY)) + 1),
   },
   gaussian: {
     title: "Gaussian", order: 0, compact: false, share: 1 / 4, gaps: 2,
@@ -626,7 +615,7 @@ export const RBF_KERNELS = {
   linear: {
     title: "Linear", order: 1, compact: false, share: 1, gaps: Infinity,
     profile: (s) => -Math.sqrt(s),
-    slope: (s) => -0.5 / Math.sqrt(Math.max(s, RBF_TINY)),
+    slope: (s) => -0.5 / Math.sqrt(Math.max(s, TINY)),
   },
 };
 
@@ -660,8 +649,8 @@ export function rbfFit(points, settings = {}) {
     throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
       "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.");
   }
-  if (active.length > RBF_LARGEST_SET) {
-    throw new RbfError(`${active.length} control points are more than the ${RBF_LARGEST_SET} a dense solve is meant ` +
+  if (active.length > LARGEST_SET) {
+    throw new RbfError(`${active.length} control points are more than the ${LARGEST_SET} a dense solve is meant ` +
       "for; switch some off or thin them out.");
   }
   // The radius is that of the points as dragged, at full strength, as in deformnb.document.deformation.Step.
@@ -710,7 +699,7 @@ export function rbfCheckPoints(points) {
   for (const p of points) {
     for (const [what, place] of Object.entries({ source: p.source, target: p.target })) {
       const good = Array.isArray(place) && place.length === 2 &&
-        place.every((v) => Number.isFinite(v) && Math.abs(v) <= RBF_LARGEST_COORDINATE);
+        place.every((v) => Number.isFinite(v) && Math.abs(v) <= LARGEST_COORDINATE);
       if (!good) {
         throw new RbfError(`the ${what} of ${rbfLabel(p)} is [${place}]; coordinates must be finite and below 1e15. ` +
           "Correct or remove that point.");
@@ -721,7 +710,7 @@ export function rbfCheckPoints(points) {
       throw new RbfError(`the weight of ${rbfLabel(p)} is ${weight}; weights must be positive numbers.`);
     }
     const radius = p.radius ?? 1;
-    if (!(radius > 0 && radius <= RBF_LARGEST_COORDINATE)) {
+    if (!(radius > 0 && radius <= LARGEST_COORDINATE)) {
       throw new RbfError(`the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that ` +
         "of all.");
     }
@@ -737,7 +726,7 @@ export function rbfCheckPoints(points) {
 function rbfAtRest(points) {
   const active = points.filter((p) => p.active !== false);
   const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
-  return rbfExtent(sources) > RBF_SAME_PLACE * rbfExtent(targets) ? sources : targets;
+  return rbfExtent(sources) > SAME_PLACE * rbfExtent(targets) ? sources : targets;
 }
 
 /** The diagonal of the box of places; 0 for none. @param {number[][]} places */
@@ -760,7 +749,7 @@ export function rbfBoxDiagonal(points) {
 function rbfUsualSupport(points, kernel) {
   const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
-  const isThin = rbfSpreads(places, places).spread < RBF_THIN;
+  const isThin = rbfSpreads(places, places).spread < THIN;
   return size * (isThin ? Math.min(share, 0.5, gaps / Math.max(1, places.length - 1)) : share);
 }
 
@@ -803,9 +792,9 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   });
   const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
   let radius = given;
-  if (RBF_KERNELS[kernel].compact && given > RBF_LONGEST_SHARE * box) {
-    radius = RBF_LONGEST_SHARE * box;
-    limited.push(`the support radius is limited to ${RBF_LONGEST_SHARE} diagonals of the control points' box; beyond ` +
+  if (RBF_KERNELS[kernel].compact && given > LONGEST_SHARE * box) {
+    radius = LONGEST_SHARE * box;
+    limited.push(`the support radius is limited to ${LONGEST_SHARE} diagonals of the control points' box; beyond ` +
       "that the map hardly changes");
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
@@ -826,8 +815,8 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
 function rbfThinness(merged, basis) {
   if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
   const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
-  if (spread >= RBF_THIN) return { ridge: null, where: "" };
-  const s = Math.max(spread, RBF_LEAST_SPREAD), weight = ((RBF_THIN - s) / s) ** 2 / RBF_SOFTNESS;
+  if (spread >= THIN) return { ridge: null, where: "" };
+  const s = Math.max(spread, LEAST_SPREAD), weight = ((THIN - s) / s) ** 2 / SOFTNESS;
   const across = [-along[1], along[0]], quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
   const degrees = ((quarters * 15) % 180 + 180) % 180;
   return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
@@ -847,7 +836,7 @@ function rbfRound(value) {
  * @param {number} smoothing
  */
 function rbfMerge(places, radius, reach, smoothing) {
-  const near = RBF_SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
+  const near = SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
   const parent = places.map((_, k) => k);
   /** @type {(k: number) => number} */
   const root = (k) => {
@@ -891,7 +880,7 @@ function rbfMerge(places, radius, reach, smoothing) {
 function rbfRefuseConflicts(places, pairs, radius) {
   for (const [i, j] of pairs) {
     const p = places[i], q = places[j];
-    if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= RBF_SAME_DISPLACEMENT * radius) continue;
+    if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= SAME_DISPLACEMENT * radius) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
     throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but ask for ` +
       `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
@@ -956,11 +945,11 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   /** @type {(array: Float64Array) => number} */
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);
-  if (fit.scales && !(largest(alpha) <= RBF_MOST_GAIN * largest(d))) {
+  if (fit.scales && !(largest(alpha) <= MOST_GAIN * largest(d))) {
     throw new RbfError("the support radii that these control points have of their own do not go together: the system " +
       `is nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
   }
-  if (!(largest(miss) <= RBF_RESIDUAL * largest(d) + RBF_ROUNDING * largest(fit.centers))) {
+  if (!(largest(miss) <= RESIDUAL * largest(d) + ROUNDING * largest(fit.centers))) {
     throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
       `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
       "Wendland kernel, or a little smoothing.");

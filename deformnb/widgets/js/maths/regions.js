@@ -7,6 +7,8 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
+import { LARGEST_SHAPE } from "./constants.js";
+
 /** @import { HalfSpaceData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
@@ -184,7 +186,6 @@ function sentCodes(take) {
 
 // ---- any region -----------------------------------------------------------------------------------------------------
 
-export const REGION_MOST_VERTICES = 512;
 
 /** @type {WeakMap<RegionData, Region>} */
 const regionsMade = new WeakMap();
@@ -313,7 +314,7 @@ export function regionFault(data) {
   const isClosed = data.kind === "polygon", corners = withoutTwins(data.vertices, isClosed);
   if (isClosed && corners.length < 3) return "A closed shape needs three corners.";
   if (corners.length < 2) return "A line needs two places.";
-  if (corners.length > REGION_MOST_VERTICES) return `A shape has at most ${REGION_MOST_VERTICES} corners.`;
+  if (corners.length > LARGEST_SHAPE) return `A shape has at most ${LARGEST_SHAPE} corners.`;
   if (isClosed && signedArea(corners) === 0) return "This shape has no area.";
   if (!crossing(corners, isClosed)) return "";
   return isClosed ? "This outline crosses itself, so inside and outside are not told apart."

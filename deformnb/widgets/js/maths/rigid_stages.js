@@ -1,6 +1,7 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit.
 
+import { MOST_STAGES, SAME_MOTION } from "./constants.js";
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
 
@@ -8,7 +9,6 @@ import { regionDistance } from "./regions.js";
 
 // ---- fits beside rigid parts ----------------------------------------------------------------------------------------
 
-const RIGID_SAME_MOTION = 1e-6; // of the box of all points
 
 /** @type {Record<string, (value: number) => number>} */
 const RIGID_WEIGHTS = {
@@ -121,7 +121,7 @@ function sortedPoints(points, ready) {
       const { m, s } = r.back, [a, b] = p.target, x = m[0] * a + m[1] * b + s[0], y = m[2] * a + m[3] * b + s[1];
       return { r, isIn: r.distance(x, y) <= 0, gap: Math.hypot(p.source[0] - x, p.source[1] - y) };
     }).filter(({ isIn }) => isIn);
-    const other = holders.find(({ gap }) => gap > RIGID_SAME_MOTION * size);
+    const other = holders.find(({ gap }) => gap > SAME_MOTION * size);
     if (other) refused.push({ point: p, part: other.r.part });
     else if (!holders.length) {
       free.push(p);
@@ -240,7 +240,6 @@ export function fieldOnRaster(fit, raster, out = null) {
 // The points go from source to target in equal parts, and the maps follow one another: a place of the result is looked
 // up in the last stage first.
 
-export const MOST_STAGES = 64;
 
 /**
  * The fit of control points in `settings.stages` stages; with one as rigidFit.

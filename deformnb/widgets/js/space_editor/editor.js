@@ -10,7 +10,7 @@ import { shownLength } from "../maths/numbers.js";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.js";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
-import { LONGEST_EDIT, RestingTrait, senderOf } from "../sync/edits.js";
+import { MOST_CHARACTERS, RestingTrait, senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
 import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
 import { Toolbar } from "../ui/toolbar.js";
@@ -296,7 +296,7 @@ export class SpaceEditorPage extends EditorDrawing {
    */
   edit(points, kind = "move", join = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
-    if (JSON.stringify(points).length > LONGEST_EDIT) {
+    if (JSON.stringify(points).length > MOST_CHARACTERS) {
       this.say("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }

@@ -11,6 +11,7 @@
 // There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
 // it.
 
+import { LONGEST_EDIT } from "../maths/constants.js";
 import { cleanPoints, cleanShapes, History, nextId, samePoints, sameShapes } from "../maths/points.js";
 
 /** @import { Bus, Model, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
@@ -24,7 +25,8 @@ import { cleanPoints, cleanShapes, History, nextId, samePoints, sameShapes } fro
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
 const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
-export const LONGEST_EDIT = 500000; // characters that Python accepts of one edit
+/** Characters of an edit at most; Python counts the bytes of its own JSON, which has blanks and escapes. */
+export const MOST_CHARACTERS = LONGEST_EDIT / 2;
 
 /** @type {ShapeKind[]} */
 const SHAPE_KINDS = ["cuts", "parts"];

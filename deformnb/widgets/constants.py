@@ -1,0 +1,45 @@
+"""Constants that Python and the front end share, written out as ``js/maths/constants.js``.
+
+``python -m deformnb.widgets.constants > deformnb/widgets/js/maths/constants.js`` writes the file anew; a test compares.
+"""
+
+from __future__ import annotations
+
+import json
+
+from deformnb import checks
+from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, stages, trends
+from deformnb.widgets import protocol
+
+CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
+    "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "FLAT", "LONGEST_SHARE",
+                                    "COLLAPSED", "FAR_BEHIND")),
+    "interpolant": (interpolant, ("RESIDUAL", "ROUNDING", "MOST_GAIN", "STEEP")),
+    "kernels": (kernels, ("TINY",)),
+    "checks": (checks, ("LARGEST_COORDINATE",)),
+    "trends": (trends, ("NO_ANGLE", "THIN", "SOFTNESS", "LEAST_SPREAD")),
+    "regions": (regions, ("LARGEST_SHAPE",)),
+    "rigid": (rigid, ("SAME_MOTION",)),
+    "stages": (stages, ("MOST_STAGES",)),
+    "protocol": (protocol, ("LONGEST_EDIT",)),
+}
+"""The modules by name, and the constants of each that the front end needs too; their reasons are there."""
+
+
+def as_javascript() -> str:
+    """The module of the front end.
+
+    Examples
+    --------
+    >>> "export const MOST_STAGES = 64;" in as_javascript()
+    True
+    """
+    lines = ["// Constants of the package, written by: python -m deformnb.widgets.constants. Change them there."]
+    for name, (module, names) in CONSTANTS.items():
+        lines += ["", f"// {name}.py"]
+        lines += [f"export const {constant} = {json.dumps(getattr(module, constant))};" for constant in names]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(as_javascript(), end="")  # noqa: T201
