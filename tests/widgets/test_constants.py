@@ -8,4 +8,4 @@ from deformnb.widgets.constants import as_javascript
 
 def test_the_front_end_has_the_constants_of_the_package() -> None:
     written = (SOURCES / "maths" / "constants.js").read_text(encoding="utf-8")
-    assert written == as_javascript(), "run: python -m deformnb.widgets.constants > deformnb/widgets/js/maths/constants.js"
+    assert written == as_javascript(), "run: python -m deformnb.widgets.constants > ..."
