@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from deformnb.widgets.parameters import ACTIONS, AbstractParameter, Choice, Number, Switch
+from deformnb.widgets.parameters import ACTIONS, PARAMETERS, AbstractParameter, Choice, Number, Switch
 from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
-    ("Deformation", ("kernel", "trend", "support", "automatic_support", "smoothing", "strength")),
+    ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
     ("Through the depth", ("extrusion",)),
 )
+_BESIDE = {"support": "automatic_support"}  # a switch in the row of a slider
 _SHOWN_IF = {"depth": "method === 'slice'"}
 _OF_THE_DEPTH = (("curve", "extrusion === 'modulate'"), ("keys", "extrusion === 'interpolate'"))
 _GO_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
@@ -26,8 +27,9 @@ _STATE = [
 _TIME = "new Date(1000 * s.time).toLocaleTimeString([], { hourCycle: 'h23' })"
 
 
-def add_control(v: Any, html: Any, name: str, control: AbstractParameter, shown_if: str | None = None) -> None:
-    """A control of the table, where ``shown_if`` holds in the client."""
+def add_control(v: Any, html: Any, name: str, control: AbstractParameter, shown_if: str | None = None,
+                beside: str | None = None) -> None:
+    """A control of the table, where ``shown_if`` holds in the client; ``beside`` is a switch in the row of a slider."""
     shown = {"v_if": (shown_if,)} if shown_if else {}
     common = {"density": "compact", "hide_details": True, "color": "primary"}
     if isinstance(control, Choice):
@@ -45,6 +47,10 @@ def add_control(v: Any, html: Any, name: str, control: AbstractParameter, shown_
             v.VSlider(min=low, max=high, step=control.step, aria_label=control.label, start="trigger('take_hold')",
                       track_size=3, thumb_size=14, __properties=["aria_label"], **bound, **common)
             html.Span(f"{{{{ {value} }}}}", classes="dnb-app-value")
+            if beside:
+                switch = PARAMETERS[beside]
+                v.VCheckboxBtn(v_model=(beside,), title=switch.tooltip, aria_label=switch.label, density="compact",
+                               color="primary", inline=True, __properties=["title", "aria_label", "inline"])
     elif isinstance(control, Switch):
         v.VCheckbox(v_model=(name,), label=control.label, title=control.tooltip, __properties=["title"], **common,
                     **shown)
@@ -73,7 +79,7 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> 
         switches = [name for name in names if isinstance(controls[name], Switch)]
         for name in names:
             if name not in switches:
-                add_control(v, html, name, controls[name], _SHOWN_IF.get(name))
+                add_control(v, html, name, controls[name], _SHOWN_IF.get(name), _BESIDE.get(name))
         if switches:
             with html.Div(classes="dnb-app-switches"):
                 for name in switches:

@@ -67,7 +67,7 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
     for key, trait in (("Shift+N", "snap"), ("t", "stop_at_folds"), ("r", "show_radius")):
         tab.page.keyboard.press(key)
         eventually(lambda trait=trait: getattr(editor, trait))
-    circles = tab.page.get_by_label("Support radii", exact=True)
+    circles = tab.page.get_by_label("Radii", exact=True)
     eventually(circles.is_checked)
     tab.page.locator("[data-command=net]").click()
     eventually(lambda: not tab.page.get_by_label("Grid", exact=True).is_checked())
@@ -75,7 +75,7 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
     tab.page.locator(".dnb-ed-menu").select_option("area")
     eventually(lambda: editor.overlay == "area")
     tab.page.get_by_role("tab", name="Trust").click()
-    tab.says("Area: green grows", ".dnb-app-part")
+    tab.says("Area (green grows", ".dnb-app-part")
     tab.page.reload()  # another page of the same session shows the same
     tab.drawn()
     assert tab.page.evaluate(f"['overlay', 'stop_at_folds', 'show_net'].map((n) => {EDITOR}.model.get(n))") == [
@@ -109,13 +109,13 @@ def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
 
 
 def test_a_node_of_the_net_becomes_a_point_where_it_is_dragged(tab: Tab) -> None:
-    tab.page.get_by_label("Drag the grid").check()
+    tab.page.get_by_label("Drag grid").check()
     tab.page.wait_for_function(f"{EDITOR}.netNodes.isOn && {EDITOR}.netNodes.made")
     stroke(tab, 30, 12)  # in the middle of 16 cells is a node
     tab.says("5 points, 1 moved")
     way = (tab.app.desk.session.points.target - tab.app.desk.session.points.source)[4]
     assert way == pytest.approx(np.array([30, 12]) / tab.page.evaluate(f"{EDITOR}.view.k"), rel=0.05)
-    tab.page.get_by_label("Drag the grid").uncheck()
+    tab.page.get_by_label("Drag grid").uncheck()
     tab.page.wait_for_function(f"!{EDITOR}.netNodes.isOn")
 
 
@@ -133,7 +133,7 @@ def test_a_drag_that_folds_is_told_unfolded_and_gone_back_behind(tab: Tab) -> No
     far = session.points.target.tolist()
     page.get_by_role("button", name="Unfold by stages").click()
     tab.says("none; smallest det J", ".dnb-app-facts")
-    eventually(lambda: page.evaluate(f"{EDITOR}.model.get('stages')") == session.step.stages > 1)
+    eventually(lambda: page.evaluate(f"{EDITOR}.model.get('settings').stages") == session.step.stages > 1)
     assert session.points.target.tolist() == far
     page.locator(".dnb-ed-menu").select_option("uncertainty")
     page.wait_for_function(f"{EDITOR}.model.get('haze').byteLength > 0 && {EDITOR}.overlay.key.innerText.includes('±')",

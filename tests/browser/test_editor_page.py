@@ -305,11 +305,11 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, pi
             f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
     assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
     assert page.points == points
-    page.editor.set_trait("kernel", "thin_plate")
-    page.editor.set_trait("trend", "rigid")
+    page.editor.kernel = "thin_plate"
+    page.editor.trend = "rigid"
     page.settled()
     assert "needs a trend of affine" in page.page.locator(".dnb-ed-notes").inner_text()
-    page.editor.set_trait("trend", "affine")
+    page.editor.trend = "affine"
     page.settled()
     assert "needs" not in page.page.locator(".dnb-ed-notes").inner_text()
 

@@ -375,9 +375,9 @@ def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -
     view.set_camera((0, 1, 0))
     start = page.pixels().astype(int)
     chosen = wanted.steps[0].support_for(dragged)
-    page.page.evaluate(_EDITOR, {"uid": "u1", "points": _listed(still), "kernel": "wendland_c2", "support": None,
-                                 "chosen_support": chosen, "trend": "affine", "smoothing": 0.0, "strength": 1.0,
-                                 "lone_support": 10.0})
+    page.page.evaluate(_EDITOR, {"uid": "u1", "points": _listed(still), "lone_support": 10.0, "settings": {
+        "kernel": "wendland_c2", "support": None, "chosen_support": chosen, "trend": "affine", "smoothing": 0.0,
+        "strength": 1.0, "stages": 1}})
     page.page.evaluate("() => { models.view.fromPython('editor', 'IPY_MODEL_editor'); }")
     said = "models.view.sent.filter((m) => m.type !== 'seen').length"  # fields of before are confirmed when drawn
     sent, messages = view.stats()["field_bytes"], page.page.evaluate(said)

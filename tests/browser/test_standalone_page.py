@@ -274,7 +274,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     page.page.get_by_role("button", name="Reset", exact=True).click()
     page.settled()
     assert np.abs(page.volume() - start).mean() < 0.3
-    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('strength')]") == ["wendland_c2", 1]
+    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('settings').strength]") == ["wendland_c2", 1]
 
 
 def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callable[..., Opened]) -> None:

@@ -27,7 +27,7 @@ Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
-_STYLE = {"description_width": "84px"}
+_STYLE = {"description_width": "100px"}
 _ROUNDING = 0.501  # of a slider's step
 
 
