@@ -145,6 +145,15 @@ class Step:
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
 
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        count = len(self.points)
+        where = "in space" if self.plane is None else "in the plane"
+        kinds = [f"{count} {'point' if count == 1 else 'points'} {where}"]
+        kinds += [f"{len(given)} {what}" for given, what in ((self.parts, "rigid"), (self.cuts, "cut")) if given]
+        rule, off = "" if self.plane is None else f", {self.extrusion}", "" if self.enabled else ", switched off"
+        return f"<Step{name}: {', '.join(kinds)}, {self.kernel}, trend {self.trend}{rule}{off}>"
+
     @property
     def settings(self) -> FitSettings:
         """The settings of the fit, as they are in the fields of the same names."""
@@ -386,6 +395,13 @@ class Deformation:
         times = [key.time for key in self.keyframes]
         if any(late <= early for early, late in pairwise(times)):
             raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")
+
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        keys = f", {len(self.keyframes)} key frames" if self.keyframes else ""
+        made = f", made on {self.volume.name[:60]!r}" if self.volume and self.volume.name else ""
+        count = len(self.steps)
+        return f"<Deformation{name}: {count} {'step' if count == 1 else 'steps'} ({self.mode}){keys}{made}>"
 
     @classmethod
     def on_picture(cls, grid: Grid, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:

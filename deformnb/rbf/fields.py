@@ -34,6 +34,9 @@ class AbstractField(ABC):
     slow but right defaults.
     """
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: displacements {'over a plane' if self.dim == 2 else 'in space'}>"
+
     @property
     @abstractmethod
     def dim(self) -> int:
@@ -116,7 +119,11 @@ class AbstractField(ABC):
         return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
 
     def on_grid(self, grid: Grid) -> NDArray[np.float32]:
-        """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
+        """Displacements at the voxel centres of a grid (dim 3): float32 [z, y, x, 3]."""
+        return np.ascontiguousarray(np.moveaxis(self.components_on_grid(grid), 0, -1))
+
+    def components_on_grid(self, grid: Grid) -> NDArray[np.float32]:
+        """:meth:`on_grid` in the order that the kernels read: (3, nz, ny, nx), components x, y, z first."""
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
         return self.on_outer_sum(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
@@ -137,7 +144,7 @@ def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DisplacementField(AbstractField):
     """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
 
@@ -156,11 +163,16 @@ class DisplacementField(AbstractField):
         if shape is not None and shape != (*self.lattice.shape, len(self.lattice.shape)):
             raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape}, components last")
 
+    def __repr__(self) -> str:
+        counts = " x ".join(map(str, reversed(self.lattice.shape)))
+        return f"<DisplacementField: {counts} samples {'over a plane' if self.dim == 2 else 'in space'}>"
+
     @classmethod
     def sample(cls, field: AbstractField, lattice: Grid | Raster) -> DisplacementField:
         """Samples of another field."""
-        planar = field.on_raster(lattice) if isinstance(lattice, Raster) else field.on_grid(lattice)
-        return cls(np.ascontiguousarray(np.moveaxis(planar, 0, -1)), lattice)
+        if isinstance(lattice, Raster):
+            return cls(np.ascontiguousarray(np.moveaxis(field.on_raster(lattice), 0, -1)), lattice)
+        return cls(field.on_grid(lattice), lattice)
 
     @property
     def dim(self) -> int:
@@ -254,7 +266,7 @@ class Identity(AbstractField):
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Composed(AbstractField):
     """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
 
@@ -302,7 +314,7 @@ class Composed(AbstractField):
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["fields"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Blended(AbstractField):
     """The sum of displacements, each looked up at the same place: the paper's blending of planes.
 

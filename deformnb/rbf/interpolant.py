@@ -207,7 +207,7 @@ _PIXEL_SHARE = 1e-3
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget"],
     meta_fields=["kernel", "trend", "remarks", "ids"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RBFInterpolant(AbstractField):
     """The solved interpolant; a backward displacement field of dimension 2 or 3.
 
@@ -238,6 +238,11 @@ class RBFInterpolant(AbstractField):
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
+
+    def __repr__(self) -> str:
+        count = len(self.ids)
+        return (f"<RBFInterpolant: {count} {'point' if count == 1 else 'points'} "
+                f"{'in the plane' if self.dim == 2 else 'in space'}, {self.kernel.name}, trend {self.trend}>")
 
     @property
     def dim(self) -> int:

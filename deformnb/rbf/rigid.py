@@ -349,7 +349,7 @@ class RigidPart:
     data_fields=["base", "regions", "matrices", "shifts", "scales"],
     meta_fields=["weights", "notes"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigidInterpolant(AbstractField):
     """The solved displacement beside rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
 

@@ -29,7 +29,7 @@ MOST_STAGES = 64
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["fits"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Staged(AbstractField):
     """Fits done one after the other, first to last; a backward displacement field of dimension 2 or 3.
 

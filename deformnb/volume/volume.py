@@ -19,7 +19,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from deformnb._typing import Float3
 from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
@@ -607,6 +607,13 @@ class Volume:
         name = f" {self.name[:60]!r}" if self.name else ""
         return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
                 f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>")
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """The voxels [z, y, x], for ``np.asarray(volume)``; not copied where their type may stay."""
+        wanted = np.dtype(dtype) if dtype is not None else self.dtype
+        if copy is False and wanted != self.dtype:
+            raise ValueError(f"voxels of type {self.dtype} do not become {wanted} without a copy.")
+        return np.array(self.values, dtype=wanted) if copy else np.asarray(self.values, dtype=wanted)
 
     @classmethod
     def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),

@@ -51,6 +51,9 @@ class Inverse:
     reached: NDArray[np.bool_]
     tolerance: float
 
+    def __repr__(self) -> str:
+        return f"<Inverse: {self.field}, {100 * self.share:.4g} % of the nodes reached within {self.tolerance:.3g}>"
+
     @property
     def share(self) -> float:
         """The part of the nodes that was reached, from 0 to 1."""

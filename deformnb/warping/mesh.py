@@ -64,6 +64,10 @@ class Mesh:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        return f"<Mesh{name}: {len(self.points)} corners, {len(self.faces)} triangles>"
+
     @classmethod
     def from_pyvista(cls, surface: Any, name: str = "") -> Mesh:
         """A mesh of a ``pyvista.PolyData`` or VTK's; polygons become triangles, lines and loose points are left out."""

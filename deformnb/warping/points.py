@@ -46,6 +46,8 @@ _SINGULAR = 1e-9
 _SEEDS = {2: 128, 3: 24}
 _TRIED = 4
 
+_NAMES_SHOWN = 8  # by repr
+
 
 def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
                 max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
@@ -351,6 +353,13 @@ class Landmarks:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        named = [name[:20] for name in self.names if name]
+        names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
+        pairs = "" if self.fixed is None else ", paired with fixed places"
+        return (f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}"
+                f"{': ' if names else ''}{names}>")
 
     def __len__(self) -> int:
         return len(self.points)
