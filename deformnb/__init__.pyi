@@ -1,15 +1,13 @@
 from .analysis.folds import Folds as Folds
 from .analysis.folds import folds_of as folds_of
 from .analysis.folds import jacobian_determinant as jacobian_determinant
-from .analysis.folds import largest_safe as largest_safe
 from .analysis.quality import FitQuality as FitQuality
 from .analysis.quality import bending_energy as bending_energy
 from .analysis.quality import fit_quality as fit_quality
 from .analysis.strain import Stretches as Stretches
 from .analysis.strain import stretches as stretches
-from .analysis.uncertainty import Uncertainty as Uncertainty
-from .analysis.uncertainty import uncertainty as uncertainty
-from .cli.doctor import doctor as doctor
+from .analysis.gaussian_process import Uncertainty as Uncertainty
+from .analysis.gaussian_process import uncertainty as uncertainty
 from .document.animation import Animation as Animation
 from .document.animation import TimeMaps as TimeMaps
 from .document.deformation import EASINGS as EASINGS

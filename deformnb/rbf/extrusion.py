@@ -30,7 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 
 LONGEST = 200
 DEEPEST = 20
@@ -418,6 +418,6 @@ def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> fro
     return frozenset(() if own is None else (own,)).intersection(*(unchanging_axes(f, grid, sine) for f in parts))
 
 
-def extrude(plane: Plane, grid: Grid, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
+def extrude(plane: Plane, grid: Grid | Volume, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
     """Extrude fields over a plane through the slices of ``grid``: zeta runs from its first slice to its last."""
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

@@ -38,7 +38,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, box_diagonal, crossing_pairs, longest_support, prepare, torn_pairs
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2, kernel_named
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, Trend, complete, steadied, trend_named
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
@@ -384,6 +384,7 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
     True
     """
+    points = as_control_points(points)
     kind, radius = _resolve_kernel(kernel, support)
     chosen = trend_named(trend)
     _check_pairing(kind, chosen, smoothing)

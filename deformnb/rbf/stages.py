@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.rigid import RigidInterpolant, RigidPart, fit_rigid
 
 MOST_STAGES = 64
@@ -119,6 +119,7 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     >>> fit.displacement([9.0, 5.0]).round(9).tolist()
     [-5.0, -1.0]
     """
+    points = as_control_points(points)
     check_stages(stages, parts)
     settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     if stages == 1:

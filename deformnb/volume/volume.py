@@ -763,6 +763,41 @@ class Volume:
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
 
 
+def as_grid(given: Grid | Volume) -> Grid:
+    """The grid itself, or that of a volume.
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+
+    Examples
+    --------
+    >>> as_grid(Volume.from_array(np.eye(3))).shape
+    (1, 3, 3)
+    """
+    if isinstance(given, Volume):
+        return given.grid
+    if not isinstance(given, Grid):
+        raise DeformError(f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes "
+                          "one.")
+    return given
+
+
+def as_volume(given: Volume) -> Volume:
+    """The volume itself.
+
+    Raises
+    ------
+    DeformError
+        For anything else. An array is none: how far its voxels lie apart is not known.
+    """
+    if not isinstance(given, Volume):
+        raise DeformError(f"a Volume is needed, got {shown_value(given)}; Volume.from_array(array, spacing) makes one "
+                          "of an array, read_volume(path) of a file.")
+    return given
+
+
 def voxel_checksum(dtype: np.dtype[Any], shape: tuple[int, int, int], slices: Iterable[NDArray[Any]]) -> str:
     """SHA-256 of a volume's type, shape and voxels, in 64 hexadecimal digits: the same wherever it lies.
 
