@@ -18,6 +18,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
@@ -135,7 +136,8 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
 def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
     """Refuse a number of stages that cannot be done, naming the part that stands in the way."""
     if isinstance(stages, bool) or not isinstance(stages, int | np.integer) or not 1 <= stages <= MOST_STAGES:
-        raise DeformError(f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {stages!r}.")
+        raise DeformError(f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got "
+                          f"{shown_value(stages)}.")
     moving = next((p for p in parts if p.enabled and p.motion is not None), None)
     if stages > 1 and moving is not None:
         raise DeformError(f"{moving.label} has a motion of its own, which is not done in stages; hold it still, switch "

@@ -113,7 +113,7 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
         options["output"] = as_grid(output)
     apply = getattr(field, "apply", None)
     if callable(apply) and not isinstance(field, AbstractField | type):
-        return apply(as_volume(volume), **options, progress=progress)  # type: ignore[no-any-return]
+        return apply(as_volume(volume), **options, progress=progress)
     return Warper(volume, **options)(field, progress=progress)
 
 
