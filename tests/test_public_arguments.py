@@ -13,7 +13,8 @@ import pytest
 
 from deformnb.analysis.folds import folds_of, jacobian_determinant
 from deformnb.analysis.strain import stretches
-from deformnb.document.deformation import Deformation, Step
+from deformnb.document.animation import Animation
+from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import project
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, as_field, blend, compose
@@ -21,6 +22,7 @@ from deformnb.rbf.interpolant import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import fit_rigid
 from deformnb.rbf.stages import fit_points
+from deformnb.session.session import Session
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.inverse import invert, round_trip
@@ -82,6 +84,13 @@ def test_a_deformation_counts_as_its_field(call: Callable[[Any], Any]) -> None:
 def test_a_deformation_asks_for_the_grid(call: Callable[[], Any]) -> None:
     with pytest.raises(DeformError, match="grid=volume"):
         call()
+
+
+def test_what_has_fields_for_other_than_grids_is_refused_by_name() -> None:
+    moving = Animation(Deformation(keyframes=(Keyframe(0, DEFORMATION.steps), Keyframe(1, DEFORMATION.steps))))
+    for other in (moving, Session(VOLUME)):
+        with pytest.raises(DeformError, match="a field or a Deformation is needed"):
+            warp_points(POINTS, other, grid=VOLUME)  # type: ignore[arg-type]
 
 
 def test_an_inverse_counts_as_its_field() -> None:

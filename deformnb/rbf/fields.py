@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from inspect import signature
 from itertools import product
 from typing import Any, Protocol
 
@@ -161,7 +162,7 @@ def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None)
     own = getattr(given, "field", None)
     if isinstance(own, AbstractField):
         return own
-    if isinstance(given, type) or not callable(own):
+    if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
         raise DeformError(f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
                           "Deformation.on_picture(volume, view, points) make one of control points.")
     if grid is None:
