@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks import problem
 from benchmarks.timing import Case, Group
+from deformnb.analysis.gaussian_process import uncertainty
 from deformnb.analysis.quality import fit_quality
-from deformnb.analysis.uncertainty import uncertainty
 from deformnb.rbf.fields import raster_lines
 from deformnb.rbf.interpolant import fit_rbf
 from deformnb.rbf.kernels import WendlandC2

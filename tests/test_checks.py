@@ -20,17 +20,16 @@ from deformnb import (
     Volume,
     Warper,
     fit_rbf,
-    from_json,
-    points_from_csv,
     read_landmarks,
     read_mesh,
     read_volume,
-    to_json,
     warp,
     write_volume,
 )
 from deformnb.checks import finite_array, is_finite, shown_value
+from deformnb.document import from_json, to_json
 from deformnb.document.deformation import MOST_STEPS
+from deformnb.io import points_from_csv
 from deformnb.rbf.fields import Identity
 
 HUGE = 10**400

@@ -71,7 +71,7 @@ def test_causes_are_not_shown_and_stay_within_reach(run: Run) -> None:
     assert isinstance(raised.__cause__, KeyError)
 
 
-@pytest.mark.parametrize("ask", ["%tb Plain", "%tb Verbose", "%xmode Plain\n%tb", "dn.show_tracebacks()\n%tb"])
+@pytest.mark.parametrize("ask", ["%tb Plain", "%tb Verbose", "%xmode Plain\n%tb", "dn.errors.show_tracebacks()\n%tb"])
 def test_the_last_traceback_can_be_asked_for(run: Run, ask: str) -> None:
     run("%xmode Context")
     run(CAUSED)

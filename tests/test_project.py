@@ -269,9 +269,28 @@ def test_package_imports_no_pickle() -> None:
 # -- the public face ---------------------------------------------------------------------------------------------------
 
 
-def test_public_names_are_documented() -> None:
-    assert deformnb.__doc__
-    public = {name: getattr(deformnb, name) for name in deformnb.__all__}
+def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows() -> None:
+    code = """
+        import json, types
+        import deformnb as dn
+        packages = [name for name in dir(dn) if isinstance(getattr(dn, name), types.ModuleType)]
+        names = {p: [n for n in dir(getattr(dn, p)) if n[0] != "_" and getattr(getattr(dn, p), n) is not None]
+                 for p in packages}
+        print(json.dumps([sorted(set(dir(dn)) - set(packages)), names]))
+    """
+    top, packages = json.loads(_python(textwrap.dedent(code)))
+    assert 55 < len(top) < 66
+    assert set(packages) == {"analysis", "datasets", "document", "errors", "imaging", "io", "rbf", "registration",
+                             "session", "volume", "warping", "widgets"}
+    assert all(packages.values())
+
+
+@pytest.mark.parametrize("package", [deformnb, deformnb.analysis, deformnb.document, deformnb.imaging, deformnb.io,
+                                     deformnb.rbf, deformnb.registration, deformnb.session, deformnb.volume,
+                                     deformnb.warping, deformnb.widgets], ids=lambda package: package.__name__)
+def test_public_names_are_documented(package: Any) -> None:
+    assert package.__doc__
+    public = {name: getattr(package, name) for name in package.__all__}
     for name, thing in list(public.items()):
         if inspect.isclass(thing):  # a method may have its documentation from the class it fills in
             methods = {f"{name}.{m}": getattr(thing, m) for m in vars(thing) if not m.startswith("_")}

@@ -1,4 +1,4 @@
-"""Folds of a map: the determinant of its derivative, and the largest drag that stays free of them.
+"""Folds of a map: the determinant of its derivative, and the largest share of a drag that stays free of them.
 
 ``output(x) = input(x + D(x))``. With ``J = 1 + dD/dx`` a small piece at x shows ``det J`` times its own size of the
 input: 1 keeps areas (volumes in space), 2 shows tissue shrunk to a half, 1/2 tissue grown to twice its size. Where
@@ -19,10 +19,10 @@ from deformnb._jax import determinant, one_plus
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
-from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
+from deformnb.rbf.fields import AbstractField, HasField, as_field, grid_lines, raster_lines
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
-from deformnb.warping.points import POINTS_AT_A_TIME
+from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points
 
 # Nodes of a grid at a time: nine derivatives of each fill 36 bytes.
 _NODES_AT_A_TIME = 2**18
@@ -48,13 +48,15 @@ class Folds:
     share: float
 
 
-def jacobian_determinant(field: AbstractField, where: Grid | Raster | ArrayLike) -> NDArray[Any]:
+def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume | Raster | Landmarks | ArrayLike, *,
+                         grid: Grid | Volume | None = None) -> NDArray[Any]:
     """The determinant of ``1 + dD/dx``: 1 where areas are kept, 0 or less where the map folds.
 
     Parameters
     ----------
-    field : backward displacements.
-    where : a Raster for a field over a plane, a Grid for one in space, or points (..., dim) of the result.
+    field : backward displacements, or a Deformation.
+    where : a Raster for a field over a plane, a Grid or a Volume for one in space, or points (..., dim) of the result.
+    grid : of the volume that a Deformation deforms, if that is not where it is asked.
 
     Returns
     -------
@@ -74,10 +76,12 @@ def jacobian_determinant(field: AbstractField, where: Grid | Raster | ArrayLike)
     >>> jacobian_determinant(grown, [[5.0, 7.0]]).round(9).tolist()
     [0.25]
     """
+    if isinstance(where, Grid | Volume):
+        where = as_grid(where)
+        grid = where if grid is None else grid
+    field = as_field(field, grid)
     if not isinstance(where, Grid | Raster):
-        x = np.asarray(where, dtype=np.float64)
-        if x.shape[-1:] != (field.dim,):
-            raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {x.shape}.")
+        x = checked_points(where, field)
         flat, out = x.reshape(-1, field.dim), np.empty(x.shape[:-1])
         for start in range(0, len(flat), POINTS_AT_A_TIME):
             own = slice(start, start + POINTS_AT_A_TIME)
@@ -89,13 +93,15 @@ def jacobian_determinant(field: AbstractField, where: Grid | Raster | ArrayLike)
     return lattice_out
 
 
-def folds_of(field: AbstractField, lattice: Grid | Raster, progress: Progress | None = None) -> Folds:
+def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, progress: Progress | None = None, *,
+             grid: Grid | Volume | None = None) -> Folds:
     """The smallest determinant on a lattice, its place, and the share of the nodes that lie in folds.
 
     Parameters
     ----------
-    field : backward displacements of the lattice's dimension.
-    lattice : a Raster or a Grid; what happens between its nodes is not seen.
+    field : backward displacements of the lattice's dimension, or a Deformation.
+    lattice : a Raster, a Grid or a Volume; what happens between its nodes is not seen.
+    grid : of the volume that a Deformation deforms, if that is not the lattice.
     progress : called with the finished share from 0 to 1 after every block; may raise
         :class:`~deformnb.errors.Cancelled`, which is passed on.
 
@@ -108,6 +114,10 @@ def folds_of(field: AbstractField, lattice: Grid | Raster, progress: Progress | 
     >>> round(folds.least, 2), folds.place, round(folds.share, 3)
     (-0.27, (27.0, 20.0), 0.013)
     """
+    if not isinstance(lattice, Raster):
+        lattice = as_grid(lattice)
+        grid = lattice if grid is None else grid
+    field = as_field(field, grid)
     least, place, folded, seen = np.inf, (0,) * len(lattice.shape), 0.0, 0
     for part, values in _blocks(field, lattice):
         count = int(np.prod([len(range(*p.indices(n))) for p, n in zip(part, lattice.shape, strict=True)]))
@@ -120,33 +130,6 @@ def folds_of(field: AbstractField, lattice: Grid | Raster, progress: Progress | 
         if progress is not None:
             progress(seen / int(np.prod(lattice.shape)))
     return Folds(least, _place(lattice, place), float(folded / int(np.prod(lattice.shape))))
-
-
-def largest_safe(make_field: Callable[[float], AbstractField], lattice: Grid | Raster, *, least: float = 0.05) -> float:
-    """The largest share of a drag that does not come near a fold.
-
-    Goes from 0 towards 1 in eighths as far as all is well, and then halves the way to the first that is not.
-
-    Parameters
-    ----------
-    make_field : the field of a share t of the drag, from 0 to 1. One that cannot be fitted (DeformError) is not safe.
-    lattice : the nodes at which the determinant is evaluated.
-    least : the smallest determinant that is still safe; the default shows tissue at most twenty times its size.
-
-    Returns
-    -------
-    The largest share found, at most 1/1024 below the true one on this lattice; 0 if even rest is not safe.
-    """
-
-    def is_safe(t: float) -> bool:
-        try:
-            return folds_of(make_field(t), lattice).least >= least
-        except DeformError:
-            if t == 0:
-                raise
-            return False
-
-    return largest_share(is_safe)
 
 
 def largest_share(is_safe: Callable[[float], bool]) -> float:

@@ -1,8 +1,8 @@
 """Goodness of fit: residuals, leave-one-out errors, possible outliers, and bending energy.
 
 The leave-one-out error of a control point is the distance between its displacement and the prediction of the others.
-No fit is made for that. With C of :mod:`deformnb.analysis.uncertainty`, leaving point i out of the system changes C by
-``C_i C_i^T / C_ii``, and the others' prediction misses its displacement by
+No fit is made for that. With C of :mod:`deformnb.analysis.gaussian_process`, leaving point i out of the system changes
+C by ``C_i C_i^T / C_ii``, and the others' prediction misses its displacement by
 
     e_i = [C (d - X A_i^T)]_i / C_ii
 
@@ -23,7 +23,7 @@ import scipy.spatial
 from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64
-from deformnb.analysis.uncertainty import FitSystem, Floats, fit_system, process_scale
+from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, same_place
 from deformnb.rbf.interpolant import capacity, fit_rbf
 from deformnb.rbf.points import ControlPoints

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import adjugate, determinant, one_plus
-from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.points import Landmarks, checked_points
 
 Array = NDArray[np.float64]
 
@@ -39,13 +40,15 @@ class Stretches:
     directions: Array
 
 
-def stretches(field: AbstractField, points: ArrayLike) -> Stretches:
+def stretches(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
+              grid: Grid | Volume | None = None) -> Stretches:
     """The principal stretches of tissue that the deformation has brought to points (..., dim).
 
     Parameters
     ----------
-    field : backward displacements, of dimension 2 or 3.
-    points : (..., dim), physical, in the result.
+    field : backward displacements, of dimension 2 or 3; or a Deformation.
+    points : (..., dim), physical, in the result; or landmarks.
+    grid : of the volume that is deformed; needed for a Deformation.
 
     Returns
     -------
@@ -67,10 +70,8 @@ def stretches(field: AbstractField, points: ArrayLike) -> Stretches:
     >>> found.area.round(9).tolist(), found.principal.round(9).tolist(), abs(found.directions).round(9).tolist()
     (1.125, [1.5, 0.75], [[1.0, 0.0], [0.0, 1.0]])
     """
-    x = np.asarray(points, dtype=np.float64)
-    dim = field.dim
-    if x.shape[-1:] != (dim,):
-        raise DeformError(f"points need {dim} coordinates for this field, got an array of shape {x.shape}.")
+    field = as_field(field, grid)
+    x, dim = checked_points(points, field), field.dim
     flat = x.reshape(-1, dim)
     area, principal, directions = np.empty(len(flat)), np.empty((len(flat), dim)), np.empty((len(flat), dim, dim))
     for start in range(0, len(flat), _POINTS_AT_A_TIME):

@@ -16,6 +16,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
@@ -23,13 +24,15 @@ from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
 from deformnb.rbf.fit_settings import ChosenSupport, FitSettings, lone_support
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.stages import Fit, check_stages
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Matrix3, Volume, voxel_checksum
+from deformnb.volume.volume import Grid, Matrix3, Volume, as_grid, as_volume, voxel_checksum
+from deformnb.warping.inverse import Inverse, invert
+from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import warp
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
@@ -145,6 +148,15 @@ class Step:
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
 
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        count = len(self.points)
+        where = "in space" if self.plane is None else "in the plane"
+        kinds = [f"{count} {'point' if count == 1 else 'points'} {where}"]
+        kinds += [f"{len(given)} {what}" for given, what in ((self.parts, "rigid"), (self.cuts, "cut")) if given]
+        rule, off = "" if self.plane is None else f", {self.extrusion}", "" if self.enabled else ", switched off"
+        return f"<Step{name}: {', '.join(kinds)}, {self.kernel}, trend {self.trend}{rule}{off}>"
+
     @property
     def settings(self) -> FitSettings:
         """The settings of the fit, as they are in the fields of the same names."""
@@ -234,7 +246,8 @@ def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
     if isinstance(wrong, Deformation):
         way = "first.then(second) joins two deformations"
     elif isinstance(wrong, AbstractField):
-        way = "a document keeps control points and no fields; warp(volume, field) applies one"
+        way = ("a document keeps control points and no fields; warp(volume, field) applies one, and "
+               "compose(first, second, grid=volume) joins it with a deformation")
     raise DeformError(f"the steps of {whose} are of type Step, got {_kind(wrong)}; {way}.")
 
 
@@ -387,24 +400,31 @@ class Deformation:
         if any(late <= early for early, late in pairwise(times)):
             raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")
 
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        keys = f", {len(self.keyframes)} key frames" if self.keyframes else ""
+        made = f", made on {self.volume.name[:60]!r}" if self.volume and self.volume.name else ""
+        count = len(self.steps)
+        return f"<Deformation{name}: {count} {'step' if count == 1 else 'steps'} ({self.mode}){keys}{made}>"
+
     @classmethod
-    def on_picture(cls, grid: Grid, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
+    def on_picture(cls, grid: Grid | Volume, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
         """One step on a picture of a volume.
 
         Parameters
         ----------
-        grid : of the volume.
+        grid : a volume or its grid.
         view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane.
         points : control points in the picture's coordinates.
         options : further fields of :class:`Step`.
         """
         plane = view if isinstance(view, Plane) else Plane.along(grid, view)
-        return cls((Step((points,), plane, **options),))
+        return cls((Step((as_control_points(points),), plane, **options),))
 
     @classmethod
     def in_space(cls, points: ControlPoints, **options: Any) -> Deformation:
         """One step with control points (x, y, z) in space."""
-        return cls((Step((points,), None, **options),))
+        return cls((Step((as_control_points(points),), None, **options),))
 
     def then(self, following: Step | Deformation) -> Deformation:
         """One more step at the end, or all steps of another deformation.
@@ -417,7 +437,8 @@ class Deformation:
         Raises
         ------
         DeformError
-            If two deformations do not make one: with key frames, or with several steps that are added up ("blend").
+            If what follows is neither, or two deformations do not make one: with key frames, or with several steps that
+            are added up ("blend").
 
         Examples
         --------
@@ -464,9 +485,33 @@ class Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 
-    def field(self, grid: Grid) -> AbstractField:
+    def field(self, grid: Grid | Volume) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
-        return self._solved(grid)[0]
+        return self._solved(as_grid(grid))[0]
+
+    def inverse(self, grid: Grid | Volume, **options: Any) -> Inverse:
+        """The inverse of the map on the grid of a volume; options are those of :func:`deformnb.warping.inverse.invert`.
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
+        >>> moved = Deformation.in_space(points, trend="translation")
+        >>> moved.inverse(Grid((3, 4, 5)))
+        <Inverse: <DisplacementField: 5 x 4 x 3 samples in space>, 100 % of the nodes reached within 0.001>
+        """
+        return invert(self, grid, **options)
+
+    def warp_points(self, points: ArrayLike | Landmarks, grid: Grid | Volume,
+                    **options: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Points of the input in the result, and which of them have a place there.
+
+        Parameters
+        ----------
+        points : (..., 3) in space, or landmarks.
+        grid : a volume or its grid.
+        options : those of :func:`deformnb.warping.points.warp_points`.
+        """
+        return warp_points(points, self, grid=grid, **options)
 
     def _solved(self, grid: Grid) -> tuple[AbstractField, tuple[str, ...]]:
         """The field and the remarks of all fits, each solved once."""
@@ -504,6 +549,7 @@ class Deformation:
         The result has the notes of the volume, and those of this document. One that was made on a known volume with the
         wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
         """
+        volume = as_volume(volume)
         known, grid = self.older_spacing(volume.grid), self.own_grid(volume.grid)
         output = self.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):

@@ -205,7 +205,7 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, Mask):
-        return f"dn.region_from_data({json.dumps(region_to_data(value))})"
+        return f"dn.document.region_from_data({json.dumps(region_to_data(value))})"
     if isinstance(value, ChosenSupport):
         return f"({value.radius!r}, {_text(value.kernel)})"
     if dataclasses.is_dataclass(value):

@@ -22,7 +22,7 @@ from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, preset, typical_range
-from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_volume
 from deformnb.warping.warper import warp
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
@@ -133,7 +133,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, tr
     """
     if method not in PROJECTIONS:
         raise DeformError(f"unknown projection {method!r}; choose one of {', '.join(PROJECTIONS)}.")
-    plane = Plane.along(volume.grid, view) if isinstance(view, str) else view
+    plane = Plane.along(as_volume(volume), view) if isinstance(view, str) else view
     order = _voxel_order(volume.grid, plane)
     settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
     if order is not None and spacing is None and part is None and eye is None:

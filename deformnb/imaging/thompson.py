@@ -116,7 +116,7 @@ def magnified(field: AbstractField, factor: float) -> AbstractField:
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["field"], meta_fields=["factor"])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Magnified(AbstractField):
     field: AbstractField
     factor: float

@@ -178,7 +178,7 @@ def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
     data_fields=["fields", "regions"],
     meta_fields=["sides", "plane", "rule", "softness"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Decoupled(AbstractField):
     """Smooth fields of the regions between cuts, and the choice among them: the paper's decoupled interpolant.
 

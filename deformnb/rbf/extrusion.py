@@ -30,7 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 
 LONGEST = 200
 DEEPEST = 20
@@ -229,7 +229,7 @@ EXTRUSIONS: dict[str, Callable[..., Weights]] = {
     data_fields=["maps", "knots", "weights"],
     meta_fields=["plane", "depth"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Extrusion(AbstractField):
     """A field in space made of fields over one plane.
 
@@ -361,10 +361,10 @@ class Extrusion(AbstractField):
             total += w.astype(np.float32) * m.on_outer_sum(r[:2], c[:2], resolution)
         return np.einsum("mk,mrc->krc", frame[:2].astype(np.float32), total)
 
-    def on_grid(self, grid: Grid) -> NDArray[np.float32]:
+    def components_on_grid(self, grid: Grid) -> NDArray[np.float32]:
         axis = self.axis_of(grid)
         if axis is None:
-            return super().on_grid(grid)
+            return super().components_on_grid(grid)
         # The plane is parallel to the grid: evaluate each map on one slice and spread it along the normal.
         flat = grid.crop((0, 0, 0), tuple(1 if k == axis else n for k, n in enumerate(grid.shape)))  # type: ignore[arg-type]
         step = np.zeros((grid.shape[axis], 3))
@@ -375,7 +375,7 @@ class Extrusion(AbstractField):
         total = np.zeros((2, *grid.shape), dtype=np.float32)
         for m, w in zip(self.maps, weights, strict=True):
             slice_field = Extrusion(self.plane, self.depth, (m,), *replicate())
-            one = AbstractField.on_grid(slice_field, flat)
+            one = AbstractField.components_on_grid(slice_field, flat)
             total = total + w.reshape(along).astype(np.float32) * np.einsum("mk,kzyx->mzyx", self.plane.frame[:2], one)
         return np.einsum("mk,mzyx->kzyx", self.plane.frame[:2], total).astype(np.float32)
 
@@ -418,6 +418,6 @@ def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> fro
     return frozenset(() if own is None else (own,)).intersection(*(unchanging_axes(f, grid, sine) for f in parts))
 
 
-def extrude(plane: Plane, grid: Grid, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
+def extrude(plane: Plane, grid: Grid | Volume, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
     """Extrude fields over a plane through the slices of ``grid``: zeta runs from its first slice to its last."""
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

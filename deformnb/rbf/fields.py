@@ -9,8 +9,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from inspect import signature
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -19,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from deformnb._jax import compiled, float64
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume, as_grid
 
 BLOCK = 2**16
 """Points at a time in loops over many: little memory, and few enough calls."""
@@ -33,6 +35,9 @@ class AbstractField(ABC):
     Subclasses are frozen dataclasses registered as JAX pytrees. They must define :meth:`__call__`; the rest has
     slow but right defaults.
     """
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: displacements {'over a plane' if self.dim == 2 else 'in space'}>"
 
     @property
     @abstractmethod
@@ -115,11 +120,59 @@ class AbstractField(ABC):
             raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
         return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
 
-    def on_grid(self, grid: Grid) -> NDArray[np.float32]:
-        """Displacements at the voxel centres of a grid (dim 3): shape (3, nz, ny, nx), components x, y, z first."""
+    def on_grid(self, grid: Grid | Volume) -> NDArray[np.float32]:
+        """Displacements at the voxel centres of a grid (dim 3): float32 [z, y, x, 3]."""
+        return np.ascontiguousarray(np.moveaxis(self.components_on_grid(as_grid(grid)), 0, -1))
+
+    def components_on_grid(self, grid: Grid) -> NDArray[np.float32]:
+        """:meth:`on_grid` in the order that the kernels read: (3, nz, ny, nx), components x, y, z first."""
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
         return self.on_outer_sum(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
+
+
+class HasField(Protocol):
+    """What has a field: a :class:`~deformnb.document.deformation.Deformation` for each grid, an inverse its own."""
+
+    @property
+    def field(self) -> Any:
+        """The backward displacements, or the method that finds them for a volume on a grid."""
+
+
+def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+    """The field itself, or that of a deformation.
+
+    Parameters
+    ----------
+    given : a field, a Deformation, one of its steps, or the inverse that :func:`deformnb.invert` finds.
+    grid : of the volume that is deformed, which a deformation needs: support radii and depths depend on it.
+
+    Raises
+    ------
+    DeformError
+        For anything else, and for a deformation without a grid.
+
+    Examples
+    --------
+    >>> as_field(Identity(2))
+    Identity(dim=2)
+    """
+    if isinstance(given, AbstractField):
+        return given
+    own = getattr(given, "field", None)
+    if isinstance(own, AbstractField):
+        return own
+    if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
+        raise DeformError(f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
+                          "Deformation.on_picture(volume, view, points) make one of control points.")
+    if grid is None:
+        raise DeformError(f"a {type(given).__name__} has a field for each grid; say which: grid=volume (or its Grid).")
+    lattice = as_grid(grid)
+    translated = getattr(given, "own_grid", as_grid)(lattice)
+    if translated != lattice:
+        raise DeformError("this deformation was made when the volume had another spacing, so that its field lies in "
+                          "other coordinates; deformation.apply(volume) deforms the volume all the same.")
+    return own(lattice)
 
 
 def raster_lines(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -137,7 +190,7 @@ def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DisplacementField(AbstractField):
     """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
 
@@ -156,11 +209,18 @@ class DisplacementField(AbstractField):
         if shape is not None and shape != (*self.lattice.shape, len(self.lattice.shape)):
             raise DeformError(f"samples of shape {shape} do not fit a lattice of {self.lattice.shape}, components last")
 
+    def __repr__(self) -> str:
+        counts = " x ".join(map(str, reversed(self.lattice.shape)))
+        return f"<DisplacementField: {counts} samples {'over a plane' if self.dim == 2 else 'in space'}>"
+
     @classmethod
-    def sample(cls, field: AbstractField, lattice: Grid | Raster) -> DisplacementField:
-        """Samples of another field."""
-        planar = field.on_raster(lattice) if isinstance(lattice, Raster) else field.on_grid(lattice)
-        return cls(np.ascontiguousarray(np.moveaxis(planar, 0, -1)), lattice)
+    def sample(cls, field: AbstractField | HasField, lattice: Grid | Raster | Volume) -> DisplacementField:
+        """Samples of another field, or of a deformation of a volume on this grid."""
+        if isinstance(lattice, Raster):
+            found = as_field(field).on_raster(lattice)
+            return cls(np.ascontiguousarray(np.moveaxis(found, 0, -1)), lattice)
+        grid = as_grid(lattice)
+        return cls(as_field(field, grid).on_grid(grid), grid)
 
     @property
     def dim(self) -> int:
@@ -254,7 +314,7 @@ class Identity(AbstractField):
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Composed(AbstractField):
     """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
 
@@ -302,7 +362,7 @@ class Composed(AbstractField):
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["fields"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Blended(AbstractField):
     """The sum of displacements, each looked up at the same place: the paper's blending of planes.
 
@@ -343,23 +403,32 @@ class Blended(AbstractField):
         return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
 
 
-def compose(*fields: AbstractField) -> AbstractField:
-    """One field that does the given deformations one after the other, first to last; the identity in space if none."""
+def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+    """One field that does the given deformations one after the other, first to last; the identity in space if none.
+
+    Parameters
+    ----------
+    fields : fields of one dimension, or deformations.
+    grid : of the volume that is deformed; needed for deformations.
+    """
     if not fields:
         return Identity(3)
-    _check_dimensions(fields, "compose")
-    total = fields[0]
-    for f in fields[1:]:
+    known = _of_one_dimension(fields, grid, "compose")
+    total = known[0]
+    for f in known[1:]:
         total = Composed(total, f)
     return total
 
 
-def blend(*fields: AbstractField) -> AbstractField:
-    """One field that is the sum of the given ones; the identity in space if none."""
-    _check_dimensions(fields, "blend")
-    return Identity(3) if not fields else fields[0] if len(fields) == 1 else Blended(tuple(fields))
+def blend(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+    """One field that is the sum of the given ones; the identity in space if none. Parameters as of :func:`compose`."""
+    known = _of_one_dimension(fields, grid, "blend")
+    return Identity(3) if not known else known[0] if len(known) == 1 else Blended(known)
 
 
-def _check_dimensions(fields: Sequence[AbstractField], verb: str) -> None:
-    if len({f.dim for f in fields}) > 1:
+def _of_one_dimension(fields: Sequence[AbstractField | HasField], grid: Grid | Volume | None,
+                      verb: str) -> tuple[AbstractField, ...]:
+    known = tuple(as_field(f, grid) for f in fields)
+    if len({f.dim for f in known}) > 1:
         raise DeformError(f"fields over a plane and in space do not {verb}; extrude the plane's first.")
+    return known

@@ -38,7 +38,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, box_diagonal, crossing_pairs, longest_support, prepare, torn_pairs
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2, kernel_named
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, Trend, complete, steadied, trend_named
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
@@ -207,7 +207,7 @@ _PIXEL_SHARE = 1e-3
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget"],
     meta_fields=["kernel", "trend", "remarks", "ids"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RBFInterpolant(AbstractField):
     """The solved interpolant; a backward displacement field of dimension 2 or 3.
 
@@ -238,6 +238,11 @@ class RBFInterpolant(AbstractField):
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
+
+    def __repr__(self) -> str:
+        count = len(self.ids)
+        return (f"<RBFInterpolant: {count} {'point' if count == 1 else 'points'} "
+                f"{'in the plane' if self.dim == 2 else 'in space'}, {self.kernel.name}, trend {self.trend}>")
 
     @property
     def dim(self) -> int:
@@ -379,6 +384,7 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
     True
     """
+    points = as_control_points(points)
     kind, radius = _resolve_kernel(kernel, support)
     chosen = trend_named(trend)
     _check_pairing(kind, chosen, smoothing)

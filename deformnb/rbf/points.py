@@ -250,6 +250,17 @@ class ControlPoints:
         return replace(self, target=self.source.copy())
 
 
+def as_control_points(given: Any) -> ControlPoints:
+    """Control points themselves, or those of pairs of landmarks; DeformError for anything else."""
+    make = getattr(given, "control_points", None)
+    if not isinstance(given, ControlPoints) and callable(make) and not isinstance(given, type):
+        given = make()
+    if not isinstance(given, ControlPoints):
+        raise DeformError(f"ControlPoints are needed, got {shown_value(given)}; ControlPoints.from_arrays(source, "
+                          "target) makes them.")
+    return given
+
+
 def _listed(value: Any, what: str) -> list[Any]:
     if not isinstance(value, Iterable):
         raise DeformError(f"the {what} of control points are a list, got {shown_value(value)}.")

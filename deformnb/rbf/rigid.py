@@ -41,7 +41,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, in_blocks
 from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
 from deformnb.rbf.kernels import kernel_named
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 
 # Directions and lengths that differ by less are rounding of numbers written to a file with seven digits.
@@ -349,7 +349,7 @@ class RigidPart:
     data_fields=["base", "regions", "matrices", "shifts", "scales"],
     meta_fields=["weights", "notes"],
 )
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigidInterpolant(AbstractField):
     """The solved displacement beside rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
 
@@ -484,6 +484,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     >>> fit.displacement([[3.0, -8.0], [3.0, 1.0]]).round(9).tolist()
     [[-3.0, 0.0], [0.0, 0.0]]
     """
+    points = as_control_points(points)
     chosen = [part for part in parts if part.enabled]
     if not chosen:
         return fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)

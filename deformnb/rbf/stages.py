@@ -22,7 +22,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.rigid import RigidInterpolant, RigidPart, fit_rigid
 
 MOST_STAGES = 64
@@ -30,7 +30,7 @@ MOST_STAGES = 64
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["fits"], meta_fields=[])
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Staged(AbstractField):
     """Fits done one after the other, first to last; a backward displacement field of dimension 2 or 3.
 
@@ -120,6 +120,7 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     >>> fit.displacement([9.0, 5.0]).round(9).tolist()
     [-5.0, -1.0]
     """
+    points = as_control_points(points)
     check_stages(stages, parts)
     settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     if stages == 1:

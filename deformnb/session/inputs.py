@@ -40,13 +40,17 @@ def source_of(given: Any) -> str:
 
     Examples
     --------
-    >>> source_of("scans/carp.nii.gz"), source_of("bone.stl"), source_of(np.zeros((2, 2, 2)))
-    ('dn.read_volume("scans/carp.nii.gz")', 'dn.filled(dn.signed_distance(dn.read_mesh("bone.stl")))', '')
+    >>> source_of("scans/carp.nii.gz"), source_of(np.zeros((2, 2, 2)))
+    ('dn.read_volume("scans/carp.nii.gz")', '')
+    >>> source_of("bone.stl")
+    'dn.warping.filled(dn.warping.signed_distance(dn.read_mesh("bone.stl")))'
     """
     if not isinstance(given, str | PathLike):
         return ""
     path = without_surrogates(json.dumps(str(given), ensure_ascii=False))
-    return f"dn.filled(dn.signed_distance(dn.read_mesh({path})))" if is_mesh(given) else f"dn.read_volume({path})"
+    if not is_mesh(given):
+        return f"dn.read_volume({path})"
+    return f"dn.warping.filled(dn.warping.signed_distance(dn.read_mesh({path})))"
 
 
 def as_deformation(given: Any) -> Deformation | None:

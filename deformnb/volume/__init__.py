@@ -1,1 +1,5 @@
 """Volumes and pictures as arrays with a place in space: grids, planes, sampling, transfer functions."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

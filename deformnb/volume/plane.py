@@ -8,17 +8,14 @@ grows from front to back. All lengths are physical (the unit of the volume); no 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Float3
 from deformnb.errors import DeformError
-
-if TYPE_CHECKING:
-    from deformnb.volume.volume import Grid
-
+from deformnb.volume.volume import Grid, Volume, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
@@ -151,12 +148,12 @@ class Plane:
         return Plane(_triple(np.array(self.origin) + depth * np.array(self.normal), "origin"), self.u, self.v)
 
     @classmethod
-    def along(cls, grid: Grid, view: str = "+y", depth: float | None = None) -> Plane:
+    def along(cls, grid: Grid | Volume, view: str = "+y", depth: float | None = None) -> Plane:
         """The plane of a picture of ``grid`` seen along one of its own axes.
 
         Parameters
         ----------
-        grid : the grid of a volume.
+        grid : a volume or its grid.
         view : one of :data:`VIEWS`; for a rotated grid, the voxel axis nearest to that direction is taken.
         depth : position along the viewing direction, from the first slice; default is the middle slice.
 
@@ -165,6 +162,7 @@ class Plane:
         The origin lies at the centre of the voxel that is left-most and top-most in the picture, so a picture of the
         grid has its pixel [0, 0] at (a, b) = (0, 0).
         """
+        grid = as_grid(grid)
         if view not in VIEWS:
             raise DeformError(f"unknown view {view!r}; choose one of {', '.join(VIEWS)}.")
         axis = view[1]
@@ -207,9 +205,9 @@ class Plane:
         u = np.cross(v, n)
         return cls(_triple(origin, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
 
-    def depth_range(self, grid: Grid) -> tuple[float, float]:
+    def depth_range(self, grid: Grid | Volume) -> tuple[float, float]:
         """Smallest and largest depth c of the voxel centres of ``grid``: zeta = 0 and 1 of an extrusion."""
-        c = self.to_plane(grid.corners(centres=True))[:, 2]
+        c = self.to_plane(as_grid(grid).corners(centres=True))[:, 2]
         return float(c.min()), float(c.max())
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Volume, as_volume
 
 # Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
 _HISTOGRAM_SLICES = 64
@@ -438,6 +438,6 @@ PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
 def preset(name: str, volume: Volume) -> TransferFunction:
     """The preset of a name for a volume; DeformError listing the names if there is none."""
     try:
-        return PRESETS[name](volume)
+        return PRESETS[name](as_volume(volume))
     except KeyError:
         raise DeformError(f"unknown transfer function {name!r}; choose one of {', '.join(PRESETS)}.") from None

@@ -19,7 +19,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from deformnb._typing import Float3
 from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
@@ -608,6 +608,13 @@ class Volume:
         return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
                 f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>")
 
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """The voxels [z, y, x], for ``np.asarray(volume)``; not copied where their type may stay."""
+        wanted = np.dtype(dtype) if dtype is not None else self.dtype
+        if copy is False and wanted != self.dtype:
+            raise ValueError(f"voxels of type {self.dtype} do not become {wanted} without a copy.")
+        return np.array(self.values, dtype=wanted) if copy else np.asarray(self.values, dtype=wanted)
+
     @classmethod
     def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
                    direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None) -> Volume:
@@ -754,6 +761,41 @@ class Volume:
 
 
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
+
+
+def as_grid(given: Grid | Volume) -> Grid:
+    """The grid itself, or that of a volume.
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+
+    Examples
+    --------
+    >>> as_grid(Volume.from_array(np.eye(3))).shape
+    (1, 3, 3)
+    """
+    if isinstance(given, Volume):
+        return given.grid
+    if not isinstance(given, Grid):
+        raise DeformError(f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes "
+                          "one.")
+    return given
+
+
+def as_volume(given: Volume) -> Volume:
+    """The volume itself.
+
+    Raises
+    ------
+    DeformError
+        For anything else. An array is none: how far its voxels lie apart is not known.
+    """
+    if not isinstance(given, Volume):
+        raise DeformError(f"a Volume is needed, got {shown_value(given)}; Volume.from_array(array, spacing) makes one "
+                          "of an array, read_volume(path) of a file.")
+    return given
 
 
 def voxel_checksum(dtype: np.dtype[Any], shape: tuple[int, int, int], slices: Iterable[NDArray[Any]]) -> str:

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import unchanging_axes
-from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
-from deformnb.warping.points import POINTS_AT_A_TIME, checked_points, default_tolerance, moved, warp_points
+from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points, default_tolerance, moved, warp_points
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,9 @@ class Inverse:
     reached: NDArray[np.bool_]
     tolerance: float
 
+    def __repr__(self) -> str:
+        return f"<Inverse: {self.field}, {100 * self.share:.4g} % of the nodes reached within {self.tolerance:.3g}>"
+
     @property
     def share(self) -> float:
         """The part of the nodes that was reached, from 0 to 1."""
@@ -72,8 +75,8 @@ class RoundTrip:
     reached: float
 
 
-def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | None = None,
-           progress: Progress | None = None) -> Inverse:
+def invert(field: AbstractField | HasField, lattice: Grid | Raster | Volume, *, grid: Grid | Volume | None = None,
+           tolerance: float | None = None, progress: Progress | None = None) -> Inverse:
     """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
 
     A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
@@ -82,8 +85,9 @@ def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | N
 
     Parameters
     ----------
-    field : backward displacements of any kind, of the lattice's dimension.
-    lattice : a Grid in space, or a Raster for a field over a plane.
+    field : backward displacements of any kind, of the lattice's dimension; or a Deformation.
+    lattice : a Grid or a Volume in space, or a Raster for a field over a plane.
+    grid : of the volume that a Deformation deforms, if that is not the lattice.
     tolerance : largest residual, a length; default is a thousandth of the lattice's smallest step.
     progress : called with the finished share from 0 to 1 after every block; may raise
         :class:`~deformnb.errors.Cancelled`, which is passed on.
@@ -110,6 +114,10 @@ def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | N
     >>> inverse.field.displacement([[1.0, 0.0], [2.0, 1.5]]).round(5).tolist(), inverse.share
     ([[1.0, 0.0], [2.0, 1.5]], 1.0)
     """
+    if not isinstance(lattice, Raster):
+        lattice = as_grid(lattice)
+        grid = lattice if grid is None else grid
+    field = as_field(field, grid)
     step = float(min(lattice.spacing))
     tolerance = _NODE_TOLERANCE * step if tolerance is None else float(tolerance)
     if field.dim != len(lattice.shape):
@@ -130,12 +138,15 @@ def invert(field: AbstractField, lattice: Grid | Raster, *, tolerance: float | N
     return Inverse(values, np.repeat(one.error, count, axis=axis), np.repeat(one.reached, count, axis=axis), tolerance)
 
 
-def round_trip(field: AbstractField, points: ArrayLike) -> RoundTrip:
+def round_trip(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
+               grid: Grid | Volume | None = None) -> RoundTrip:
     """Points forward by the inverse of the map and back by the map itself: what is promised of them, measured.
 
     Parameters
     ----------
-    points : (..., dim), physical, in the input.
+    field : backward displacements, or a Deformation.
+    points : (..., dim), physical, in the input; or landmarks.
+    grid : of the volume that is deformed; needed for a Deformation.
 
     Examples
     --------
@@ -143,6 +154,7 @@ def round_trip(field: AbstractField, points: ArrayLike) -> RoundTrip:
     >>> round_trip(Identity(2), [[3.0, 4.0]])
     RoundTrip(worst=0.0, mean=0.0, reached=1.0)
     """
+    field = as_field(field, grid)
     x = checked_points(points, field).reshape(-1, field.dim)
     if not len(x):
         return RoundTrip(0.0, 0.0, 1.0)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Progress
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField
-from deformnb.volume.volume import Grid, Volume, optional_package
+from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.volume.volume import Grid, Volume, as_grid, as_volume, optional_package
 from deformnb.warping import triangles
 from deformnb.warping.points import warp_points
 
@@ -63,6 +64,10 @@ class Mesh:
         for name, array in (("points", points), ("faces", faces)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        name = f" {self.name[:60]!r}" if self.name else ""
+        return f"<Mesh{name}: {len(self.points)} corners, {len(self.faces)} triangles>"
 
     @classmethod
     def from_pyvista(cls, surface: Any, name: str = "") -> Mesh:
@@ -117,6 +122,13 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
     return np.array(array, dtype=dtype)
 
 
+def _as_mesh(given: Mesh) -> Mesh:
+    if not isinstance(given, Mesh):
+        raise DeformError(f"a Mesh is needed, got {shown_value(given)}; read_mesh(path) and Mesh(points, faces) make "
+                          "one.")
+    return given
+
+
 def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
     """Number of edges without a face on their other side, and whether neighbours agree on the outside."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -127,7 +139,7 @@ def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
     return int((count % 2 == 1).sum()), bool((turns == 0).all())
 
 
-def signed_distance(mesh: Mesh, grid: Grid | None = None, *, size: int = 128, margin: float | None = None,
+def signed_distance(mesh: Mesh, grid: Grid | Volume | None = None, *, size: int = 128, margin: float | None = None,
                     progress: Progress | None = None) -> Volume:
     """A volume of the distance to a closed mesh: negative inside, zero on the surface, positive outside.
 
@@ -162,14 +174,14 @@ def signed_distance(mesh: Mesh, grid: Grid | None = None, *, size: int = 128, ma
     >>> distance.shape, float(distance.values.min()) < -1
     ((16, 16, 16), True)
     """
-    merged = mesh.merged()
+    merged = _as_mesh(mesh).merged()
     if not len(merged.faces):
         raise DeformError("the mesh has no faces, so there is no surface to be distant from.")
     missing, oriented = open_edges(merged.faces)
     if missing:
         raise DeformError(f"the mesh is open: {missing} edges have no face on their other side, so it has no inside. "
                           "Close its holes first, for example with pyvista's fill_holes.")
-    lattice = grid_around(mesh, size=size, margin=margin) if grid is None else grid
+    lattice = grid_around(mesh, size=size, margin=margin) if grid is None else as_grid(grid)
     values = triangles.distances(lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented,
                                  progress=progress)
     notes = mesh.notes
@@ -248,7 +260,7 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
     """
     if inside not in ("below", "above"):
         raise DeformError(f"inside must be 'below' or 'above' the level, got {inside!r}.")
-    low, high = volume.value_range
+    low, high = as_volume(volume).value_range
     if not (np.isfinite(level) and low <= level <= high) or min(volume.shape) < 2:
         raise DeformError(f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g} and it "
                           f"has {' x '.join(map(str, volume.shape[::-1]))} voxels.")
@@ -269,7 +281,7 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
     return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name)
 
 
-def warp_mesh(mesh: Mesh, field: AbstractField) -> Mesh:
+def warp_mesh(mesh: Mesh, field: AbstractField | HasField, *, grid: Grid | Volume | None = None) -> Mesh:
     """The mesh in the deformed volume: every corner goes where the field takes it, and the faces stay.
 
     Corners without a place in the result (where the map folds, or beyond a cut) follow their neighbours; a note says
@@ -278,7 +290,8 @@ def warp_mesh(mesh: Mesh, field: AbstractField) -> Mesh:
     Parameters
     ----------
     mesh : in the space of the volume that the field deforms.
-    field : backward displacements in space.
+    field : backward displacements in space, or a Deformation.
+    grid : of the volume that is deformed; needed for a Deformation.
 
     See Also
     --------
@@ -291,6 +304,8 @@ def warp_mesh(mesh: Mesh, field: AbstractField) -> Mesh:
     >>> warp_mesh(triangle, Identity()).points.tolist()
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
+    field = as_field(field, grid)
+    mesh = _as_mesh(mesh)
     if field.dim != 3:
         raise DeformError("a mesh needs a field in space; extrude the field of a plane first.")
     moved, found = warp_points(mesh.points, field)

@@ -266,13 +266,13 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
             return checked(d)
     if step > 1 and grid.shape[2] > step:
         return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
-    return tuple(on_device(d) for d in checked(field.on_grid(grid)))
+    return tuple(on_device(d) for d in checked(field.components_on_grid(grid)))
 
 
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
     (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
     count = ceil((nx - 1) / step) + 1
-    nodes = field.on_grid(Grid((nz, ny, count), (step * sx, sy, sz), grid.origin, grid.direction))
+    nodes = field.components_on_grid(Grid((nz, ny, count), (step * sx, sy, sz), grid.origin, grid.direction))
     t = np.arange(step, dtype=np.float32) / np.float32(step)
     between = nodes[..., :-1, None] * (1 - t) + nodes[..., 1:, None] * t
     return np.concatenate([between.reshape(3, nz, ny, -1), nodes[..., -1:]], axis=-1)[..., :nx]

@@ -17,11 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from deformnb._jax import adjugate, determinant, one_plus
+from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Grid, Volume
 
 Array = NDArray[np.float64]
 
@@ -46,9 +48,11 @@ _SINGULAR = 1e-9
 _SEEDS = {2: 128, 3: 24}
 _TRIED = 4
 
+_NAMES_SHOWN = 8  # by repr
 
-def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | None = None,
-                max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
+
+def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, *, grid: Grid | Volume | None = None,
+                tolerance: float | None = None, max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
     """Map points of the input forward to the result: y with ``y + D(y) = x``, the inverse of the backward map.
 
     Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
@@ -57,8 +61,9 @@ def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | N
 
     Parameters
     ----------
-    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2.
-    field : backward displacements.
+    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2. Or landmarks.
+    field : backward displacements, or a Deformation.
+    grid : of the volume that is deformed; needed for a Deformation.
     tolerance : largest error of ``y + D(y)``, as a length; default is 1e-6 of the extent of points and displacements.
     max_iterations : Newton steps at most, of each start.
 
@@ -85,6 +90,7 @@ def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | N
     >>> moved.tolist(), converged.tolist()
     ([[1.0, 2.0, 3.0]], [True])
     """
+    field = as_field(field, grid)
     x = checked_points(points, field)
     if not x.size:
         return x, np.ones(x.shape[:-1], dtype=bool)
@@ -97,9 +103,11 @@ def warp_points(points: ArrayLike, field: AbstractField, *, tolerance: float | N
     return y.reshape(x.shape), found.reshape(x.shape[:-1])
 
 
-def checked_points(points: ArrayLike, field: AbstractField) -> Array:
+def checked_points(points: ArrayLike | Landmarks, field: AbstractField) -> Array:
     """A copy of points (..., dim) as float64; DeformError if they are not finite or not of the field's dimension."""
-    x = np.array(points, dtype=np.float64)
+    x = real_array(points.points if isinstance(points, Landmarks) else points)
+    if x is None:
+        raise DeformError(f"points are numbers of shape (..., {field.dim}) or Landmarks, got {shown_value(points)}.")
     if x.ndim < 1 or x.shape[-1] != field.dim:
         raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {x.shape}.")
     flat = x.reshape(-1, field.dim)
@@ -352,6 +360,13 @@ class Landmarks:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        named = [name[:20] for name in self.names if name]
+        names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
+        pairs = "" if self.fixed is None else ", paired with fixed places"
+        return (f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}"
+                f"{': ' if names else ''}{names}>")
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -378,13 +393,15 @@ def _places(given: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
-def warp_landmarks(landmarks: Landmarks, field: AbstractField) -> Landmarks:
+def warp_landmarks(landmarks: Landmarks, field: AbstractField | HasField, *,
+                   grid: Grid | Volume | None = None) -> Landmarks:
     """The landmarks in the deformed volume; a note names those without a place in it, which stay where they were.
 
     Parameters
     ----------
     landmarks : in the space of the volume that the field deforms; their fixed places belong to another and stay.
-    field : backward displacements, of the landmarks' dimension.
+    field : backward displacements, of the landmarks' dimension; or a Deformation.
+    grid : of the volume that is deformed; needed for a Deformation.
 
     Examples
     --------
@@ -392,7 +409,9 @@ def warp_landmarks(landmarks: Landmarks, field: AbstractField) -> Landmarks:
     >>> warp_landmarks(Landmarks([[1, 2, 3]]), Identity()).points.tolist()
     [[1.0, 2.0, 3.0]]
     """
-    moved, found = warp_points(landmarks.points, field)
+    if not isinstance(landmarks, Landmarks):
+        raise DeformError(f"Landmarks are needed, got {shown_value(landmarks)}; warp_points moves an array of points.")
+    moved, found = warp_points(landmarks, field, grid=grid)
     notes = landmarks.notes
     if not found.all():
         lost = [landmarks.names[k] or str(k) for k in np.flatnonzero(~found)]

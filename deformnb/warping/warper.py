@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.fields import AbstractField, HasField, Identity, as_field
 from deformnb.volume import sampling
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
-from deformnb.volume.volume import DTYPES, Grid, Volume
+from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import Chain
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
@@ -63,14 +63,15 @@ def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: b
 _Part = TypeVar("_Part")
 
 
-def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fill: float | None = None,
-         method: str | None = None, step: int = 1, progress: Progress | None = None) -> Volume:
+def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volume | None = None,
+         fill: float | None = None, method: str | None = None, step: int = 1,
+         progress: Progress | None = None) -> Volume:
     """The deformed volume: ``output(x) = input(x + D(x))``.
 
     Parameters
     ----------
     volume : the voxels to deform; NaN and infinity count as background.
-    field : backward displacements in space, of dimension 3.
+    field : backward displacements in space, of dimension 3; or a Deformation, which is applied.
     output : the grid of the result (field of view and resolution); default is the volume's.
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
     method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
@@ -107,7 +108,13 @@ def warp(volume: Volume, field: AbstractField, *, output: Grid | None = None, fi
     >>> bool((warp(volume, Identity()).values == volume.values).all())
     True
     """
-    return Warper(volume, output=output, fill=fill, method=method, step=step)(field, progress=progress)
+    options: dict[str, Any] = {"fill": fill, "method": method, "step": step}
+    if output is not None:  # else a deformation has its own
+        options["output"] = as_grid(output)
+    apply = getattr(field, "apply", None)
+    if callable(apply) and not isinstance(field, AbstractField | type):
+        return apply(as_volume(volume), **options, progress=progress)
+    return Warper(volume, **options)(field, progress=progress)
 
 
 class Warper:
@@ -123,13 +130,12 @@ class Warper:
     but not C-contiguous. Pass ``np.ascontiguousarray(values)`` to code that needs that. Values may be read-only.
     """
 
-    def __init__(self, volume: Volume, *, output: Grid | None = None, fill: float | None = None,
+    def __init__(self, volume: Volume, *, output: Grid | Volume | None = None, fill: float | None = None,
                  method: str | None = None, step: int = 1) -> None:
-        if not isinstance(volume, Volume) or not isinstance(output, Grid | None):
-            raise DeformError(f"a Volume is warped onto a Grid, got {shown_value(volume)} and {shown_value(output)}.")
+        volume = as_volume(volume)
         discrete = volume.is_labels or volume.dtype == np.bool_
         self.volume = volume
-        self.output = output or volume.grid
+        self.output = volume.grid if output is None else as_grid(output)
         self.method = planning.checked_method(method, discrete=discrete)
         self.fill = volume.background if fill is None else fill
         if not (isinstance(step, int | np.integer) and 1 <= step < 2**31):
@@ -141,11 +147,9 @@ class Warper:
         self._places = planning.places(volume.grid, self.output, self._compute)
         self._tables: dict[int, Any] = {}
 
-    def __call__(self, field: AbstractField, *, progress: Progress | None = None) -> Volume:
+    def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
-        if not isinstance(field, AbstractField):
-            raise DeformError(f"a volume is deformed by a field, got {shown_value(field)}; a deformation has one for "
-                              "each grid: deformation.field(volume.grid).")
+        field = as_field(field, self.volume)
         if field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         _ = self.volume.values  # raises where its file has changed
@@ -363,6 +367,11 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
     >>> warp_picture(np.eye(2, 3), raster, Identity(2)).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
+    field = as_field(field)
+    if not isinstance(raster, Raster):
+        raise DeformError(f"the pixels of a picture lie on a Raster, got {shown_value(raster)}; a Picture has one: "
+                          "picture.raster.")
+    values = np.asarray(values)
     if field.dim != 2:
         raise DeformError("a picture needs a field on its plane, of dimension 2; this one is in space.")
     if values.ndim not in (2, 3) or values.shape[:2] != raster.shape:

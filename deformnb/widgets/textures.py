@@ -386,7 +386,7 @@ def _space(field: AbstractField, shown: ShownVolume, grid: Grid, space_size: int
         said, buffers = _cut_space(chain, shown.frame, lattice)
         if said is not None:
             return {**about, "cut": said}, buffers
-    samples: NDArray[Any] = np.einsum("mk,kzyx->zyxm", shown.frame, field.on_grid(lattice))
+    samples: NDArray[Any] = np.einsum("mk,zyxk->zyxm", shown.frame, field.on_grid(lattice))
     return about, {"space": np.ascontiguousarray(samples, "<f4").tobytes()}
 
 

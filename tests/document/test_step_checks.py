@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from deformnb.analysis.folds import folds_of, jacobian_determinant
+from deformnb.analysis.gaussian_process import uncertainty
 from deformnb.analysis.quality import fit_quality
-from deformnb.analysis.uncertainty import uncertainty
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.step_checks import (
     document_folds,

@@ -375,6 +375,17 @@ def test_a_volume_is_printed_in_one_line() -> None:
     assert "\n" not in repr(Volume.from_array(np.zeros((2, 3, 4)), name="two\nlines" * 50))
 
 
+def test_numpy_takes_a_volume_for_its_voxels() -> None:
+    volume = Volume.from_array(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), spacing=(1, 1, 2))
+    assert np.asarray(volume) is volume.values
+    assert np.shares_memory(np.asarray(volume, dtype=np.uint8), volume.values)
+    assert not np.shares_memory(np.array(volume), volume.values)
+    assert np.asarray(volume, dtype=np.float32).dtype == np.float32
+    assert np.mean(volume) == 11.5
+    with pytest.raises(ValueError, match="without a copy"):
+        volume.__array__(np.float32, copy=False)
+
+
 CUT_SHORT = """
 import sys
 import numpy as np

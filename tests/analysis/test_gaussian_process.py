@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from deformnb.analysis.uncertainty import fit_system, process_scale, uncertainty
+from deformnb.analysis.gaussian_process import fit_system, process_scale, uncertainty
 from deformnb.errors import DeformError
 from deformnb.rbf.interpolant import fit_rbf
 from deformnb.rbf.kernels import KERNELS

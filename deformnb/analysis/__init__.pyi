@@ -1,0 +1,10 @@
+from .folds import Folds as Folds
+from .folds import folds_of as folds_of
+from .folds import jacobian_determinant as jacobian_determinant
+from .gaussian_process import Uncertainty as Uncertainty
+from .gaussian_process import uncertainty as uncertainty
+from .quality import FitQuality as FitQuality
+from .quality import bending_energy as bending_energy
+from .quality import fit_quality as fit_quality
+from .strain import Stretches as Stretches
+from .strain import stretches as stretches

@@ -1,0 +1,9 @@
+from .plane import VIEWS as VIEWS
+from .plane import Picture as Picture
+from .plane import Plane as Plane
+from .plane import Raster as Raster
+from .transfer import PRESETS as PRESETS
+from .transfer import TransferFunction as TransferFunction
+from .transfer import preset as preset
+from .volume import Grid as Grid
+from .volume import Volume as Volume

@@ -1,0 +1,15 @@
+from .inverse import Inverse as Inverse
+from .inverse import RoundTrip as RoundTrip
+from .inverse import invert as invert
+from .inverse import round_trip as round_trip
+from .mesh import Mesh as Mesh
+from .mesh import filled as filled
+from .mesh import isosurface as isosurface
+from .mesh import signed_distance as signed_distance
+from .mesh import warp_mesh as warp_mesh
+from .points import Landmarks as Landmarks
+from .points import warp_landmarks as warp_landmarks
+from .points import warp_points as warp_points
+from .warper import Warper as Warper
+from .warper import warp as warp
+from .warper import warp_picture as warp_picture
