@@ -20,7 +20,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
-from deformnb.analysis.extent import MOST, Matter, field_of_view, grown, landed, matter_of, sides_left
+from deformnb.analysis.extent import MOST, Foreground, field_of_view, foreground_of, grown, landed, sides_left
 from deformnb.document.deformation import Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
@@ -125,7 +125,7 @@ class Session(traitlets.HasTraits):
         self._history = History()
         self._is_checked = False  # while a document is set that has been checked
         self._field: tuple[Deformation, AbstractField] | None = None
-        self._matter: Matter | None = None
+        self._foreground: Foreground | None = None
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
         self._drawing, self._looking = threading.Lock(), threading.Lock()
@@ -675,29 +675,29 @@ class Session(traitlets.HasTraits):
         """
         with self._lock:
             deformation, field = self.deformation, self.field()
-        found = field_of_view(self.matter(), field, most=most)
+        found = field_of_view(self.foreground(), field, most=most)
         if joins:
             if found.grid != deformation.output:
                 self.amend(deformation, replace(deformation, output=found.grid), self.notice)
         else:
             self.output = found.grid
         if found.is_limited:
-            self.notice = (f"Matter reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
-                           "it is cut off.")
+            self.notice = (f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
+                           "is cut off.")
         return not found.is_limited
 
     def sides_left(self) -> tuple[str, ...]:
         """The sides on which dragged foreground leaves the box of the result, in words; takes a moment."""
         if not _moves(self.deformation):
             return ()
-        return sides_left(landed(self.matter(), self.field()), self.box)
+        return sides_left(landed(self.foreground(), self.field()), self.box)
 
-    def matter(self) -> Matter:
+    def foreground(self) -> Foreground:
         """Foreground of the volume; looked up once."""
         with self._looking:
-            if self._matter is None:
-                self._matter = matter_of(self.volume)
-            return self._matter
+            if self._foreground is None:
+                self._foreground = foreground_of(self.volume)
+            return self._foreground
 
     @traitlets.validate("saved")
     def _valid_saved(self, proposal: Any) -> Deformation | None:

@@ -236,7 +236,7 @@ def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]
     if name == "selected":
         if not isinstance(value, list) or not all(_is_id(v) for v in value):
             raise DeformError("a selection is a list of ids.")
-    elif name in ("show_net", "show_radius"):
+    elif name in ("show_grid", "show_radius"):
         if not isinstance(value, bool):
             raise DeformError("it must be true or false.")
     elif name == "overlay":

@@ -119,7 +119,7 @@ def test_undo_is_heard_wherever_the_focus_is_but_where_text_is_written(tab: Tab)
     tab.says("1 moved")
     tab.page.locator(".dnb-pt-place").fill("3, 4")
     tab.page.keyboard.press("Control+z")  # of what was written
-    tab.page.get_by_role("tab", name="Trust").click()
+    tab.page.get_by_role("tab", name="Diagnostics").click()
     tab.page.keyboard.press("Control+z")
     tab.says("0 moved")
     tab.page.keyboard.press("Control+y")

@@ -287,8 +287,8 @@ class StandalonePage {
   }
 
   reset() {
-    const { points, settings, density, show_net } = this.data.editor;
-    this.editor.update({ points, selected: [], settings, density, show_net });
+    const { points, settings, density, show_grid } = this.data.editor;
+    this.editor.update({ points, selected: [], settings, density, show_grid });
     const { camera, shows, clip } = this.data.view ?? {};
     this.view?.update({ camera: { ...camera }, shows, clip });
   }

@@ -358,7 +358,7 @@ class ResultBox(Panel):
         self._larger = button(*LARGER, self._make_larger)
         self.warning = row(self._told, self._larger)
         self.choice = self.add(menu("Result box", self._options(),
-                                    "What can be seen, and what the result holds: matter dragged out of this box is "
+                                    "What can be seen, and what the result holds: tissue dragged out of this box is "
                                     "cut off"), self._chosen, self._choose)
         self.choice.layout.max_width = "280px"
         self.add(self.margin, lambda: self._length, self._grow)
@@ -461,9 +461,9 @@ def cut_off_text(sides: tuple[str, ...]) -> str:
     Examples
     --------
     >>> cut_off_text(("left side (L)", "top (S)"))
-    'Matter leaves the box at the left side (L) and top (S), and is cut off there.'
+    'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
     """
-    return f"Matter leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
+    return f"Tissue leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
 
 
 def _listed(sides: tuple[str, ...]) -> str:
