@@ -185,7 +185,7 @@ class Desk:
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
         document = self.session.document()
-        self.session.saved = document  # the client hands it to the browser's downloads
+        self.session.saved = document  # the client downloads it
         return to_json(document)
 
     def receive(self, name: str, message: dict[str, Any], picture: int | None = None) -> None:
@@ -322,7 +322,7 @@ class Desk:
             session.notice = "Points in space are edited in a studio; here you go on with those of a picture."
         shown, picture = (session.deformation, session.index, session.key), picture_key(session)
         points_of = (session.index, session.key, session.plane)
-        self._listening = False  # what the session says is no edit
+        self._listening = False  # a notice of the session is no edit
         try:
             if picture != self._pictured:
                 editor.waiting = "The picture is being made"  # no gesture shall be made on the old one

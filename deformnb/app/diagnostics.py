@@ -43,7 +43,7 @@ class DeskDiagnostics:
 
     Attributes
     ----------
-    fold_actions : what makes the step safe.
+    fold_actions : the actions that make the step fold-free.
     keep_free : whether to choose stages that leave no fold after every edit.
     """
 

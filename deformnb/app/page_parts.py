@@ -105,7 +105,7 @@ def points_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> No
 
 
 def diagnostics_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
-    """Figures of the map, points that disagree, and buttons that make it safe."""
+    """Figures of the map, possible outliers, and buttons that make it fold-free."""
     add_control(v, html, "overlay", controls["overlay"])
     html.Div("{{ uncertainty_said }}", v_if=("uncertainty_said",), classes="dnb-app-words")
     html.H2("The map", classes="dnb-app-group")

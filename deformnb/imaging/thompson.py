@@ -566,7 +566,7 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
         crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
-    grid : of the volume, which tells the reach of a point that has none of its own; default is that of the picture.
+    grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
     key : which set of control points of a step, for the rule "interpolate".
     landmarks : whether control points are drawn, with arrows to where they went.
     title : default is the name of the step, and what is known of its fit.

@@ -83,7 +83,7 @@ class Session(traitlets.HasTraits):
     source : an expression that reads the volume, for scripts; empty if that is not known.
     file : where it was last written or opened; None if nowhere.
     files : what was opened and written here, which alone is replaced unasked.
-    reference : call it for what tells the volume from others; the first call takes a moment for a large volume.
+    reference : call it for what identifies the volume; the first call takes a moment for a large volume.
 
     Notes
     -----
@@ -510,7 +510,7 @@ class Session(traitlets.HasTraits):
             return proposal["value"]
         with self._lock:  # set from outside: an edit like any other
             deformation = self._checked(proposal["value"])
-            if deformation != self.deformation:  # of an equal one nobody is told, so there is nothing to undo
+            if deformation != self.deformation:  # an equal one is not reported, so there is nothing to undo
                 self._history.record(self._state, "change by code")
         return deformation
 
@@ -576,7 +576,7 @@ class Session(traitlets.HasTraits):
         return Look(self.transfer, self.method, self.depth if is_slice else None)
 
     def _look_as(self, look: Look, *, besides: Container[str] = (), is_other: bool = False) -> None:
-        """Take over how a document was looked at, as far as it tells."""
+        """Take over the view state of a document, as far as it is stored."""
         for name, value in look.traits(is_other=is_other).items():
             if name not in besides:
                 setattr(self, name, float(np.clip(value, *self.depth_range)) if name == "depth" else value)
@@ -665,7 +665,7 @@ class Session(traitlets.HasTraits):
 
         Parameters
         ----------
-        most : how many times the voxels of the volume it may have; a notice says if that is too few.
+        most : how many times the voxels of the volume it may have; a notice reports if that is too few.
         joins : as part of the last edit, which undo takes back together with it; nothing happens if another edit, or an
             older state, is shown by the time that the box is known.
 
@@ -759,7 +759,7 @@ class Session(traitlets.HasTraits):
 
         Parameters
         ----------
-        allow_other_volume : open it even if it was made on another volume; a notice says so.
+        allow_other_volume : open it even if it was made on another volume; a notice reports it.
 
         Raises
         ------

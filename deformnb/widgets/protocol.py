@@ -153,7 +153,7 @@ class HistoryMessage(Message):
 
 @dataclass(frozen=True)
 class RefusedMessage(Message):
-    """An edit with something wrong in it: the front end must be told that it will not be taken."""
+    """An edit with something wrong in it: the front end must receive the refusal."""
 
     reason: str
     what: str = "points"
@@ -303,7 +303,7 @@ class ChooseMessage(Message):
     ----------
     what : "cuts" or "parts"; empty for none.
     index : its place in the front end's list.
-    shape : as much of it as tells it from others.
+    shape : as much of it as identifies it.
     """
 
     what: str

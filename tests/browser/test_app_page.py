@@ -173,7 +173,7 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     thumb.press("Home")
     tab.says("−1.00" if tab.page.locator("text=−1.00").count() else "-1.00", ".dnb-app-panel")
     tab.app.settled()
-    tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('strength') === -1")
+    tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('settings').strength === -1")
     eventually(lambda: once - _middle(tab.volume())[0] > 0.03)
     assert tab.app.desk.session.step.strength == -1.0
 
@@ -209,8 +209,8 @@ def test_a_menu_changes_the_kernel(tab: Tab) -> None:
     tab.page.get_by_role("combobox", name="Kernel").focus()
     tab.page.keyboard.press("Enter")
     tab.page.get_by_role("option", name="Thin-plate spline").click()
-    tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('kernel') === 'thin_plate'",
-                               timeout=PATIENCE)
+    settings = "document.querySelector('.dnb-editor').deformnb.model.get('settings')"
+    tab.page.wait_for_function(f"{settings}.kernel === 'thin_plate'", timeout=PATIENCE)
     assert tab.app.desk.session.step.kernel == "thin_plate"
     tab.page.get_by_role("button", name="Undo: change kernel").click()
     tab.page.wait_for_function("document.querySelector('.dnb-app-panel').innerText.includes('Wendland C2')")

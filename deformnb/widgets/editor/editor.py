@@ -174,7 +174,7 @@ class Editor(EditedPoints):
     ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the front end keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then tells what the front end requests. ``waiting`` is "" or says what is being
+    "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or what is being
     made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
     takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see link.js).

@@ -270,7 +270,7 @@ class StandalonePage {
    */
   #clip(bar, view) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
-    textElement("summary", "dnb-page-label", box, { title: "cut away parts of the volume to see inside", ...OWN_KEYS },
+    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS },
       "Clipping");
     this.cut = box;
     this.sliders = new ClipSliders(box, view);

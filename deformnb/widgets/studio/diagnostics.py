@@ -146,7 +146,7 @@ def point_name(points: ControlPoints, point: int) -> str:
 
 
 def suspects_of(found: Diagnostics, points: ControlPoints) -> tuple[str, list[int]]:
-    """The points that disagree with their neighbours, as far as there still are such points, and words for it."""
+    """A label and the ids of the possible outliers, without points that have been removed since."""
     known = [i for i in (() if found.quality is None else found.quality.suspects) if i in points.ids]
     return "Possible outliers:" if known else _AGREE if found.quality is not None else _UNKNOWN, known
 
@@ -277,7 +277,7 @@ def _round_number(value: float) -> float:
 
 
 class FoldActions:
-    """Knows the points of a session when they last did not fold, and the ways back.
+    """Actions against folds: limit the last drag or the strength, or divide the deformation into stages.
 
     Examples
     --------
@@ -296,7 +296,7 @@ class FoldActions:
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
     def look(self, keep_free: bool = False) -> Diagnostics | None:
-        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed anew.
+        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed again.
 
         Parameters
         ----------

@@ -396,7 +396,7 @@ export class EditorPage extends EditorDrawing {
    */
   panBy(dx, dy) {
     Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
   }
 
@@ -405,7 +405,7 @@ export class EditorPage extends EditorDrawing {
     const v = this.view, fitted = this.#fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
     const f = k / v.k;
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
   }
 
@@ -417,14 +417,14 @@ export class EditorPage extends EditorDrawing {
     const p = this.pointOf(id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
     this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight
     this.handles.blink([id]);
   }
 
   /** Some of the picture stays in the view, so that nobody is lost in the grey. */
-  #keepInSight() {
+  #keepInView() {
     const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));

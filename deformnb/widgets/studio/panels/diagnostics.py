@@ -32,7 +32,7 @@ _WAITING = "<i>Computing diagnostics ...</i>"
 
 
 class DiagnosticsPanel(Panel):
-    """Figures of the step being edited, and buttons that make it safe.
+    """Figures of the step being edited, and buttons that make it fold-free.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class DiagnosticsPanel(Panel):
 
     Attributes
     ----------
-    facts : the figures; suspects : a row of buttons with the points that disagree.
+    facts : the figures; suspects : a row of buttons with the possible outliers.
     """
 
     title = "Diagnostics"

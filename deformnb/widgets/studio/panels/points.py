@@ -53,7 +53,7 @@ class PointsPanel(Panel):
         self._unfollow: Callable[[], None] = lambda: None
         self.table = PointsTable()
         self.table.on_act(self._act)
-        self.table.on_sight(self.refresh)
+        self.table.on_visible(self.refresh)
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
         self._heard = weakly(self, PointsPanel._points_selected, lambda panel: True)
         self.box = ipw.VBox([self.table])

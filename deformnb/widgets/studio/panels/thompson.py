@@ -24,7 +24,7 @@ from deformnb.imaging.thompson import OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.inputs.file_transfer import HandOver
+from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
 from deformnb.widgets.studio.labels import edit_label
@@ -82,7 +82,7 @@ class ThompsonPanel(Panel):
                                   layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
         self._nowhere = ipw.Label(_IN_SPACE)
         self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._grid_settings()),
-                             row(*self._export()), self.hand_over])
+                             row(*self._export()), self.file_transfer])
         if self.is_alone:
             self._listen()
         self.refresh()
@@ -124,7 +124,7 @@ class ThompsonPanel(Panel):
                              layout=ipw.Layout(width="260px"), tooltip="File name, without its end")
         self.downloads = ipw.Checkbox(description="hand it to the browser too", indent=False,
                                       layout=ipw.Layout(width="auto"))
-        self.hand_over = HandOver()
+        self.file_transfer = FileTransfer()
         self.writers = [button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}",
                                self._writer(f".{kind}")) for kind in ("svg", "pdf", "png")]
         return [self.name, *self.writers, self.downloads, self.said]
@@ -189,7 +189,7 @@ class ThompsonPanel(Panel):
             draw()
             said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
             if downloads:
-                self.hand_over.download(path.name, path.read_bytes())
+                self.file_transfer.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
             self.guard(raising(reason))

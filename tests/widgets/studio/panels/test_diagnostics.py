@@ -13,7 +13,7 @@ from driven_studio import a_drag, a_volume, controls, drag, panel
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
-from deformnb.document.step_checks import is_safe, step_folds, step_uncertainty
+from deformnb.document.step_checks import is_fold_free, step_folds, step_uncertainty
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Raster
@@ -91,7 +91,7 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     panel(studio, "Diagnostics").back.click()
     settle(studio)
     made = studio.editor.points
-    assert is_safe(studio.session.step, studio.volume.grid)
+    assert is_fold_free(studio.session.step, studio.volume.grid)
     assert studio.session.step.strength == 1.0
     assert_array_equal(made.target[:4], far.target[:4])
     way = (made.target[4] - first.target[4]) / (far.target[4] - first.target[4])

@@ -156,7 +156,7 @@ def test_a_grid_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
 def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path: Path) -> None:
     panel.session.edit_points(panel.session.points.add([12.0, 8.0], [15.0, 9.0]))
     handed: list[tuple[str, int]] = []
-    panel.hand_over.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
+    panel.file_transfer.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
     panel.editor.overlay = "area"
     panel.downloads.value = True
     for suffix, begins in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")):
