@@ -154,7 +154,7 @@ def test_the_knee_that_was_scanned_twice_is_shown(kernel: str, tmp_path: Path, m
 def test_the_first_notebook_says_what_differs_and_what_it_does_to_the_studio_above() -> None:
     cells = stored(ROOT / "notebooks" / "01_quickstart.ipynb")["cells"]
     kernels = next(text_of(cell) for cell in cells if "thin_plate" in text_of(cell) and cell["cell_type"] == "code")
-    assert "nets=nets, points=[belly] * 3" in kernels  # three fish alone look the same
+    assert "grids=grids, points=[belly] * 3" in kernels  # three fish alone look the same
     bars = next(text_of(cell) for cell in cells if "rules.items()" in text_of(cell))
     assert ".text(" in bars
     dragging, keeping = (next(text_of(cell) for cell in cells if text_of(cell).startswith(start))

@@ -58,8 +58,8 @@ _TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("to
 
 
 @dataclass(frozen=True, eq=False)
-class Matter:
-    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`matter_of`.
+class Foreground:
+    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`foreground_of`.
 
     Parameters
     ----------
@@ -106,15 +106,15 @@ class Matter:
         return found
 
 
-def matter_of(volume: Volume) -> Matter:
+def foreground_of(volume: Volume) -> Foreground:
     """Find the foreground of a volume: voxels brighter than the edge between air and tissue, or with a label.
 
     Examples
     --------
     >>> values = np.zeros((8, 8, 8), np.uint8)
     >>> values[2:5, 3:4, 1:7] = 200
-    >>> matter = matter_of(Volume.from_array(values))
-    >>> matter.low.min(axis=0).tolist(), matter.high.max(axis=0).tolist()
+    >>> foreground = foreground_of(Volume.from_array(values))
+    >>> foreground.low.min(axis=0).tolist(), foreground.high.max(axis=0).tolist()
     ([0.5, 2.5, 1.5], [6.5, 3.5, 4.5])
     """
     values = volume.finite_values
@@ -137,10 +137,10 @@ def matter_of(volume: Volume) -> Matter:
         occupied |= last >= 0
     table = np.full(occupied.shape, -1, dtype=np.intp)
     table[occupied] = np.arange(np.count_nonzero(occupied))
-    return Matter(volume.grid, block, table, low[occupied], high[occupied])
+    return Foreground(volume.grid, block, table, low[occupied], high[occupied])
 
 
-def landed(matter: Matter, field: AbstractField | None) -> Array:
+def landed(foreground: Foreground, field: AbstractField | None) -> Array:
     """Places (n, 3) in space that deformed foreground reaches, the outermost among them.
 
     Parameters
@@ -152,51 +152,52 @@ def landed(matter: Matter, field: AbstractField | None) -> Array:
     DeformError
         If the field is not one in space.
     """
-    corners = matter.corners
+    corners = foreground.corners
     if field is None or isinstance(field, Identity):
         return corners
     if field.dim != 3:
         raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-    moved, found = warp_points(corners, field, tolerance=_EXACT * min(matter.grid.spacing))
-    places = np.concatenate([moved[found], *_far(matter, field)])
+    moved, found = warp_points(corners, field, tolerance=_EXACT * min(foreground.grid.spacing))
+    places = np.concatenate([moved[found], *_far(foreground, field)])
     for _ in range(_ROUNDS):
-        before = _box(matter, places)
-        hits, at_edge = _looked_up(matter, field, *before, np.maximum(_AROUND * (before[1] - before[0]), 1.0))
+        before = _box(foreground, places)
+        hits, at_edge = _looked_up(foreground, field, *before, np.maximum(_AROUND * (before[1] - before[0]), 1.0))
         places = np.concatenate([places, hits])
-        if not at_edge and bool(np.all(np.abs(np.subtract(_box(matter, places), before)) < 1.0)):
+        if not at_edge and bool(np.all(np.abs(np.subtract(_box(foreground, places), before)) < 1.0)):
             break
-    return np.concatenate([places, _beside_nodes(matter, moved[found], places)])
+    return np.concatenate([places, _beside_nodes(foreground, moved[found], places)])
 
 
-def _beside_nodes(matter: Matter, followed: Array, places: Array) -> Array:
+def _beside_nodes(foreground: Foreground, followed: Array, places: Array) -> Array:
     """Two corners of the box of places, a cell of the lattice farther where only its nodes have found foreground."""
-    (first, last), (low, high) = _box(matter, followed), _box(matter, places)
+    (first, last), (low, high) = _box(foreground, followed), _box(foreground, places)
     cell = (high - low) * (1 + 2 * _AROUND) / (_NODES - 1)
     low, high = np.where(low < first - 1, low - cell, low), np.where(high > last + 1, high + cell, high)
-    return matter.grid.index_to_point(np.stack([low, high]))
+    return foreground.grid.index_to_point(np.stack([low, high]))
 
 
-def _far(matter: Matter, field: AbstractField) -> Iterator[Array]:
+def _far(foreground: Foreground, field: AbstractField) -> Iterator[Array]:
     """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
-    counts = np.array(matter.grid.shape[::-1], dtype=np.float64)
+    counts = np.array(foreground.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
-        yield _looked_up(matter, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
+        yield _looked_up(foreground, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
 
 
-def _box(matter: Matter, places: Array) -> tuple[Array, Array]:
-    at = matter.grid.point_to_index(places if len(places) else matter.corners)
+def _box(foreground: Foreground, places: Array) -> tuple[Array, Array]:
+    at = foreground.grid.point_to_index(places if len(places) else foreground.corners)
     return at.min(axis=0), at.max(axis=0)
 
 
-def _lattice(matter: Matter, low: Array, high: Array) -> Array:
+def _lattice(foreground: Foreground, low: Array, high: Array) -> Array:
     lines = [np.linspace(a, b, _NODES) for a, b in zip(low, high, strict=True)]
-    return matter.grid.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
+    return foreground.grid.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
-def _looked_up(matter: Matter, field: AbstractField, low: Array, high: Array, around: Array) -> tuple[Array, bool]:
+def _looked_up(foreground: Foreground, field: AbstractField, low: Array, high: Array,
+               around: Array) -> tuple[Array, bool]:
     """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
-    nodes = _lattice(matter, low - around, high + around)
-    seen = matter.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
+    nodes = _lattice(foreground, low - around, high + around)
+    seen = foreground.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
     at_edge = any(bool(np.take(seen, (0, -1), axis=axis).any()) for axis in range(3))
     return nodes[seen.ravel()], at_edge
 
@@ -215,12 +216,12 @@ class FieldOfView:
     is_limited: bool = False
 
 
-def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most: float = MOST) -> FieldOfView:
+def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, most: float = MOST) -> FieldOfView:
     """The volume's grid, made as much larger as deformed foreground needs, by whole voxels; it is never made smaller.
 
     Parameters
     ----------
-    volume : or its :func:`matter_of`, which takes the longest for a large volume and stays the same.
+    volume : or its :func:`foreground_of`, which takes the longest for a large volume and stays the same.
     field : backward displacements in space.
     most : how many times the voxels of the volume it may have; larger boxes are cut back on all sides alike.
 
@@ -237,18 +238,18 @@ def field_of_view(volume: Volume | Matter, field: AbstractField | None, *, most:
     """
     if not (np.isfinite(most) and most >= 1):
         raise DeformError(f"a field of view has at least as many voxels as the volume, got {most!r} times as many.")
-    matter = volume if isinstance(volume, Matter) else matter_of(volume)
-    at = matter.grid.point_to_index(landed(matter, field))
-    last = np.array(matter.grid.shape[::-1]) - 1
+    foreground = volume if isinstance(volume, Foreground) else foreground_of(volume)
+    at = foreground.grid.point_to_index(landed(foreground, field))
+    last = np.array(foreground.grid.shape[::-1]) - 1
     # Far beyond what may be is as good as infinity, and no whole number.
     bound = 1e3 * most * (last + 1)
     low, high = np.clip(at.min(axis=0), -bound, 0), np.clip(at.max(axis=0), last, bound)
     before = np.maximum(0, -np.floor(low + 0.5 + _SLACK)).astype(np.int64)
     after = np.maximum(0, np.ceil(high - 0.5 - _SLACK) - last).astype(np.int64)
     before, after = (more + _RIM * (more > 0) for more in (before, after))
-    share = _share(matter.grid.shape, before, after, most)
+    share = _share(foreground.grid.shape, before, after, most)
     before, after = (np.floor(share * more).astype(np.int64) for more in (before, after))
-    return FieldOfView(_grown(matter.grid, before, after), share < 1)
+    return FieldOfView(_grown(foreground.grid, before, after), share < 1)
 
 
 def _share(shape: tuple[int, int, int], before: Any, after: Any, most: float) -> float:
@@ -297,7 +298,7 @@ def grown(grid: Grid, margin: ArrayLike) -> Grid:
 
 
 def sides_left(places: Array, box: Grid) -> tuple[str, ...]:
-    """The sides of a box that matter leaves, in words; none if all of it stays inside.
+    """The sides of a box where the foreground leaves it, in words; none if all of it stays inside.
 
     Parameters
     ----------

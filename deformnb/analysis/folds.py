@@ -132,21 +132,21 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
     return Folds(least, _place(lattice, place), float(folded / int(np.prod(lattice.shape))))
 
 
-def largest_share(is_safe: Callable[[float], bool]) -> float:
+def largest_share(is_fold_free: Callable[[float], bool]) -> float:
     """Largest safe share of a way from 0 to 1: in eighths as far as all is well, then by halves; 0 if nothing is."""
-    if not is_safe(0.0):
+    if not is_fold_free(0.0):
         return 0.0
     low, high = 0.0, 0.0
     for k in range(1, _STEPS + 1):
         high = k / _STEPS
-        if not is_safe(high):
+        if not is_fold_free(high):
             break
         low = high
     else:
         return 1.0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if is_safe(middle) else (low, middle)
+        low, high = (middle, high) if is_fold_free(middle) else (low, middle)
     return low
 
 

@@ -84,7 +84,7 @@ class Bridge:
         kind = data.get("method")
         if kind == "custom":
             message = {"widget": name, "content": data["content"], "buffers": buffers}
-        elif kind == "update":  # echoes are for front ends that share a kernel; clients are told in _relay
+        elif kind == "update":  # echoes are for front ends that share a kernel; clients are informed in _relay
             message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
         else:
             return
@@ -171,7 +171,7 @@ class Bridge:
             value = self.desk.parameters[name].checked(change.get("value"))
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
-            # Other clients follow; the one that has set it is ahead of us, and hears only if it is refused. trame looks
+            # Other clients follow; the one that has set it is ahead of us, informed only of refusals. trame looks
             # who has spoken last when it sends, not now, and may so leave out another: hence twice.
             self._server.root.push_state_change({name: value}, skip_last_active_client=True)
             for client in self._server.others():

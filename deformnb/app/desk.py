@@ -12,9 +12,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from deformnb.app.diagnostics import DeskDiagnostics
 from deformnb.app.files import DeskFiles
 from deformnb.app.parts import DeskParts
-from deformnb.app.trust import DeskTrust
 from deformnb.app.volumes import Volumes, facing, nearly_facing
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
@@ -41,7 +41,7 @@ NUMBERED = ("go_to", "look_at")
 _NOT_OFFERED = ("density", "cut_rule")
 _OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
 _LONGEST_NAME = 64  # of a client's window
-_OF_THE_EDITOR = ("show_net", "drag_net", "show_radius", "overlay")
+_OF_THE_EDITOR = ("show_grid", "drag_grid", "show_radius", "overlay")
 
 
 class Desk:
@@ -95,7 +95,7 @@ class Desk:
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
         self.parts = DeskParts(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
-        self.trust = DeskTrust(session, self.editor, self.thread.call, self._trust_changed)
+        self.diagnostics = DeskDiagnostics(session, self.editor, self.thread.call, self._diagnostics_changed)
         self.files = DeskFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
         self.recovery = Recovery(session, self._told, self._tell)
         self.thread.latest("warm up", session.warm_up)
@@ -145,9 +145,9 @@ class Desk:
         elif name in _OF_THE_EDITOR:
             setattr(self.editor, name, value)
         elif name == "keep_free":
-            self.trust.keep_free = value
-            if value and self.trust.state()["unsafe"]:
-                self.trust.safety.unfold()
+            self.diagnostics.keep_free = value
+            if value and self.diagnostics.state()["unsafe"]:
+                self.diagnostics.fold_actions.unfold()
         elif name == "show_folds":
             self.volumes.set_folds(value)
 
@@ -159,9 +159,9 @@ class Desk:
             self.session.take_hold()
             return
         actions: dict[str, Callable[[], Any]] = {
-            "take_back": self.trust.safety.take_back, "unfold": self.trust.safety.unfold,
+            "take_back": self.diagnostics.fold_actions.take_back, "unfold": self.diagnostics.fold_actions.unfold,
             "go_to": lambda: go_to(self.session, *number, recovery=self.recovery),
-            "look_at": lambda: self.trust.look_at(*number),
+            "look_at": lambda: self.diagnostics.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "add_step": self.session.add_step,
             "front": lambda: self._look(*facing(self.session.plane)),
@@ -185,7 +185,7 @@ class Desk:
     def document(self) -> str:
         """The session as the text of a document that ``deformnb warp`` and ``Session.open`` take."""
         document = self.session.document()
-        self.session.saved = document  # the client hands it to the browser's downloads
+        self.session.saved = document  # the client downloads it
         return to_json(document)
 
     def receive(self, name: str, message: dict[str, Any], picture: int | None = None) -> None:
@@ -228,11 +228,12 @@ class Desk:
             **values, "support": self._support(), "automatic_support": not isinstance(step.support, float),
             "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
-            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.trust.keep_free,
+            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.diagnostics.keep_free,
             "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
-            "lost": self.recovery.offer, "files": self.files.state, "box": _box_text(session), **self.trust.state(),
+            "lost": self.recovery.offer, "files": self.files.state, "box": _box_text(session),
+            **self.diagnostics.state(),
             "several": steps > 1,
             "facts": f"{count} points, {moved} moved{which}",
             "latency": f"{self.milliseconds:.0f} ms for the last edit" if self.milliseconds else "",
@@ -305,10 +306,10 @@ class Desk:
 
     def _set_in_the_editor(self, change: Any) -> None:
         if change["name"] == "overlay":
-            self.trust.soon()
+            self.diagnostics.soon()
         self.changed()
 
-    def _trust_changed(self) -> None:
+    def _diagnostics_changed(self) -> None:
         if self.session.deformation is not self._shown[0]:  # stages were chosen for it
             self._show()
         self.changed()
@@ -321,7 +322,7 @@ class Desk:
             session.notice = "Points in space are edited in a studio; here you go on with those of a picture."
         shown, picture = (session.deformation, session.index, session.key), picture_key(session)
         points_of = (session.index, session.key, session.plane)
-        self._listening = False  # what the session says is no edit
+        self._listening = False  # a notice of the session is no edit
         try:
             if picture != self._pictured:
                 editor.waiting = "The picture is being made"  # no gesture shall be made on the old one
@@ -329,7 +330,7 @@ class Desk:
             if shown != self._shown:  # first, or the views take the points for those of the map before
                 self.link.show(editor)
                 self._shown = shown
-                self.trust.soon()
+                self.diagnostics.soon()
             with editor.hold_sync():
                 if editor.picture is not made:
                     editor.picture = made
@@ -387,7 +388,7 @@ class Desk:
         """End the threads; what was not saved stays in the history of who opens the volume again."""
         self.files.close()
         self.recovery.close()
-        self.trust.close()
+        self.diagnostics.close()
         self.parts.close()
         self.link.close()
         self._previews.close()

@@ -139,7 +139,7 @@ class DeskFiles:
 
     def _progress(self, share: float) -> None:
         if self._stop.is_set():
-            raise Cancelled("stopped in the page.")
+            raise Cancelled("stopped by the user.")
         if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the clients
             self._say(share=min(1.0, float(share)))
 

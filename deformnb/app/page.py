@@ -8,23 +8,23 @@ from deformnb.app.desk import Desk
 from deformnb.app.files import WANTED, suffix_of
 from deformnb.app.page_parts import (
     add_widget,
+    diagnostics_part,
     history_part,
     look_part,
     points_part,
     settings_part,
-    trust_part,
 )
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
-_TABS = (("settings", "Settings", settings_part), ("look", "Look", look_part), ("points", "Points", points_part),
-         ("trust", "Trust", trust_part), ("history", "History", history_part))
+_TABS = (("settings", "Settings", settings_part), ("look", "Display", look_part), ("points", "Points", points_part),
+         ("diagnostics", "Diagnostics", diagnostics_part), ("history", "History", history_part))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
-         ("skip", "Skip", "Offer it no more; it stays in the history"))
-_ASKED = (("files.busy", "stop_file", "Stop"), ("files.doubt", "take_anyway", "Open it all the same"),
+         ("skip", "Skip", "Don't show again; it stays in the history"))
+_ASKED = (("files.busy", "stop_file", "Stop"), ("files.doubt", "take_anyway", "Open anyway"),
           ("!files.busy", "forget_file", "Close"))
 _THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"
 _SAVE = "utils.download(dnb_document, trigger('save'), 'application/json')"
@@ -140,7 +140,7 @@ def _files(v: Any, html: Any) -> None:
         with v.VMenu():
             with v.Template(v_slot_activator="{ props }"):
                 v.VBtn("Export", v_bind="props", prepend_icon="mdi-download", size="small", variant="text",
-                       disabled=("files.busy",), title="Write a file and hand it to the downloads",
+                       disabled=("files.busy",), title="Write a file and download it",
                        __properties=["title"])
             with v.VList(density="compact"):
                 for kind, title in WANTED.items():

@@ -9,7 +9,7 @@ from deformnb.widgets.parameters import ACTIONS, PARAMETERS, AbstractParameter, 
 from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
-    ("Picture", ("view", "method", "depth", "show_net", "drag_net", "show_radius")),
+    ("Picture", ("view", "method", "depth", "show_grid", "drag_grid", "show_radius")),
     ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
     ("Through the depth", ("extrusion",)),
 )
@@ -110,13 +110,13 @@ def points_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> No
     add_widget("points")
 
 
-def trust_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
-    """Figures of the map, points that disagree, and buttons that make it safe."""
+def diagnostics_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+    """Figures of the map, possible outliers, and buttons that make it fold-free."""
     add_control(v, html, "overlay", controls["overlay"])
-    html.Div("{{ haze_said }}", v_if=("haze_said",), classes="dnb-app-words")
+    html.Div("{{ uncertainty_said }}", v_if=("uncertainty_said",), classes="dnb-app-words")
     html.H2("The map", classes="dnb-app-group")
-    html.Div("Computing diagnostics ...", v_if=("!trust",), classes="dnb-app-words")
-    html.Div(v_html=("trust",), classes="dnb-app-facts")  # names of points are escaped in it
+    html.Div("Computing diagnostics ...", v_if=("!diagnostics",), classes="dnb-app-words")
+    html.Div(v_html=("diagnostics",), classes="dnb-app-facts")  # names of points are escaped in it
     html.Div("{{ suspects_text }}", classes="dnb-app-words")
     with html.Div(classes="dnb-app-suspects", v_if=("suspects.length",)):
         v.VBtn("{{ s.name }}", v_for="s in suspects", key="s.id", size="small", variant="outlined",

@@ -101,8 +101,8 @@ Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 
 def _add_demo(commands: Commands) -> None:
     what = "turn a carp into another fish the way D'Arcy Thompson drew it"
-    p = commands.add_parser("demo", help=what, description=f"""{what[0].upper()}{what[1:]}: the net of one species is
-        laid around the fish on a picture, its nodes are moved to the net of the other, and the volume follows. Writes
+    p = commands.add_parser("demo", help=what, description=f"""{what[0].upper()}{what[1:]}: the grid of one species is
+        laid around the fish on a picture, its nodes are moved to the grid of the other, and the volume follows. Writes
         pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
     p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
     add_spacing(p)

@@ -205,7 +205,7 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
     """
     a, b = thompson_grid(source), thompson_grid(target)
     if a.nodes.shape != b.nodes.shape:
-        raise DeformError(f"the nets of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
+        raise DeformError(f"the grids of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
                           f"rows and columns and do not correspond; Thompson's pairs are {thompson_pairs()}.")
     for what, value, known in (("scale", scale, tuple(SCALES)), ("cells", cells, CELLS), ("head", head, HEADS)):
         if value not in known:

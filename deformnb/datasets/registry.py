@@ -37,7 +37,7 @@ class Dataset:
     credit : whom to name.
     licence : what is known about the terms.
     source : where it comes from, in words.
-    phantom : the offline stand-in, a name in PHANTOMS.
+    phantom : the phantom used offline, a name in PHANTOMS.
     spacing : (x, y, z) of the voxels, where files may come without one; None is what :func:`read_volume` finds.
     is_labels : voxels are numbers of structures.
     remark : what else a user should know.
@@ -145,7 +145,7 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
         return path
     if data.address is None:
         raise DeformError(f"{name} has no download: get it from {data.source}, put it at {path}, or use "
-                          f"{_stand_in(data)}.")
+                          f"{_alternative(data)}.")
     _make_room(place, data)
     try:
         _download(data, place, progress)
@@ -187,7 +187,7 @@ def _row(name: str) -> Dataset:
         raise DeformError(f"there is no dataset {name!r}; there are {', '.join(DATASETS)}.") from None
 
 
-def _stand_in(data: Dataset) -> str:
+def _alternative(data: Dataset) -> str:
     labels = "_labels" if data.is_labels else ""
     return f"the phantom deformnb.datasets.{data.phantom}{labels}() instead"
 
@@ -242,7 +242,7 @@ def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> st
     host = urlsplit(data.address or "").hostname
     reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
     return (f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} by hand, "
-            f"or use {_stand_in(data)}.")
+            f"or use {_alternative(data)}.")
 
 
 class _Meter:

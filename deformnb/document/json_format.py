@@ -275,7 +275,7 @@ def to_json(deformation: Deformation) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A number of NumPy's, such as a slider or a loop of a notebook hands on, as one of Python's."""
+    """A number of NumPy's, such as a slider or a loop of a notebook passes, as one of Python's."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a document holds no {type(value).__name__}.")

@@ -7,7 +7,7 @@ Differences between the two keys:
 - A step that only one key has, or that is switched off at one, comes or goes: at the other key nothing is dragged. So
   do two steps at one place of the list that lie on different planes.
 - A kernel, a trend, a rule of extrusion, cuts and the places of rigid parts have nothing between them: those of the
-  earlier key hold until the later one. ``notes`` says so.
+  earlier key hold until the later one. ``notes`` reports it.
 
 The paths of control points neither shrink nor shear what turns. A straight path for every point makes a limb that
 turns by an angle shorter by cos(angle / 2) halfway. So it is the edges between neighbouring points that are
@@ -48,7 +48,7 @@ from deformnb.rbf.stages import fit_points
 Points = NDArray[np.float64]
 
 _NEIGHBOURS = {2: 6, 3: 10}
-# An edge that becomes longer or shorter by this share counts half: it spans a joint and says nothing of a limb's turn.
+# An edge that becomes longer or shorter by this share counts half: it spans a joint and shows no limb's turn.
 _STRAIN = 0.05
 # What a direction that no edge shows is turned by: as all points together.
 _PRIOR_TURN = 1e-3
@@ -133,7 +133,7 @@ class HandlePath:
 
         Parameters
         ----------
-        held : (N, dim) places of the points that are held; what it says of others does not count.
+        held : (N, dim) places of the points that are held; other rows are ignored.
         """
         if t in (0, 1):
             return np.array(self.end if t else self.start)

@@ -114,7 +114,7 @@ def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
     return Folds(least, tuple(place.tolist()), folds.share)
 
 
-def is_safe(step: Step, grid: Grid, least: float = LEAST) -> bool:
+def is_fold_free(step: Step, grid: Grid, least: float = LEAST) -> bool:
     """Check that the determinant of a step is ``least`` or more at every node; False too if it cannot be fitted.
 
     In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
@@ -188,7 +188,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
             tried = replace(step, stages=count)
         except DeformError as error:
             raise DeformError(f"the map folds, and more stages do not help: {error}") from None
-        if is_safe(tried, grid, least):
+        if is_fold_free(tried, grid, least):
             return count
         count *= 2
     raise DeformError(f"the map folds in {most} stages too: points are pulled through one another, or through a rigid "
@@ -197,7 +197,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
 
 def safe_strength(step: Step, grid: Grid, least: float = LEAST) -> float:
     """The strength of a step, at most its own, at which it does not fold; its own if it does not."""
-    return step.strength * largest_share(lambda t: is_safe(replace(step, strength=t * step.strength), grid, least))
+    return step.strength * largest_share(lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least))
 
 
 def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
@@ -227,10 +227,10 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
     def at(t: float) -> ControlPoints:
         return after if t == 1 else replace(after, target=start + t * (after.target - start))
 
-    if not is_safe(step.with_points(at(0.0), key), grid, least):
+    if not is_fold_free(step.with_points(at(0.0), key), grid, least):
         raise DeformError("the map folds before this edit already, so no part of it is safe; take the strength back or "
                           "unfold it by stages.")
-    return at(largest_share(lambda t: is_safe(step.with_points(at(t), key), grid, least)))
+    return at(largest_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least)))
 
 
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------
@@ -239,8 +239,8 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
 def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     """Goodness of fit of a step's control points; see :class:`~deformnb.analysis.quality.FitQuality`.
 
-    Beside cuts every region is judged on its own, as it is fitted; beside rigid parts with the weight of the parts
-    held, and points that a part holds are left out. Several stages are judged as if they were one.
+    Beside cuts every region counts on its own, as it is fitted; beside rigid parts with the weight of the parts
+    held, and points that a part holds are left out. Several stages count as one.
 
     Parameters
     ----------

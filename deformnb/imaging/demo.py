@@ -44,9 +44,9 @@ class Transformation:
     deformation: Deformation
     before: Picture
     after: Picture
-    nets: ThompsonMap
-    net_before: list[NDArray[np.float64]]
-    net_after: list[NDArray[np.float64]]
+    grids: ThompsonMap
+    grid_before: list[NDArray[np.float64]]
+    grid_after: list[NDArray[np.float64]]
 
 
     @property
@@ -75,11 +75,11 @@ def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, f
     for lines, axis in ((picture.raster.columns, 0), (picture.raster.rows, 1)):
         found = lines[bright.mean(axis=axis) > _SUBJECT_SHARE]
         if len(found) == 0:
-            raise DeformError("there is nothing on the picture to lay a net around: all pixels are alike.")
+            raise DeformError("there is nothing on the picture to lay a grid around: all pixels are alike.")
         grow = margin * (found[-1] - found[0])
         edges += [float(found[0] - grow), float(found[-1] + grow)]
     if edges[1] <= edges[0] or edges[3] <= edges[2]:
-        raise DeformError("what is on the picture is too thin to lay a net around.")
+        raise DeformError("what is on the picture is too thin to lay a grid around.")
     return edges[0], edges[1], edges[2], edges[3]
 
 
@@ -115,14 +115,15 @@ def transform(volume: Volume, *, species: str = "Antigonia", source: str | None 
     plane = Plane.along(volume.grid, view)
     before = project(volume, plane, "mip", progress=stage("look at it from the side"))
     source = source or source_of(species)
-    nets = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
-    deformation = Deformation.on_picture(volume.grid, plane, nets.points, name=f"{source} -> {species}")
+    grids = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
+    deformation = Deformation.on_picture(volume.grid, plane, grids.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
-    output = field_of_view(volume.grid, plane, nets)
+    output = field_of_view(volume.grid, plane, grids)
     warped = deformation.apply(volume, output=output, progress=stage("deform it"))
     after = project(warped, plane, "mip", progress=stage("look at the result"))
-    net = [refined(line) for line in nets.polylines()[0]]
-    return Transformation(volume, warped, deformation, before, after, nets, net, deformed_net(net, deformation, volume))
+    lines = [refined(line) for line in grids.polylines()[0]]
+    bent = deformed_grid(lines, deformation, volume)
+    return Transformation(volume, warped, deformation, before, after, grids, lines, bent)
 
 
 def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
@@ -131,31 +132,32 @@ def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
     return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(2)], axis=-1)
 
 
-def deformed_net(net: list[NDArray[np.float64]], deformation: Deformation, volume: Volume) -> list[NDArray[np.float64]]:
+def deformed_grid(lines: list[NDArray[np.float64]], deformation: Deformation,
+                  volume: Volume) -> list[NDArray[np.float64]]:
     """Lines of a grid on the picture after the deformation: forward, by inverting the backward map."""
     (fit,) = deformation.steps[0].fits(volume.grid)
-    moved, _ = warp_points(np.concatenate(net), fit)
-    return np.split(moved, np.cumsum([len(line) for line in net])[:-1])
+    moved, _ = warp_points(np.concatenate(lines), fit)
+    return np.split(moved, np.cumsum([len(line) for line in lines])[:-1])
 
 
-def field_of_view(grid: Grid, plane: Plane, nets: ThompsonMap) -> Grid:
+def field_of_view(grid: Grid, plane: Plane, grids: ThompsonMap) -> Grid:
     """The volume's grid with voxels added so that the whole target grid lies inside."""
-    rim = np.zeros((nets.target_nodes.reshape(-1, 2).shape[0], 3))
-    rim[:, :2] = nets.target_nodes.reshape(-1, 2)
+    rim = np.zeros((grids.target_nodes.reshape(-1, 2).shape[0], 3))
+    rim[:, :2] = grids.target_nodes.reshape(-1, 2)
     rim[:, 2] = plane.to_plane(grid.center)[2]
     return grid.covering(plane.from_plane(rim))
 
 
 def write_pictures(result: Transformation, folder: Path) -> list[Path]:
-    """The picture before and after, each with its net, and both on one page."""
-    nets = (result.net_before, result.net_after)
+    """The picture before and after, each with its grid, and both on one page."""
+    grids = (result.grid_before, result.grid_after)
     pictures = (result.before, result.after)
-    titles = (f"{result.volume.name or 'volume'}, on the net of {result.nets.source.species}",
-              f"the same, on the net of {result.nets.target.species}")
+    titles = (f"{result.volume.name or 'volume'}, on the grid of {result.grids.source.species}",
+              f"the same, on the grid of {result.grids.target.species}")
     before, after, both = paths = [folder / name for name in FILES[:3]]
     for k, path in enumerate((before, after)):
-        draw_pictures([pictures[k]], nets=[nets[k]], titles=[titles[k]], path=path)
-    draw_pictures(pictures, nets=nets, titles=titles, path=both)
+        draw_pictures([pictures[k]], grids=[grids[k]], titles=[titles[k]], path=path)
+    draw_pictures(pictures, grids=grids, titles=titles, path=both)
     return paths
 
 
@@ -196,7 +198,7 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
     result = transform(volume, species=species, view=view, head=head, stage=stage)
     before, after, both = write_pictures(result, folder)
     render, carp, session, warped = (folder / name for name in FILES[3:])
-    captions = (volume.name or "before", f"on the net of {result.nets.target.species}")
+    captions = (volume.name or "before", f"on the grid of {result.grids.target.species}")
     direction, up = _quarter_view(result)
     render_pair(result.volume, result.warped, path=render, direction=direction, up=up, backend=renderer,
                 captions=captions, progress=stage("render both volumes"))
@@ -205,7 +207,7 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
         write_volume(volume, carp, progress=stage("write the carp"))
     write_volume(result.warped, warped, progress=stage("write the deformed volume"))
     written = [
-        ("picture before, with its net", before), ("picture after, with its net", after), ("both pictures", both),
+        ("picture before, with its grid", before), ("picture after, with its grid", after), ("both pictures", both),
         ("volume before and after", render), ("deformed volume", warped), ("session: what was done", session),
     ]
     return Demonstration(result, [*written, ("the carp itself", carp)] if own else written)

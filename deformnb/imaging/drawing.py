@@ -47,7 +47,7 @@ class Style:
     ink: str
     dark: str
     bright: str
-    net: str
+    grid: str
     gamma: float = 1.0
 
 
@@ -58,7 +58,7 @@ STYLES = {
 """Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
 
 
-def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArray[np.float64]]] | None = None,
+def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
                   points: Sequence[ControlPoints | None] | None = None, titles: Sequence[str] | None = None,
                   style: str = "paper", path: str | PathLike[str] | None = None) -> Figure:
     """Pictures side by side (one above the other if they are wide), all to the same scale.
@@ -66,7 +66,7 @@ def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArra
     Parameters
     ----------
     pictures : one or more.
-    nets : for each picture, polylines (n, 2) in its picture coordinates, such as a Thompson grid.
+    grids : for each picture, polylines (n, 2) in its picture coordinates, such as a Thompson grid.
     points : for each picture, control points drawn as arrows from source to target; None for none.
     titles : for each picture.
     style : a name of :data:`STYLES`.
@@ -82,17 +82,17 @@ def draw_pictures(pictures: Sequence[Picture], *, nets: Sequence[Sequence[NDArra
         raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
     if not pictures:
         raise DeformError("there is no picture to draw.")
-    for what, given in (("nets", nets), ("sets of points", points), ("titles", titles)):
+    for what, given in (("grids", grids), ("sets of points", points), ("titles", titles)):
         if given and len(given) != len(pictures):
             raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
     if path is not None:
         _format(path)
     look = STYLES[style]
-    boxes = [_box(p, nets[k] if nets else ()) for k, p in enumerate(pictures)]
+    boxes = [_box(p, grids[k] if grids else ()) for k, p in enumerate(pictures)]
     figure = Figure(facecolor=look.paper)
     for k, (picture, place) in enumerate(zip(pictures, _layout(figure, boxes, titled=bool(titles)), strict=True)):
         axes = figure.add_axes(place)
-        _draw(axes, picture, boxes[k], look, nets[k] if nets else (), points[k] if points else None)
+        _draw(axes, picture, boxes[k], look, grids[k] if grids else (), points[k] if points else None)
         if titles:
             _title(axes, titles[k], look)
     if path is not None:
@@ -144,10 +144,10 @@ def _format(path: str | PathLike[str]) -> str:
     return suffix
 
 
-def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:
+def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> Box:
     """Limits of the plot: the picture and all of its grid, with a little margin."""
     a0, a1, b0, b1 = picture.raster.box
-    for line in net:
+    for line in grid:
         a0, b0 = min(a0, float(line[:, 0].min())), min(b0, float(line[:, 1].min()))
         a1, b1 = max(a1, float(line[:, 0].max())), max(b1, float(line[:, 1].max()))
     air = 0.01 * max(a1 - a0, b1 - b0)
@@ -155,10 +155,10 @@ def _box(picture: Picture, net: Sequence[NDArray[np.float64]]) -> Box:
 
 
 def _draw(axes: Axes, picture: Picture, box: Box, look: Style,
-          net: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
+          grid: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
     show_picture(axes, picture, look)
-    for line in net:
-        axes.plot(line[:, 0], line[:, 1], color=look.net, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
+    for line in grid:
+        axes.plot(line[:, 0], line[:, 1], color=look.grid, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
     if points is not None:
         _draw_points(axes, points, look)
     axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")

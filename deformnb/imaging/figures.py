@@ -57,7 +57,7 @@ class Panel:
     picture : a picture of a volume, an image (height, width, 3) uint8 such as a rendered volume, or None for an empty
         sheet with lines and points.
     caption : what stands behind its letter.
-    net : polylines (n, 2) in picture coordinates.
+    grid : polylines (n, 2) in picture coordinates.
     points : control points.
     at : a name of :data:`WHERE`.
     cuts : lines that are drawn yellow; the points on their sides are then red and green.
@@ -67,7 +67,7 @@ class Panel:
 
     picture: Picture | NDArray[np.uint8] | None = None
     caption: str = ""
-    net: Sequence[NDArray[np.float64]] = ()
+    grid: Sequence[NDArray[np.float64]] = ()
     points: ControlPoints | None = None
     at: str = "both"
     cuts: Sequence[Cut] = ()
@@ -81,8 +81,8 @@ class Panel:
             if self.picture.ndim != 3 or self.picture.shape[2] != 3 or self.picture.dtype != np.uint8:
                 raise DeformError("an image for a panel is an array (height, width, 3) of uint8, got "
                                   f"{self.picture.shape} of {self.picture.dtype}.")
-        elif self.picture is None and self.box is None and len(self.net) == 0:
-            raise DeformError("a panel without a picture needs a box or a net, else it has no size.")
+        elif self.picture is None and self.box is None and len(self.grid) == 0:
+            raise DeformError("a panel without a picture needs a box or a grid, else it has no size.")
 
     @property
     def shown(self) -> Box:
@@ -92,7 +92,7 @@ class Panel:
         if self.box is not None:
             return self.box
         boxes = [] if self.picture is None else [self.picture.raster.box]
-        boxes += [(*_range(line[:, 0]), *_range(line[:, 1])) for line in self.net]
+        boxes += [(*_range(line[:, 0]), *_range(line[:, 1])) for line in self.grid]
         a0, a1, b0, b1 = np.array(boxes).T
         air = 0.01 * max(np.ptp([a0.min(), a1.max()]), np.ptp([b0.min(), b1.max()]))
         return float(a0.min() - air), float(a1.max() + air), float(b0.min() - air), float(b1.max() + air)
@@ -165,8 +165,8 @@ def _fill(axes: Axes, panel: Panel, look: Style) -> None:
         show_picture(axes, panel.picture, look)
     for part in panel.parts:
         _outline(axes, part.region, box, PART, fill=True)
-    ink = look.net if panel.picture is not None else look.ink
-    for line in panel.net:
+    ink = look.grid if panel.picture is not None else look.ink
+    for line in panel.grid:
         axes.plot(line[:, 0], line[:, 1], color=ink, linewidth=0.7, alpha=0.9, solid_joinstyle="round")
     for cut in panel.cuts:
         _outline(axes, cut.region, box, CUT, fill=False)
@@ -214,12 +214,12 @@ def _caption(axes: Axes, text: str, look: Style, room: float) -> None:
 # ---- grids -----------------------------------------------------------------------------------------------------------
 
 
-def net_lines(box: Box, columns: int, rows: int) -> Lines:
+def rectangular_grid(box: Box, columns: int, rows: int) -> Lines:
     """A rectangular grid over a box: so many cells across and down.
 
     Examples
     --------
-    >>> len(net_lines((0, 4, 0, 2), 4, 2))
+    >>> len(rectangular_grid((0, 4, 0, 2), 4, 2))
     8
     """
     a, b = np.linspace(box[0], box[1], columns + 1), np.linspace(box[2], box[3], rows + 1)

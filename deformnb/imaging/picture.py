@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Blocks, Eye, blocks, composite, faces_of, knots
+from deformnb.imaging.raycast import Blocks, PerspectiveCamera, blocks, composite, faces_of, knots
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -104,7 +104,7 @@ PROJECTIONS: dict[str, Projection] = {
 
 def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, transfer: TransferFunction | None = None,
             depth: float | None = None, spacing: float | None = None, part: Part | None = None,
-            eye: Eye | None = None, progress: Progress | None = None) -> Picture:
+            eye: PerspectiveCamera | None = None, progress: Progress | None = None) -> Picture:
     """A picture of a volume.
 
     Parameters
@@ -245,7 +245,8 @@ def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layer
 
 
 def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
-                     spacing: float | None, part: Part | None, eye: Eye | None, progress: Progress | None) -> Picture:
+                     spacing: float | None, part: Part | None, eye: PerspectiveCamera | None,
+                     progress: Progress | None) -> Picture:
     """An oblique view, through a lattice parallel to the picture."""
     lattice = plane_lattice(volume.grid, plane, spacing)
     if eye is not None and how.name != "slice":

@@ -132,7 +132,7 @@ def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: An
 
 
 def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
-    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient says nothing.
+    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient vanishes.
 
     Outside the volume is background, so that where a body is cut off its face is lit like any surface.
     """
@@ -191,8 +191,8 @@ _NEAREST = 0.02  # of the distance of the eye: what is nearer to it is not seen
 
 
 @dataclass(frozen=True)
-class Eye:
-    """A viewer in front of a plane's origin.
+class PerspectiveCamera:
+    """A perspective camera in front of a plane's origin.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class Eye:
 
 
 def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane, part: Part | None = None,
-           eye: Eye | None = None) -> Blocks:
+           eye: PerspectiveCamera | None = None) -> Blocks:
     """Blocks of layers, the last one as large as the others: one compiled function resamples all of them.
 
     Parameters
@@ -246,7 +246,8 @@ def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane
         yield values, min(layers, lattice.shape[0] - k)
 
 
-def faces_of(part: Part, lattice: Grid, plane: Plane, eye: Eye | None, light: NDArray[Any]) -> dict[str, Any]:
+def faces_of(part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None,
+             light: NDArray[Any]) -> dict[str, Any]:
     """The faces of a part for :func:`deformnb.imaging.raycast.composite`, in coordinates of the plane.
 
     Returns

@@ -25,7 +25,7 @@ from deformnb.analysis.strain import Stretches, stretches
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure
-from deformnb.imaging.figures import Lines, moved_lines, net_lines, picture_field
+from deformnb.imaging.figures import Lines, moved_lines, picture_field, rectangular_grid
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
@@ -144,11 +144,11 @@ def _flat_grid(picture: Picture) -> Grid:
 def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids:
     """The grids of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
     if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_LINES):
-        raise DeformError(f"a net has 1 to {MOST_LINES} cells along its longer side, got {lines!r}.")
+        raise DeformError(f"a grid has 1 to {MOST_LINES} cells along its longer side, got {lines!r}.")
     a0, a1, b0, b1 = box = picture.raster.box
     cell = max(a1 - a0, b1 - b0) / lines
     across, down = max(1, round((a1 - a0) / cell)), max(1, round((b1 - b0) / cell))
-    before = net_lines(box, across, down)
+    before = rectangular_grid(box, across, down)
     nodes = np.stack(np.meshgrid(np.linspace(a0, a1, across + 1), np.linspace(b0, b1, down + 1)), axis=-1)
     moved, found = warp_points(nodes, field)
     return Grids(field, before, moved_lines(before, field), nodes, moved, found, cell)
@@ -250,13 +250,13 @@ class Sheet:
         """Both panels with all that belongs to them."""
         before, after = self._place(points)
         self._picture(before, self.picture.raster, _inked(self.picture, self.look))
-        self._net(before, self.grids.before)
+        self._draw_grid(before, self.grids.before)
         raster = self._output(after.box)
         after_pixels = _inked(_warped(self.picture, self.grids.field, raster), self.look)
         if self.overlay == "area":
             after_pixels = self._tinted(after_pixels, raster)
         self._picture(after, raster, after_pixels)
-        self._net(after, self.grids.after)
+        self._draw_grid(after, self.grids.after)
         if self.overlay == "strain":
             self._crosses(after)
         if points is not None:
@@ -324,14 +324,14 @@ class Sheet:
         place.axes.imshow(pixels, extent=(a0, a1, b1, b0), interpolation="bilinear", aspect="auto", zorder=0)
         place.axes.set(xlim=place.box[:2], ylim=(place.box[3], place.box[2]))
 
-    def _net(self, place: _Place, lines: list[NDArray[np.float64]]) -> None:
+    def _draw_grid(self, place: _Place, lines: list[NDArray[np.float64]]) -> None:
         from matplotlib.collections import LineCollection
 
-        color = self.look.net if self.overlay != "area" else self.look.ink
-        net = LineCollection(lines, colors=color, linewidths=0.6, alpha=0.9 if self.overlay != "area" else 0.65,
+        color = self.look.grid if self.overlay != "area" else self.look.ink
+        drawn = LineCollection(lines, colors=color, linewidths=0.6, alpha=0.9 if self.overlay != "area" else 0.65,
                              capstyle="round", joinstyle="round", zorder=2)
-        net.set_gid("net")
-        place.axes.add_collection(net, autolim=False)
+        drawn.set_gid("grid")
+        place.axes.add_collection(drawn, autolim=False)
 
     def _tinted(self, pixels: NDArray[np.float64], raster: Raster) -> NDArray[np.float64]:
         """Pixels with the colours of how areas grow, and red where the map folds."""
@@ -566,7 +566,7 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
         crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
-    grid : of the volume, which tells the reach of a point that has none of its own; default is that of the picture.
+    grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
     key : which set of control points of a step, for the rule "interpolate".
     landmarks : whether control points are drawn, with arrows to where they went.
     title : default is the name of the step, and what is known of its fit.

@@ -133,8 +133,8 @@ _ENOUGH = 1e-7
 
 
 @dataclass
-class Climb:
-    """One fit under way.
+class MultiscaleFit:
+    """Coarse-to-fine fit of the targets of points to two pictures.
 
     Parameters
     ----------
@@ -340,16 +340,16 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     pair = grey_pair(points, moving, fixed)
     start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     scene = first_scene(points, start, smoothing, energy, alike, stages)
-    climb = Climb(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
-                  progress or (lambda share: None))
-    x, before, after, smallest = climb.run(_checked_levels(levels, pair[0].values.size, points.dim))
+    search = MultiscaleFit(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
+                           progress or (lambda share: None))
+    x, before, after, smallest = search.run(_checked_levels(levels, pair[0].values.size, points.dim))
     if x is not scene.x:
         at = _positions(points, start)
         free = ~points.locked[at]
         target = points.target.copy()
         target[at[free]] = (start.origin + start.support * x[: len(at)])[free]
         points = replace(points, target=target)
-    return Fitted(points, before, after, tuple(climb.history), smallest)
+    return Fitted(points, before, after, tuple(search.history), smallest)
 
 
 def _check_climb(energy: float, iterations: int, least: float) -> None:
@@ -502,7 +502,7 @@ class _Window:
         return np.stack(np.meshgrid(*[line] * self._moving.dim, indexing="ij"), axis=-1)
 
     def best(self, target: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], str]:
-        """The best correlation, the shift there, and why it is not to be trusted ("" if it is)."""
+        """The best correlation, the shift there, and why it is unreliable ("" if it is reliable)."""
         places = target + self._disc
         pattern = self._moving.at(places + self._map.displacement(places))
         nothing = np.zeros(len(target))

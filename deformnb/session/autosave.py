@@ -74,7 +74,7 @@ class Autosave:
     session : what is watched, as long as it lives; it is not kept alive.
     folder : where to; default is :func:`~deformnb.session.store.state_folder`.
     delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
-    on_ready : called once the volume's checksum is known, with what tells the volume from others.
+    on_ready : called once the volume's checksum is known, with what identifies the volume.
     on_written : called with the facts of what was written.
     on_trouble : called with what stands in the way, once until it works again.
 
@@ -126,7 +126,7 @@ class Autosave:
         Raises
         ------
         TimeoutError
-            If it takes longer, or the volume cannot be told from others, so that nothing is written at all.
+            If it takes longer, or the volume cannot be identified, so that nothing is written at all.
         """
         if not self._job.flushed(timeout):
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")

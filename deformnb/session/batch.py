@@ -186,7 +186,7 @@ def _renamed(path: Path, suffix: str) -> str:
 
 
 def stamp(path: Path) -> list[int]:
-    """Size and time of a file: what tells that it is another one, without reading it."""
+    """Size and time of a file: they show that it is another one, without reading it."""
     found = path.stat()
     return [found.st_size, found.st_mtime_ns]
 

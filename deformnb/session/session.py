@@ -20,7 +20,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
-from deformnb.analysis.extent import MOST, Matter, field_of_view, grown, landed, matter_of, sides_left
+from deformnb.analysis.extent import MOST, Foreground, field_of_view, foreground_of, grown, landed, sides_left
 from deformnb.document.deformation import Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
@@ -83,7 +83,7 @@ class Session(traitlets.HasTraits):
     source : an expression that reads the volume, for scripts; empty if that is not known.
     file : where it was last written or opened; None if nowhere.
     files : what was opened and written here, which alone is replaced unasked.
-    reference : call it for what tells the volume from others; the first call takes a moment for a large volume.
+    reference : call it for what identifies the volume; the first call takes a moment for a large volume.
 
     Notes
     -----
@@ -125,7 +125,7 @@ class Session(traitlets.HasTraits):
         self._history = History()
         self._is_checked = False  # while a document is set that has been checked
         self._field: tuple[Deformation, AbstractField] | None = None
-        self._matter: Matter | None = None
+        self._foreground: Foreground | None = None
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
         self._drawing, self._looking = threading.Lock(), threading.Lock()
@@ -510,7 +510,7 @@ class Session(traitlets.HasTraits):
             return proposal["value"]
         with self._lock:  # set from outside: an edit like any other
             deformation = self._checked(proposal["value"])
-            if deformation != self.deformation:  # of an equal one nobody is told, so there is nothing to undo
+            if deformation != self.deformation:  # an equal one is not reported, so there is nothing to undo
                 self._history.record(self._state, "change by code")
         return deformation
 
@@ -576,7 +576,7 @@ class Session(traitlets.HasTraits):
         return Look(self.transfer, self.method, self.depth if is_slice else None)
 
     def _look_as(self, look: Look, *, besides: Container[str] = (), is_other: bool = False) -> None:
-        """Take over how a document was looked at, as far as it tells."""
+        """Take over the view state of a document, as far as it is stored."""
         for name, value in look.traits(is_other=is_other).items():
             if name not in besides:
                 setattr(self, name, float(np.clip(value, *self.depth_range)) if name == "depth" else value)
@@ -665,7 +665,7 @@ class Session(traitlets.HasTraits):
 
         Parameters
         ----------
-        most : how many times the voxels of the volume it may have; a notice says if that is too few.
+        most : how many times the voxels of the volume it may have; a notice reports if that is too few.
         joins : as part of the last edit, which undo takes back together with it; nothing happens if another edit, or an
             older state, is shown by the time that the box is known.
 
@@ -675,29 +675,29 @@ class Session(traitlets.HasTraits):
         """
         with self._lock:
             deformation, field = self.deformation, self.field()
-        found = field_of_view(self.matter(), field, most=most)
+        found = field_of_view(self.foreground(), field, most=most)
         if joins:
             if found.grid != deformation.output:
                 self.amend(deformation, replace(deformation, output=found.grid), self.notice)
         else:
             self.output = found.grid
         if found.is_limited:
-            self.notice = (f"Matter reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
-                           "it is cut off.")
+            self.notice = (f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
+                           "is cut off.")
         return not found.is_limited
 
     def sides_left(self) -> tuple[str, ...]:
         """The sides on which dragged foreground leaves the box of the result, in words; takes a moment."""
         if not _moves(self.deformation):
             return ()
-        return sides_left(landed(self.matter(), self.field()), self.box)
+        return sides_left(landed(self.foreground(), self.field()), self.box)
 
-    def matter(self) -> Matter:
+    def foreground(self) -> Foreground:
         """Foreground of the volume; looked up once."""
         with self._looking:
-            if self._matter is None:
-                self._matter = matter_of(self.volume)
-            return self._matter
+            if self._foreground is None:
+                self._foreground = foreground_of(self.volume)
+            return self._foreground
 
     @traitlets.validate("saved")
     def _valid_saved(self, proposal: Any) -> Deformation | None:
@@ -759,7 +759,7 @@ class Session(traitlets.HasTraits):
 
         Parameters
         ----------
-        allow_other_volume : open it even if it was made on another volume; a notice says so.
+        allow_other_volume : open it even if it was made on another volume; a notice reports it.
 
         Raises
         ------

@@ -130,7 +130,7 @@ def counted(number: int, what: str) -> str:
 
 
 def file_name(reference: VolumeReference, token: str) -> str:
-    """The name of a session's file: first what tells its volume, so that others need not be read."""
+    """The name of a session's file: first what identifies its volume, so that others need not be read."""
     return f"{reference.sha256[:16]}-{os.getpid()}-{token}{_SUFFIX}"
 
 

@@ -30,8 +30,8 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
-class ShownVolume:
-    """Voxels of a volume as they are shown.
+class PackedVolume:
+    """Voxels of a volume as bytes, at the resolution and in the intensity window in which they are shown.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class ShownVolume:
 
 
 class Pieces:
-    """The packed pieces of one volume, each made once, whichever thread asks first.
+    """The packed pieces of one volume, each made once, whichever thread requests it first.
 
     Parameters
     ----------
@@ -127,13 +127,13 @@ class Pieces:
 
     Examples
     --------
-    >>> shown = shown_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), 100, 100)
+    >>> shown = packed_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), 100, 100)
     >>> start, packed = Pieces(shown)[0]
     >>> start, len(gzip.decompress(packed))
     (0, 24)
     """
 
-    def __init__(self, shown: ShownVolume) -> None:
+    def __init__(self, shown: PackedVolume) -> None:
         self.shown = shown
         self._lock = threading.Lock()
         self._made: dict[int, tuple[int, bytes]] = {}
@@ -154,8 +154,8 @@ def _look(plane: Plane) -> dict[str, list[float]]:
     return {"direction": list(plane.normal), "up": [-c for c in plane.v]}
 
 
-def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, float] | None = None,
-                 progress: Progress | None = None) -> ShownVolume:
+def packed_volume(volume: Volume, limit: int, largest: int, window: tuple[float, float] | None = None,
+                  progress: Progress | None = None) -> PackedVolume:
     """A volume with at most ``limit`` voxels and ``largest`` along each axis, as bytes.
 
     Parameters
@@ -175,8 +175,9 @@ def shown_volume(volume: Volume, limit: int, largest: int, window: tuple[float, 
         values[k : k + step] = _bytes(slab[::fz, ::fy, ::fx] if discrete else _means(slab, factors), low, high)
         if progress is not None:
             progress(min(1.0, (k + step) / grid.shape[0]))
-    return ShownVolume(Volume(values, grid, volume.name, is_labels=discrete), volume.grid, (low, high), factors,
-                       uuid.uuid4().hex, int(_bytes(np.array(volume.background), low, high)), _white(volume, low, high))
+    background = int(_bytes(np.array(volume.background), low, high))
+    return PackedVolume(Volume(values, grid, volume.name, is_labels=discrete), volume.grid, (low, high), factors,
+                        uuid.uuid4().hex, background, _white(volume, low, high))
 
 
 def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:

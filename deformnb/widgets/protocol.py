@@ -153,7 +153,7 @@ class HistoryMessage(Message):
 
 @dataclass(frozen=True)
 class RefusedMessage(Message):
-    """An edit with something wrong in it: the front end must be told that it will not be taken."""
+    """An edit with something wrong in it: the front end must receive the refusal."""
 
     reason: str
     what: str = "points"
@@ -236,7 +236,7 @@ def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]
     if name == "selected":
         if not isinstance(value, list) or not all(_is_id(v) for v in value):
             raise DeformError("a selection is a list of ids.")
-    elif name in ("show_net", "show_radius"):
+    elif name in ("show_grid", "show_radius"):
         if not isinstance(value, bool):
             raise DeformError("it must be true or false.")
     elif name == "overlay":
@@ -303,7 +303,7 @@ class ChooseMessage(Message):
     ----------
     what : "cuts" or "parts"; empty for none.
     index : its place in the front end's list.
-    shape : as much of it as tells it from others.
+    shape : as much of it as identifies it.
     """
 
     what: str

@@ -34,9 +34,9 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.packed_volume import ShownVolume, shown_volume
+from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
-from deformnb.widgets.textures import MOST_MAPS, CardMaps, card_maps, cut_plane
+from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png, render_scene
@@ -144,7 +144,7 @@ class _ViewPart:
     """The part of a live view that goes into the page."""
 
     volume: Volume
-    shown: ShownVolume
+    shown: PackedVolume
     step: Step | None
     traits: dict[str, Any]
     chunks: list[dict[str, Any]]
@@ -166,10 +166,10 @@ def _view_part(editor: Editor, view: LiveView, limit: int, tell: Progress) -> _V
     field, index = _linked(editor, view, volume)
     tell(0.05)
     seen = view._ready()  # the same bytes: the colours of the page are of them
-    shown = shown_volume(volume, limit, _LARGEST, seen.window)
+    shown = packed_volume(volume, limit, _LARGEST, seen.window)
     shown = replace(shown, share=seen.share, id=_digest(shown))
     tell(0.2)
-    maps = card_maps(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
+    maps = field_textures(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
     chunks = []
     for k in range(shown.chunks):
@@ -215,18 +215,18 @@ def _step_of(editor: Editor, field: Extrusion) -> Step | None:
     return editor.step(extrusion="modulate", curve=tuple(curve.tolist()))
 
 
-def _digest(shown: ShownVolume) -> str:
+def _digest(shown: PackedVolume) -> str:
     """A name of the content instead of a random one: the same page for the same input."""
     about = f"{shown.volume.shape} {shown.window} {shown.factors} "
     return hashlib.sha256(about.encode() + np.ascontiguousarray(shown.volume.values).tobytes()).hexdigest()[:32]
 
 
-def _chunk(shown: ShownVolume, index: int) -> dict[str, Any]:
+def _chunk(shown: PackedVolume, index: int) -> dict[str, Any]:
     start, packed = shown.chunk(index)
     return {"start": start, "packed": _binary(gzip.compress(gzip.decompress(packed), _LEVEL, mtime=0))}
 
 
-def _message(maps: CardMaps, shown: ShownVolume, index: int) -> dict[str, Any]:
+def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, Any]:
     """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
     half = ("space", "depths") if (maps.content["space"] or {}).get("cut") else ()

@@ -31,7 +31,7 @@ from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
-from deformnb.widgets.packed_volume import ShownVolume
+from deformnb.widgets.packed_volume import PackedVolume
 
 MOST_REGIONS = 32
 """Places that the shaders have for regions."""
@@ -261,8 +261,8 @@ MOST_MAPS = 64
 
 
 @dataclass(frozen=True, eq=False)
-class CardMaps:
-    """A message: its content, and its buffers, whose names are in ``content["buffers"]``.
+class FieldTextures:
+    """Textures of a deformation field for a GPU: a message, whose buffers are named in ``content["buffers"]``.
 
     ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
     """
@@ -279,14 +279,14 @@ class CardMaps:
         """One of them by its name."""
         return self.buffers[self.content["buffers"].index(name)]
 
-    def without(self, name: str) -> CardMaps:
+    def without(self, name: str) -> FieldTextures:
         """The same message without one of them, for a front end that has it."""
         kept = [(n, b) for n, b in zip(self.content["buffers"], self.buffers, strict=True) if n != name]
-        return CardMaps({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
+        return FieldTextures({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
 
 
-def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | None, map_size: int,
-              space_size: int) -> CardMaps:
+def field_textures(field: AbstractField | None, shown: PackedVolume, output: Grid | None, map_size: int,
+                   space_size: int) -> FieldTextures:
     """The maps of a field on the box of ``output``.
 
     Parameters
@@ -304,7 +304,7 @@ def card_maps(field: AbstractField | None, shown: ShownVolume, output: Grid | No
         content["space"], more = _space(rest, shown, grid, space_size, _reach(planar, grid, map_size))
         buffers |= more
         content["coarse"] = rest.has_cuts and ("cut" not in content["space"] or not chain_is_exact(rest))
-    return CardMaps({**content, "buffers": list(buffers)}, list(buffers.values()))
+    return FieldTextures({**content, "buffers": list(buffers)}, list(buffers.values()))
 
 
 def count_maps(field: AbstractField | None) -> int | None:
@@ -335,7 +335,8 @@ def map_raster(field: Extrusion, grid: Grid, map_size: int) -> Raster:
     return Raster((int(counts[1]), int(counts[0])), tuple(size / (counts - 1)), tuple(low))
 
 
-def _planar(planar: CutPlane, shown: ShownVolume, grid: Grid, map_size: int) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid,
+            map_size: int) -> tuple[dict[str, Any], dict[str, bytes]]:
     field = planar.first
     raster = map_raster(field, grid, map_size)
     maps = np.stack([np.moveaxis(m.on_raster(raster), 0, -1) for region in planar.regions for m in region.maps])
@@ -370,7 +371,7 @@ def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
                          for w, m in zip(largest, region.maps, strict=True)) for region in planar.regions))
 
 
-def _space(field: AbstractField, shown: ShownVolume, grid: Grid, space_size: int,
+def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: int,
            reach: float) -> tuple[dict[str, Any], dict[str, bytes]]:
     box = shown.box(grid)
     low, high = np.asarray(box["low"]) - reach, np.asarray(box["high"]) + reach
@@ -433,17 +434,17 @@ def equal_fields(a: Any, b: Any) -> bool:
     return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))
 
 
-def card_frames(maps: TimeMaps, shown: ShownVolume, output: Grid | None, map_size: int) -> CardMaps:
-    """Textures of one moment, as of :func:`~deformnb.widgets.textures.card_maps`, with the maps of all.
+def texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map_size: int) -> FieldTextures:
+    """Textures of one moment, as of :func:`~deformnb.widgets.textures.field_textures`, with the maps of all.
 
     Parameters
     ----------
     map_size : samples of a map along its longer side.
     """
-    first = card_maps(maps.field(0.0), shown, output, map_size, map_size)
+    first = field_textures(maps.field(0.0), shown, output, map_size, map_size)
     planar = first.content["planar"]
     (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
     raster = Raster((rows, columns), (da, db), (a, b))
     frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
-    return CardMaps({**first.content, "frames": {"count": len(maps), "duration": maps.duration}},
-                    [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]])
+    return FieldTextures({**first.content, "frames": {"count": len(maps), "duration": maps.duration}},
+                         [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]])

@@ -1,10 +1,10 @@
-"""The box that deformed matter needs, against where the warp itself puts it."""
+"""The box that deformed foreground needs, against where the warp itself puts it."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deformnb.analysis.extent import field_of_view, grown, landed, matter_of, sides_left
+from deformnb.analysis.extent import field_of_view, foreground_of, grown, landed, sides_left
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
@@ -37,7 +37,7 @@ def dragged(volume: Volume, way: tuple[float, float], view: str = "+y", **option
 
 
 def really(volume: Volume, field: AbstractField, margin: int = 60) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The first and the last voxel along x, y, z, counted on the volume's lattice, where the warp shows matter."""
+    """The first and the last voxel along x, y, z, counted on the volume's lattice, where the warp shows foreground."""
     wide = volume.grid.crop((-margin,) * 3, tuple(n + 2 * margin for n in volume.shape))
     at = np.argwhere(warp(volume, field, output=wide).values > 100)[:, ::-1] - margin
     return at.min(axis=0), at.max(axis=0)
@@ -129,32 +129,32 @@ def test_air_and_noise_in_it_need_no_room() -> None:
     assert field_of_view(labels, field).grid == field_of_view(volume, field).grid
 
 
-def test_a_volume_of_one_value_is_all_matter() -> None:
+def test_a_volume_of_one_value_is_all_foreground() -> None:
     flat = Volume.from_array(np.full((3, 4, 5), 7, np.int16))
-    matter = matter_of(flat)
-    assert matter.low.min(axis=0).tolist() == [-0.5] * 3
-    assert matter.high.max(axis=0).tolist() == [4.5, 3.5, 2.5]
+    foreground = foreground_of(flat)
+    assert foreground.low.min(axis=0).tolist() == [-0.5] * 3
+    assert foreground.high.max(axis=0).tolist() == [4.5, 3.5, 2.5]
 
 
-def test_matter_knows_where_it_is() -> None:
+def test_places_are_in_the_foreground_or_not() -> None:
     volume = brick()
-    matter = matter_of(volume)
+    foreground = foreground_of(volume)
     inside, outside, air = (volume.grid.index_to_point(at) for at in ([10, 8, 9], [10, 8, 40], [0.5, 1, 2]))
-    assert inside in matter
-    assert outside not in matter
-    assert air not in matter
-    assert [np.nan] * 3 not in matter
+    assert inside in foreground
+    assert outside not in foreground
+    assert air not in foreground
+    assert [np.nan] * 3 not in foreground
 
 
 def test_sides_are_told_as_those_of_the_body() -> None:
     volume = brick()
-    matter = matter_of(volume)
+    foreground = foreground_of(volume)
     moved = {(40.0, 0.0): ("left side (L)",), (0.0, 30.0): ("bottom (I)",), (0.0, 0.0): (), (1.0, 0.0): ()}
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])
         field = Deformation.on_picture(volume.grid, "+y", points, trend="translation").field(volume.grid)
-        assert sides_left(landed(matter, field), volume.grid) == sides
-        assert sides_left(landed(matter, field), field_of_view(matter, field).grid) == ()
+        assert sides_left(landed(foreground, field), volume.grid) == sides
+        assert sides_left(landed(foreground, field), field_of_view(foreground, field).grid) == ()
 
 
 def test_a_field_of_the_plane_is_refused() -> None:

@@ -76,7 +76,7 @@ def test_widgets_follow_the_session(desk: Desk) -> None:
     assert desk.live.shows == "original"
     desk.set("projection", "mip")
     assert desk.live.projection == "mip"
-    for name in ("show_radius", "drag_net"):
+    for name in ("show_radius", "drag_grid"):
         desk.set(name, True)
         assert getattr(desk.editor, name)
 

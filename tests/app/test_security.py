@@ -1,4 +1,4 @@
-"""The application's doors: who is let in, and what a page may say."""
+"""Access control of the application: which clients are admitted, and which messages they may send."""
 
 from __future__ import annotations
 
@@ -24,7 +24,14 @@ from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
-from deformnb.widgets.web.guard import LONGEST_MESSAGE, LONGEST_OTHER, MOST_PAGES, Doorkeeper, checked_host, own_names
+from deformnb.widgets.web.guard import (
+    LONGEST_MESSAGE,
+    LONGEST_OTHER,
+    MOST_PAGES,
+    PasswordCheck,
+    checked_host,
+    own_names,
+)
 from deformnb.widgets.web.server import PageServer
 
 
@@ -370,7 +377,7 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(app: Runnin
     test_the_password_of_this_start_opens(app)
 
 
-def test_strangers_have_room_for_a_password_only(app: RunningApp) -> None:
+def test_unauthenticated_clients_may_send_only_a_password(app: RunningApp) -> None:
     async def attempt() -> tuple[int, bool]:
         before = app.server.dropped
         async with connected(app, secret=None) as page:
@@ -446,17 +453,17 @@ def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
 
 def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
-    door, now = Doorkeeper("secret"), 100.0
-    door.onConnect(None, "early")
+    check, now = PasswordCheck("secret"), 100.0
+    check.onConnect(None, "early")
     now = 104.0
-    door.onConnect(None, "late")
-    assert door.strangers(set()) == []
+    check.onConnect(None, "late")
+    assert check.unauthenticated(set()) == []
     now = 111.0
-    assert door.strangers(set()) == ["early"]
-    assert door.strangers({"early"}) == []
-    door.onClose("early")
+    assert check.unauthenticated(set()) == ["early"]
+    assert check.unauthenticated({"early"}) == []
+    check.onClose("early")
     now = 120.0
-    assert door.strangers(set()) == ["late"]
+    assert check.unauthenticated(set()) == ["late"]
 
 
 def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,7 +151,7 @@ class Tab:
         return now
 
     def picture(self) -> NDArray[np.float64]:
-        """What is drawn of the picture, without its net, once nothing moves any more."""
+        """What is drawn of the picture, without its grid, once nothing moves any more."""
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.isMoving", timeout=PATIENCE)
         return self._image(_PICTURE)
 
@@ -174,9 +174,9 @@ class Tab:
         box = self.page.locator(".dnb-ed-stage").bounding_box()
         self.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         self.says("5 points")
-        # Without its net the picture's own pixels can be measured.
+        # Without its grid the picture's own pixels can be measured.
         self.page.get_by_label("Grid", exact=True).uncheck()
-        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_net')")
+        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_grid')")
 
     def close(self) -> None:
         self.context.close()

@@ -36,7 +36,7 @@ def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app
         moved = moved.move(name, moved.target[moved.index(name)] + [far, 0.0])
     app.desk.thread.call(lambda: app.desk._try(lambda: session.edit_points(moved, "a drag"))).result(30)
     line.wait_for(state="visible", timeout=PATIENCE)
-    assert "Matter leaves the box at the " in line.inner_text()
+    assert "Tissue leaves the box at the " in line.inner_text()
     box, half = line.bounding_box(), tab.page.locator(".dnb-app-half").nth(1).bounding_box()
     assert half["x"] <= box["x"]
     assert box["x"] + box["width"] <= half["x"] + half["width"]

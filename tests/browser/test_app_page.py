@@ -119,7 +119,7 @@ def test_undo_is_heard_wherever_the_focus_is_but_where_text_is_written(tab: Tab)
     tab.says("1 moved")
     tab.page.locator(".dnb-pt-place").fill("3, 4")
     tab.page.keyboard.press("Control+z")  # of what was written
-    tab.page.get_by_role("tab", name="Trust").click()
+    tab.page.get_by_role("tab", name="Diagnostics").click()
     tab.page.keyboard.press("Control+z")
     tab.says("0 moved")
     tab.page.keyboard.press("Control+y")
@@ -209,8 +209,8 @@ def test_a_menu_changes_the_kernel(tab: Tab) -> None:
     tab.page.get_by_role("combobox", name="Kernel").focus()
     tab.page.keyboard.press("Enter")
     tab.page.get_by_role("option", name="Thin-plate spline").click()
-    kernel = "document.querySelector('.dnb-editor').deformnb.model.get('settings').kernel"
-    tab.page.wait_for_function(f"{kernel} === 'thin_plate'", timeout=PATIENCE)
+    settings = "document.querySelector('.dnb-editor').deformnb.model.get('settings')"
+    tab.page.wait_for_function(f"{settings}.kernel === 'thin_plate'", timeout=PATIENCE)
     assert tab.app.desk.session.step.kernel == "thin_plate"
     tab.page.get_by_role("button", name="Undo: change kernel").click()
     tab.page.wait_for_function("document.querySelector('.dnb-app-panel').innerText.includes('Wendland C2')")

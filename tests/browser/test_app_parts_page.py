@@ -80,7 +80,7 @@ def test_the_volume_follows_the_curve_and_the_edit_comes_at_the_end(tab: Tab) ->
 def test_opacities_are_dragged_and_the_volume_shows_it_at_once(tab: Tab) -> None:
     session = tab.app.desk.session
     before = tab.volume()
-    go_to(tab, "Look")
+    go_to(tab, "Display")
     hold(tab, ".dnb-transfer-editor [data-node='2'] .dnb-cv-dot", 0, 300)
     changes(tab, before)
     assert session.transfer == "bone"
@@ -90,7 +90,7 @@ def test_opacities_are_dragged_and_the_volume_shows_it_at_once(tab: Tab) -> None
 
 def test_a_drag_whose_page_is_loaded_again_leaves_nothing_behind(tab: Tab) -> None:
     before = tab.volume()
-    go_to(tab, "Look")
+    go_to(tab, "Display")
     hold(tab, ".dnb-transfer-editor [data-node='2'] .dnb-cv-dot", 0, 300)
     changes(tab, before)
     eventually(lambda: tab.app.desk.volumes._transfer != tab.app.desk.session.transfer_function)
@@ -102,7 +102,7 @@ def test_a_drag_whose_page_is_loaded_again_leaves_nothing_behind(tab: Tab) -> No
 
 def test_a_cut_opens_the_volume_and_comes_back(tab: Tab) -> None:
     before = tab.volume()
-    go_to(tab, "Look")
+    go_to(tab, "Display")
     tab.page.get_by_role("button", name="Open towards me").click()
     changes(tab, before)
     eventually(lambda: 0.5 in np.ptp(tab.app.desk.live.clip, axis=1))
@@ -144,7 +144,7 @@ def test_a_step_is_added_and_left_for_the_first_one(tab: Tab) -> None:
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_they_fit_the_drawer_and_its_colours(browser: Any, app: RunningApp, scheme: str) -> None:
     tab = Tab(browser, app, scheme=scheme, size=(1280, 800))
-    for name in ("Look", "Points"):
+    for name in ("Display", "Points"):
         go_to(tab, name)
         wide = tab.page.evaluate("""() => ['.dnb-app-part', '.dnb-app-tabs', '.dnb-app-panel'].filter((name) =>
           [...document.querySelectorAll(name)].some((part) => part.scrollWidth > part.clientWidth + 1

@@ -1,4 +1,4 @@
-"""Tools of the picture, trust and history in the application, with a real mouse: all of them reach the session."""
+"""Picture tools, diagnostics and history in the application, with a real mouse: all reach the session."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def tab(browser: Any, app: RunningApp) -> Iterator[Tab]:
         session, editor = app.desk.session, app.desk.editor
         session.deformation = Deformation()
         session._history = type(session._history)()
-        for name in ("mirror", "snap", "stop_at_folds", "brush_radius", "show_net", "show_radius", "overlay"):
+        for name in ("mirror", "snap", "stop_at_folds", "brush_radius", "show_grid", "show_radius", "overlay"):
             setattr(editor, name, editor.traits()[name].default())
         app.desk.act("front")
 
@@ -69,16 +69,16 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
         eventually(lambda trait=trait: getattr(editor, trait))
     circles = tab.page.get_by_label("Radii", exact=True)
     eventually(circles.is_checked)
-    tab.page.locator("[data-command=net]").click()
+    tab.page.locator("[data-command=grid]").click()
     eventually(lambda: not tab.page.get_by_label("Grid", exact=True).is_checked())
-    assert not editor.show_net
+    assert not editor.show_grid
     tab.page.locator(".dnb-ed-menu").select_option("area")
     eventually(lambda: editor.overlay == "area")
-    tab.page.get_by_role("tab", name="Trust").click()
+    tab.page.get_by_role("tab", name="Diagnostics").click()
     tab.says("Area (green grows", ".dnb-app-part")
     tab.page.reload()  # another page of the same session shows the same
     tab.drawn()
-    assert tab.page.evaluate(f"['overlay', 'stop_at_folds', 'show_net'].map((n) => {EDITOR}.model.get(n))") == [
+    assert tab.page.evaluate(f"['overlay', 'stop_at_folds', 'show_grid'].map((n) => {EDITOR}.model.get(n))") == [
         "area", True, False]
     assert tab.page.evaluate(f"{EDITOR}.pointTools.mirror.on")
 
@@ -108,15 +108,15 @@ def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
     assert session.points == before
 
 
-def test_a_node_of_the_net_becomes_a_point_where_it_is_dragged(tab: Tab) -> None:
+def test_a_node_of_the_grid_becomes_a_point_where_it_is_dragged(tab: Tab) -> None:
     tab.page.get_by_label("Drag grid").check()
-    tab.page.wait_for_function(f"{EDITOR}.netNodes.isOn && {EDITOR}.netNodes.made")
+    tab.page.wait_for_function(f"{EDITOR}.gridNodes.isOn && {EDITOR}.gridNodes.made")
     stroke(tab, 30, 12)  # in the middle of 16 cells is a node
     tab.says("5 points, 1 moved")
     way = (tab.app.desk.session.points.target - tab.app.desk.session.points.source)[4]
     assert way == pytest.approx(np.array([30, 12]) / tab.page.evaluate(f"{EDITOR}.view.k"), rel=0.05)
     tab.page.get_by_label("Drag grid").uncheck()
-    tab.page.wait_for_function(f"!{EDITOR}.netNodes.isOn")
+    tab.page.wait_for_function(f"!{EDITOR}.gridNodes.isOn")
 
 
 @pytest.mark.nightly
@@ -128,7 +128,7 @@ def test_a_drag_that_folds_is_told_unfolded_and_gone_back_behind(tab: Tab) -> No
     tab.drag(4, 90, 20)
     tab.says("folds ")
     page.locator(".dnb-app-folded").wait_for(timeout=PATIENCE)
-    page.get_by_role("tab", name="Trust").click()
+    page.get_by_role("tab", name="Diagnostics").click()
     tab.says("% folded; smallest det J", ".dnb-app-facts")
     far = session.points.target.tolist()
     page.get_by_role("button", name="Unfold by stages").click()
@@ -136,8 +136,8 @@ def test_a_drag_that_folds_is_told_unfolded_and_gone_back_behind(tab: Tab) -> No
     eventually(lambda: page.evaluate(f"{EDITOR}.model.get('settings').stages") == session.step.stages > 1)
     assert session.points.target.tolist() == far
     page.locator(".dnb-ed-menu").select_option("uncertainty")
-    page.wait_for_function(f"{EDITOR}.model.get('haze').byteLength > 0 && {EDITOR}.overlay.key.innerText.includes('±')",
-                           timeout=PATIENCE)
+    page.wait_for_function(f"{EDITOR}.model.get('uncertainty').byteLength > 0", timeout=PATIENCE)
+    page.wait_for_function(f"{EDITOR}.overlay.key.innerText.includes('±')", timeout=PATIENCE)
     page.get_by_role("tab", name="History").click()
     tab.says("unfold by stages", ".dnb-app-state[aria-current=true]")
     page.locator(".dnb-app-state", has_text="add point").click()

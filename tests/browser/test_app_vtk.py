@@ -174,7 +174,7 @@ def test_a_fold_is_red_and_said_over_the_picture(tab: PictureTab) -> None:
     tab.says("folds ")
     badge = tab.page.locator(".dnb-app-over .dnb-badge")
     eventually(lambda: "folds" in badge.inner_text())
-    tab.page.get_by_role("tab", name="Trust").click()
+    tab.page.get_by_role("tab", name="Diagnostics").click()
     tab.page.get_by_label("Folds in the volume").uncheck()
     eventually(lambda: badge.inner_text() == "")
 

@@ -89,7 +89,7 @@ def test_a_smudge_takes_along_what_lies_under_it_and_nothing_beyond(
 
 def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(opened: Any, picture: Picture,
                                                                       points: ControlPoints) -> None:
-    editor, seen = Editor(picture, points, show_net=False), []
+    editor, seen = Editor(picture, points, show_grid=False), []
     editor.on_edit(lambda edit: seen.append((edit.phase, edit.kind)), details=True)
     page = opened(editor)
     radius, before = brush(page, "s"), page.canvas()

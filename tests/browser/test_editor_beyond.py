@@ -53,7 +53,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     session = Session(a_block(), view="+y")
     dragged(session, (22.0, -14.0))
     editor = make_editor(session, 420)
-    editor.show_net, editor.overlay = False, "none"
+    editor.show_grid, editor.overlay = False, "none"
     page = opened(editor)
     assert editor.beyond == []
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
@@ -62,7 +62,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     show_step(editor, session)
     page.settled()
     assert page.js(f"({PAGE}.view.k)") < before  # all of it is seen
-    assert page.js(f"({PAGE}.box)") == pytest.approx(editor.picture.raster.box)  # and the net stays where it was
+    assert page.js(f"({PAGE}.box)") == pytest.approx(editor.picture.raster.box)  # and the grid stays where it was
     off = beyond(page, editor.picture)
     shown = page.canvas()[..., 0]
     result = replace(project(session.result(), session.plane), window=editor.picture.window)

@@ -156,7 +156,7 @@ def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(opened: Any, 
                                                                   grows: float, sign: int) -> None:
     middle = points.source.mean(axis=0)
     scaled = ControlPoints.from_arrays(points.source, middle + np.sqrt(grows) * (points.source - middle))
-    page = opened(Editor(picture, scaled, overlay="area", show_net=False))
+    page = opened(Editor(picture, scaled, overlay="area", show_grid=False))
     seen = on_picture(page, picture)
     assert (layer(page)[seen][:, 3] > 100).all()
     told = sign * colours(page)[seen]
@@ -165,7 +165,7 @@ def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(opened: Any, 
 
 
 def test_the_colours_follow_the_logarithm_of_the_area(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, overlay="area", show_net=False))
+    page = opened(Editor(picture, points, overlay="area", show_grid=False))
     page.drag(points.target[4], ASIDE)
     seen, grown = on_picture(page, picture, 8), -np.log2(determinant(page))
     told = colours(page)
@@ -175,7 +175,7 @@ def test_the_colours_follow_the_logarithm_of_the_area(opened: Any, picture: Pict
         mask = seen & (side * grown > 0.02) & (side * grown < 0.95)
         assert np.corrcoef(grown[mask], told[mask])[0, 1] > 0.995
     legend = page.page.locator(".dnb-ed-key")
-    assert legend.inner_text().split() == ["area", "of", "matter", "1/2", "1", "2×"]
+    assert legend.inner_text().split() == ["relative", "area", "1/2", "1", "2×"]
 
 
 def test_a_fold_is_red_over_the_area_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -186,17 +186,17 @@ def test_a_fold_is_red_over_the_area_too(opened: Any, picture: Picture, points: 
     assert red(page)[inside].mean() > 0.95
 
 
-# ---- haze, marks, choice --------------------------------------------------------------------------------------------
+# ---- uncertainty, marks, choice -------------------------------------------------------------------------------------
 
 
-def test_the_haze_lies_where_python_says(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_the_uncertainty_overlay_lies_where_python_says(opened: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points, overlay="uncertainty")
     page = opened(editor)
     assert "not known yet" in page.page.locator(".dnb-ed-key").inner_text()
     values = np.zeros((10, 12), np.uint8)
     values[:5] = 240  # the upper half
-    editor.haze_facts = {"width": 12, "height": 10, "legend": [[120, "1 mm"]]}
-    editor.haze = values.tobytes()
+    editor.uncertainty_facts = {"width": 12, "height": 10, "legend": [[120, "1 mm"]]}
+    editor.uncertainty = values.tobytes()
     image, seen, at = layer(page), on_picture(page, picture), page.raster().points()
     _, _, b0, b1 = picture.raster.box
     upper, lower = (seen & (at[..., 1] < b0 + 0.4 * (b1 - b0)), seen & (at[..., 1] > b0 + 0.6 * (b1 - b0)))
@@ -204,7 +204,7 @@ def test_the_haze_lies_where_python_says(opened: Any, picture: Picture, points: 
     assert np.ptp(image[upper][:, :3], axis=1).max() < 15  # grey
     assert (image[lower][:, 3] == 0).all()
     line = np.abs(at[..., 1] - (b0 + b1) / 2) < 0.02 * (b1 - b0)
-    assert image[line & seen][:, 3].max() > 200  # the contour of 1 mm, where the haze is half as dense
+    assert image[line & seen][:, 3].max() > 200  # the contour of 1 mm, where the overlay is half as dense
     assert "1 mm" in page.page.locator(".dnb-ed-key").inner_text()
     assert page.page.locator(".dnb-ed-key").get_attribute("aria-label") == "Uncertainty: 1 mm"
 
@@ -240,8 +240,8 @@ def test_the_menu_and_its_key_choose_the_overlay(opened: Any, picture: Picture, 
     page.editor.overlay = "uncertainty"
     page.settled()
     assert menu.input_value() == "uncertainty"
-    assert "haze" in menu.get_attribute("title")
-    assert menu.locator("option").all_inner_texts() == ["Plain", "Folds", "Area", "Strain", "Doubt"]
+    assert "extrapolated" in menu.get_attribute("title")
+    assert menu.locator("option").all_inner_texts() == ["Plain", "Folds", "Area", "Strain", "Uncertainty"]
 
 
 def test_the_legend_lies_where_it_hides_no_point(opened: Any, picture: Picture) -> None:

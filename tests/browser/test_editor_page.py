@@ -49,13 +49,13 @@ def assert_alike(page: EditorOnPage, picture: Picture) -> None:
 
 
 def test_the_picture_at_rest_is_the_picture(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    assert_alike(opened(Editor(picture, points, show_net=False)), picture)
+    assert_alike(opened(Editor(picture, points, show_grid=False)), picture)
 
 
 @pytest.mark.parametrize("by", [(60, 0), (-45, 0), (0, 50), (0, -40), (37, 29)])
 def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, picture: Picture, points: ControlPoints,
                                                                 by: tuple[int, int]) -> None:
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     page.drag(points.target[4], by)
     k = page.js(f"{PAGE}.view.k")
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
@@ -74,7 +74,7 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
     v, u = np.argwhere(picture.values == 255).mean(axis=0)
     mark = np.array([picture.raster.columns[0] + u * picture.raster.spacing[0],
                      picture.raster.rows[0] + v * picture.raster.spacing[1]])
-    page = opened(Editor(picture, ControlPoints.from_arrays([mark]), show_net=False, height=400))
+    page = opened(Editor(picture, ControlPoints.from_arrays([mark]), show_grid=False, height=400))
     page.drag(mark, (-31, 42))
     bright = np.argwhere((page.canvas()[..., 0] > 128) & inside(page, picture)).mean(axis=0)
     raster = page.raster()
@@ -88,7 +88,7 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
 
 def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
     # Without the grid: Chromium draws lines a shade differently once a canvas was read, on a busy machine only.
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.drag(points.target[4], (50, 30))
     after, moved = page.canvas(), page.points
@@ -105,7 +105,7 @@ def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints
     grey = picture.grey()
     rgba = np.stack([grey, grey**2, 1 - grey, np.ones_like(grey)], axis=-1)
     coloured = Picture(rgba, picture.plane, picture.raster, "composite", (0.0, 1.0))
-    page = opened(Editor(coloured, points, show_net=False))
+    page = opened(Editor(coloured, points, show_grid=False))
     page.drag(points.target[4], (50, 30))
     oracle = warp_picture(coloured.rgb8(), picture.raster, page.editor.fit(), output=page.raster(), fill=0).astype(int)
     difference = np.abs(page.canvas() - oracle)[inside(page, picture)]
@@ -115,7 +115,7 @@ def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints
 def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, density=8))
     page.drag(points.target[4], (60, 40))
-    lines = page.js(f"{PAGE}.net.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
+    lines = page.js(f"{PAGE}.grid.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
     at = np.array(lines).reshape(-1, 2)
     a0, a1, b0, b1 = picture.raster.box
     back = (at + page.editor.fit().displacement(at) - [a0, b0]) * 8 / max(a1 - a0, b1 - b0)
@@ -127,7 +127,7 @@ def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, point
 
 
 def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.drag(points.target[4], (60, 40))
     page.page.keyboard.press("c")
@@ -140,7 +140,7 @@ def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, point
 def test_a_double_click_takes_hold_without_moving_anything(opened: Any, picture: Picture,
                                                            points: ControlPoints) -> None:
     points = points.move(4, [85, 30])
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     place = [50.0, 20.0]
     page.page.mouse.dblclick(*page.on_screen(place))
@@ -286,7 +286,7 @@ def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, poi
 
 
 def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_net=False))  # the grid: see the undo
+    page = opened(Editor(picture, points, show_grid=False))  # the grid: see the undo
     before = page.canvas()
     x, y = page.on_screen(points.target[4])
     page.page.mouse.move(x, y)
@@ -329,7 +329,7 @@ def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture)
 
 
 def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     k = page.js(f"{PAGE}.view.k")
     page.page.mouse.move(*page.on_screen(points.target[4]))
     page.page.evaluate("() => addEventListener('wheel', () => { window.turned = true; })")
@@ -403,7 +403,7 @@ def test_movements_cost_nothing_where_nobody_listens(opened: Any, picture: Pictu
 
 
 def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_net=False))
+    page = opened(Editor(picture, points, show_grid=False))
     page.editor.points = points.move(0, [40, 0])
     assert_alike(page, picture)
     x, y = page.on_screen(points.target[4])
@@ -431,7 +431,7 @@ def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: P
 
 
 def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, height=250, show_net=False), draws=2)
+    page = opened(Editor(picture, points, height=250, show_grid=False), draws=2)
     page.drag(points.target[4], (30, 20))
     page.wait("[...document.querySelectorAll('.dnb-editor')].every((e) => !e.deformnb.isMoving && !e.deformnb.frame)")
     first, second = page.js("[...document.querySelectorAll('.dnb-ed-canvas')].map((c) => c.toDataURL())")

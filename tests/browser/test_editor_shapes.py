@@ -66,7 +66,7 @@ def assert_as_the_core(page: EditorOnPage, picture: Picture, least: int) -> np.n
 
 
 def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides(), show_net=False, theme="light"))
+    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light"))
     before = page.canvas()
     draw(page, "x", [(71, -25), (71, 75)])
     (cut,) = page.editor.cuts
@@ -93,7 +93,7 @@ def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: P
     if region == "mask":
         at = picture.raster.points() - [102, 30]
         region = Mask((at[..., 0] / 18) ** 2 + (at[..., 1] / 45) ** 2 < 1, picture.raster)
-    page = opened(Editor(picture, two_sides(), show_net=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
+    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     pull(page, two_sides(), [4, 5], (41, -20))
     assert page.points.displacement.any(axis=1).tolist() == [True, True, True, False, True, True]
@@ -138,10 +138,10 @@ def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None
     assert page.js("document.querySelector('.dnb-ed-target').hasAttribute('data-region')") is False
 
 
-def test_the_net_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
+def test_the_grid_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
     page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))], density=8))
-    runs = page.js(f"{PAGE}.net.lines.map((l) => l.runs.map((r) => Array.from(r)))")
+    runs = page.js(f"{PAGE}.grid.lines.map((l) => l.runs.map((r) => Array.from(r)))")
     across = [line for line in runs if len(line) == 2]
     assert len(across) == 8  # the lines from left to right, 7 cells high
     for left, right in across:
@@ -154,7 +154,7 @@ def test_the_net_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
 
 def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> None:
     points = ControlPoints.from_arrays([[30.0, -10], [110, -5], [100, 60], [35, 70], [60, 25]])
-    page = opened(Editor(picture, points, show_net=False, theme="light"))
+    page = opened(Editor(picture, points, show_grid=False, theme="light"))
     before = page.canvas()
     corners = [(75, 10), (100, 12), (98, 45), (72, 40)]
     draw(page, "p", corners)
@@ -443,7 +443,7 @@ def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: 
 def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(opened: Any, picture: Picture,
                                                                             rule: str) -> None:
     cut = Cut(Line([(71, -20), (78, 10), (64, 30), (76, 70)]))
-    page = opened(Editor(picture, two_sides(), show_net=False, theme="light", cuts=[cut], cut_rule=rule))
+    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[cut], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     full = page.canvas()
     page.js(f"""(() => {{ const page = {PAGE}; page.painter.cost = 0; // or it would draw fewer pixels

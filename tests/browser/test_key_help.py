@@ -94,7 +94,7 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, pict
     assert tips["undo"] == ["Undo (Ctrl+Z)", "Control+Z"]
     assert tips["mirror-axis"] == ["Lay the line of the mirror level or upright (Shift+M)", "Shift+M"]
     assert tips["zoom-in"][1] == "+"
-    for command, key in (("smudge", "s"), ("size", "e"), ("cut", "x"), ("part", "p"), ("ground", "g"), ("net", "n"),
+    for command, key in (("smudge", "s"), ("size", "e"), ("cut", "x"), ("part", "p"), ("ground", "g"), ("grid", "n"),
                          ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r"),
                          ("select", "b")):
         button = page.page.locator(f"[data-command={command}]")

@@ -205,7 +205,7 @@ def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(opened: Any, pi
 def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(opened: Any, picture: Picture,
                                                                          points: ControlPoints) -> None:
     bent = points.move(0, [49.0, 5]).move(4, [104, 38])
-    page = with_mirror(opened, picture, bent, show_net=False)
+    page = with_mirror(opened, picture, bent, show_grid=False)
     before, fit = page.canvas(), page.editor.fit()
     page.page.mouse.dblclick(*page.on_screen([52, 24]))
     added = page.points

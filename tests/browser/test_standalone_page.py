@@ -57,7 +57,7 @@ def pair() -> tuple[Editor, LiveView]:
     volume = bar_with_a_ball()
     low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))
     at = low + (high - low) * np.array([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9], [0.45, 0.5]])
-    editor = Editor(project(volume, PLANE), ControlPoints.from_arrays(at), show_net=False)
+    editor = Editor(project(volume, PLANE), ControlPoints.from_arrays(at), show_grid=False)
     view = LiveView(volume, transfer="surface", background="dark", settle_ms=60000)
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     view.follow(editor, Deformation.on_picture(GRID, PLANE, editor.points).field(GRID), output=FINE)

@@ -27,8 +27,8 @@ points = studio.editor.points.add(studio.editor.points.target.mean(axis=0))
 studio.editor.points = points.move(points.ids[-1], points.target[-1] + [8.0, 5.0])
 studio
 """
-TITLES = ["Picture", "Points", "Steps", "Cuts & parts", "Interpolation", "Depth", "Trust", "Fit", "Grids", "Animation",
-          "Volume", "History", "Files"]
+TITLES = ["Picture", "Points", "Steps", "Cuts & parts", "Interpolation", "Depth", "Diagnostics", "Fit", "Grids",
+          "Animation", "Volume", "History", "Files"]
 READY = "document.querySelector('.dnb-editor')?.deformnb?.painter.source && document.querySelector('.dnb-view canvas')"
 NARROW = "(width) => { document.querySelector('.dnb-studio').style.maxWidth = width ? `${width}px` : ''; }"
 PAPER = """getComputedStyle(document.querySelector('.dnb-editor')).backgroundColor.match(/[0-9.]+/g).slice(0, 3).reduce(

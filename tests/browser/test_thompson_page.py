@@ -1,4 +1,4 @@
-"""The net of an editor dragged by its nodes with the real mouse, beside the net on the original."""
+"""The grid of an editor dragged by its nodes with the real mouse, beside the grid on the original."""
 
 from __future__ import annotations
 
@@ -57,32 +57,32 @@ def scale(page: EditorOnPage, view: int = 0) -> float:
 
 
 def test_nodes_are_there_only_where_they_can_be_dragged(three: EditorOnPage) -> None:
-    assert three.js(f"{VIEWS}.map((v) => v.netNodes.side)") == ["", "before", "after"]
-    assert three.js(f"{VIEWS}.map((v) => v.netNodes.nodes.length)") == [0, 0, 49]
-    three.editor.drag_net = True
-    three.wait(f"{VIEWS}[0].netNodes.nodes.length === 49")
-    assert three.js(f"{VIEWS}[1].netNodes.nodes.length") == 0
-    three.editor.show_net = False
-    three.wait(f"{VIEWS}[2].netNodes.nodes.length === 0")
+    assert three.js(f"{VIEWS}.map((v) => v.gridNodes.side)") == ["", "before", "after"]
+    assert three.js(f"{VIEWS}.map((v) => v.gridNodes.nodes.length)") == [0, 0, 49]
+    three.editor.drag_grid = True
+    three.wait(f"{VIEWS}[0].gridNodes.nodes.length === 49")
+    assert three.js(f"{VIEWS}[1].gridNodes.nodes.length") == 0
+    three.editor.show_grid = False
+    three.wait(f"{VIEWS}[2].gridNodes.nodes.length === 0")
 
 
 def test_a_dragged_node_becomes_a_point_from_its_place_to_where_it_was_dropped(three: EditorOnPage,
                                                                                picture: Picture) -> None:
     drag_node(three, 3 + 2 * 7, (26, -14), 2)
     points = three.points
-    assert points.names[-1] == "net 3,2"
+    assert points.names[-1] == "grid 3,2"
     assert points.source[-1] == pytest.approx(node_of(picture, 3, 2), abs=1e-9)
     assert points.target[-1] == pytest.approx(node_of(picture, 3, 2) + np.array([26, -14]) / scale(three, 2), abs=1e-9)
     ends = three.js("models.editor.sent.filter((m) => m.phase === 'end').map((m) => m.points.length)")
     assert ends == [6]  # one edit, and so one step of undo
     shown = three.js(f"{VIEWS}.map((v) => v.points.at(-1).name)")
-    assert shown == ["net 3,2"] * 3
+    assert shown == ["grid 3,2"] * 3
     gone = three.page.locator(".dnb-th-after " + NODE.format(17)).get_attribute("class")
     assert "dnb-ed-node-gone" in gone  # the point stands for it
     assert three.page.locator(".dnb-th-after [data-id='5']").is_visible()
 
 
-def test_pictures_and_nets_follow_while_the_mouse_moves_but_for_the_original(three: EditorOnPage) -> None:
+def test_pictures_and_grids_follow_while_the_mouse_moves_but_for_the_original(three: EditorOnPage) -> None:
     looks = "[...document.querySelectorAll('.dnb-ed-canvas:not(.dnb-ed-overlay)')].map((c) => c.toDataURL())"
     before = three.js(looks)
     drag_node(three, 17, (30, 10), 2, drop=False)
@@ -109,13 +109,13 @@ def test_undo_takes_the_node_back(three: EditorOnPage, points: ControlPoints) ->
     assert "dnb-ed-node-gone" not in three.page.locator(".dnb-th-after " + NODE.format(17)).get_attribute("class")
 
 
-def test_delete_gives_a_node_back_to_the_net(three: EditorOnPage, points: ControlPoints) -> None:
+def test_delete_gives_a_node_back_to_the_grid(three: EditorOnPage, points: ControlPoints) -> None:
     drag_node(three, 17, (30, 10), 2)
     three.page.keyboard.press("Delete")  # the point has the focus
     assert three.points.ids == points.ids
     x, y = middle(three, 17, 2)
     drag_node(three, 17, (-12, 5), 2)
-    assert three.points.names[-1] == "net 3,2"
+    assert three.points.names[-1] == "grid 3,2"
     assert (x, y) == pytest.approx(middle(three, 17, 2), abs=200)
 
 
@@ -139,7 +139,7 @@ def test_with_the_keyboard_a_node_is_found_held_and_moved(three: EditorOnPage, p
         page.keyboard.press(key)
     assert page.evaluate("() => document.activeElement.dataset.node") == str(3 + 2 * 7)
     page.keyboard.press("Enter")
-    assert three.points.names[-1] == "net 3,2"
+    assert three.points.names[-1] == "grid 3,2"
     assert three.points.target[-1] == pytest.approx(node_of(picture, 3, 2), abs=1e-6)
     page.keyboard.press("ArrowRight")
     assert three.points.target[-1] == pytest.approx(node_of(picture, 3, 2) + np.array([2.0, 0.0]), abs=1e-6)  # a pixel
@@ -147,7 +147,7 @@ def test_with_the_keyboard_a_node_is_found_held_and_moved(three: EditorOnPage, p
 
 def test_a_finger_drags_a_node(three: EditorOnPage, picture: Picture) -> None:
     x, y = middle(three, 17, 2)
-    three.js(f"""(() => {{ const node = {VIEWS}[2].netNodes.nodes[17].root, group = node.parentElement;
+    three.js(f"""(() => {{ const node = {VIEWS}[2].gridNodes.nodes[17].root, group = node.parentElement;
       group.setPointerCapture = group.releasePointerCapture = () => {{}};
       const say = (type, dx, dy) => node.dispatchEvent(new PointerEvent(type, {{ bubbles: true, pointerId: 7,
         pointerType: "touch", button: 0, clientX: {x} + dx, clientY: {y} + dy }}));
@@ -213,7 +213,7 @@ def test_areas_and_strains_have_the_right_colours(opened: Any, picture: Picture)
       return Array.from(g.getImageData(0, 0, c.width, c.height).data); })()"""
     for factor, wanted in (((1.6, 1.6), "green"), ((0.7, 0.7), "purple")):
         points = ControlPoints.from_arrays(corners, centre + (corners - centre) * factor)
-        page = opened(Editor(picture, points, overlay="area", show_net=False, height=240), size=(500, 400))
+        page = opened(Editor(picture, points, overlay="area", show_grid=False, height=240), size=(500, 400))
         rgba = np.array(page.js(colour)).reshape(-1, 4)
         red, green, blue = rgba[rgba[:, 3] > 60][:, :3].mean(axis=0)
         assert (green > max(red, blue) + 30) == (wanted == "green")

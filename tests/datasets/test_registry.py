@@ -239,7 +239,7 @@ def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):
     carp = load("carp")
     assert carp.name == "carp"
     assert carp.grid.spacing == (0.390625, 1.0, 0.78125)
-    stand_in = fish((4, 4, 4)).grid
-    assert carp.grid.lengths == pytest.approx(stand_in.lengths)
-    assert carp.grid.direction == stand_in.direction, "the same view shows the same side of both"
+    phantom = fish((4, 4, 4)).grid
+    assert carp.grid.lengths == pytest.approx(phantom.lengths)
+    assert carp.grid.direction == phantom.direction, "the same view shows the same side of both"
     assert carp.shape == (256, 512, 256)

@@ -16,7 +16,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.document.step_checks import (
     document_folds,
     fold_lattice,
-    is_safe,
+    is_fold_free,
     picture_raster,
     safe_points,
     safe_strength,
@@ -86,14 +86,14 @@ def test_a_volume_of_one_slice_has_a_lattice() -> None:
 
 
 def test_what_is_safe() -> None:
-    assert is_safe(a_step(NEAR), GRID)
-    assert not is_safe(a_step(FAR), GRID)
-    assert not is_safe(a_step(NEAR), GRID, 0.99)
-    assert not is_safe(a_step(([1, 1], [30, 30]), ([2, 9], [30, 30])), GRID)  # cannot even be fitted
+    assert is_fold_free(a_step(NEAR), GRID)
+    assert not is_fold_free(a_step(FAR), GRID)
+    assert not is_fold_free(a_step(NEAR), GRID, 0.99)
+    assert not is_fold_free(a_step(([1, 1], [30, 30]), ([2, 9], [30, 30])), GRID)  # cannot even be fitted
     with pytest.raises(DeformError, match="less than 1"):
-        is_safe(a_step(NEAR), GRID, 1.5)
+        is_fold_free(a_step(NEAR), GRID, 1.5)
     with pytest.raises(DeformError, match="less than 1"):
-        is_safe(a_step(NEAR), GRID, np.nan)
+        is_fold_free(a_step(NEAR), GRID, np.nan)
 
 
 @pytest.mark.parametrize("options", [{}, {"trend": "affine"}, {"kernel": "gaussian", "trend": "rigid"}])
@@ -108,7 +108,7 @@ def test_as_many_stages_as_are_needed_leave_no_fold(options: dict[str, Any]) -> 
     fit = unfolded.fits(GRID)[0]
     assert_allclose(fit.displacement([FAR[1]]), [np.subtract(*FAR)], atol=1e-9)
     if count > 2:
-        assert not is_safe(replace(step, stages=count // 2), GRID)
+        assert not is_fold_free(replace(step, stages=count // 2), GRID)
     assert stages_needed(a_step(NEAR), GRID) == 1
 
 
@@ -141,8 +141,8 @@ def test_the_safe_strength_is_the_largest() -> None:
     step = a_step(FAR, strength=1.5)
     safe = safe_strength(step, GRID)
     assert 0.2 < safe < 1.0
-    assert is_safe(replace(step, strength=safe), GRID)
-    assert not is_safe(replace(step, strength=safe * 1.01), GRID)
+    assert is_fold_free(replace(step, strength=safe), GRID)
+    assert not is_fold_free(replace(step, strength=safe * 1.01), GRID)
     assert safe_strength(a_step(NEAR, strength=0.7), GRID) == 0.7
     assert safe_strength(a_step(FAR, strength=-1.0), GRID) > -1.0
 
@@ -151,8 +151,8 @@ def test_a_curve_that_weakens_the_map_can_fold_where_the_whole_does_not() -> Non
     turned = [[32 + 10 * np.cos(q), 32 + 10 * np.sin(q)] for q in np.arange(6) * np.pi / 3]
     half = [(p, [64 - p[0], 64 - p[1]]) for p in turned]  # half a turn is safe, a part of the way to it is not
     whole = Step((ControlPoints.from_arrays(*map(list, zip(*half, strict=True))),), PLANE, trend="rigid")
-    assert is_safe(whole, GRID)
-    assert not is_safe(replace(whole, extrusion="modulate", curve="z"), GRID)
+    assert is_fold_free(whole, GRID)
+    assert not is_fold_free(replace(whole, extrusion="modulate", curve="z"), GRID)
 
 
 def test_an_edit_goes_as_far_as_is_safe() -> None:
@@ -160,7 +160,7 @@ def test_an_edit_goes_as_far_as_is_safe() -> None:
     before = step.points
     after = before.move(4, FAR[1])
     made = safe_points(step, before, after, GRID)
-    assert is_safe(step.with_points(made), GRID)
+    assert is_fold_free(step.with_points(made), GRID)
     way = np.subtract(made.target[4], NEAR[1]) / np.subtract(FAR[1], NEAR[1])
     assert way[0] == pytest.approx(way[1])
     assert 0 < way[0] < 1

@@ -1,4 +1,4 @@
-"""The demonstration: a fish becomes another one, on the net and in the volume, and every file of it makes sense."""
+"""The demonstration: a fish becomes another one, on the grid and in the volume, and every file of it makes sense."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from deformnb.imaging.demo import (
     Demonstration,
     Transformation,
     check_demo,
-    deformed_net,
+    deformed_grid,
     field_of_view,
     refined,
     run_demo,
@@ -58,7 +58,7 @@ def done(fish: Volume, tmp_path_factory: pytest.TempPathFactory) -> tuple[Demons
 
 
 def inside(nodes: np.ndarray, raster: Raster) -> np.ndarray:
-    """Which pixels lie inside the outline of a net (rows, columns, 2)."""
+    """Which pixels lie inside the outline of a grid (rows, columns, 2)."""
     rim = np.concatenate([nodes[0], nodes[1:, -1], nodes[-1, -2::-1], nodes[-2:0:-1, 0]])
     return Outline(rim).contains_points(raster.points().reshape(-1, 2)).reshape(raster.shape)
 
@@ -68,26 +68,26 @@ def inside(nodes: np.ndarray, raster: Raster) -> np.ndarray:
 
 def test_nodes_go_to_nodes(antigonia: Transformation) -> None:
     (fit,) = antigonia.deformation.steps[0].fits(antigonia.volume.grid)
-    source, target = (n.reshape(-1, 2) for n in (antigonia.nets.source_nodes, antigonia.nets.target_nodes))
+    source, target = (n.reshape(-1, 2) for n in (antigonia.grids.source_nodes, antigonia.grids.target_nodes))
     # Backwards, the target node is looked up at the source node; in a fish of 512 mm, within the promise of 1e-9.
     oracle.assert_close(target + fit.displacement(target), source, atol=1e-9 * 512)
 
 
-def test_the_drawn_net_goes_through_the_target_nodes(antigonia: Transformation) -> None:
-    for before, after, line in zip(antigonia.net_before, antigonia.net_after,
-                                   grid_lines(antigonia.nets.target_nodes), strict=True):
+def test_the_drawn_grid_goes_through_the_target_nodes(antigonia: Transformation) -> None:
+    for before, after, line in zip(antigonia.grid_before, antigonia.grid_after,
+                                   grid_lines(antigonia.grids.target_nodes), strict=True):
         assert before.shape == after.shape
         oracle.assert_close(after[::12], line, atol=0.01)  # the inversion ends at 1e-6 of the extent
 
 
-def test_the_fish_fills_the_target_net_as_it_filled_the_source_net(antigonia: Transformation) -> None:
+def test_the_fish_fills_the_target_grid_as_it_filled_the_source_grid(antigonia: Transformation) -> None:
     a = antigonia
     before, after = a.before.grey() > 0.08, a.after.grey() > 0.08
     fills = []
-    for body, nodes, picture in ((before, a.nets.source_nodes, a.before), (after, a.nets.target_nodes, a.after)):
-        net = inside(nodes, picture.raster)
-        assert (body & net).sum() > 0.97 * body.sum()  # the fish is inscribed
-        fills.append((body & net).sum() / net.sum())
+    for body, nodes, picture in ((before, a.grids.source_nodes, a.before), (after, a.grids.target_nodes, a.after)):
+        grid = inside(nodes, picture.raster)
+        assert (body & grid).sum() > 0.97 * body.sum()  # the fish is inscribed
+        fills.append((body & grid).sum() / grid.sum())
     assert fills[1] == pytest.approx(fills[0], abs=0.1)  # the map is not even: the belly grows more than the tail
 
 
@@ -111,7 +111,7 @@ def test_the_fish_became_deep_and_kept_its_area(antigonia: Transformation) -> No
     assert deep > 1.5 * slender
     areas = [(p.grey() > 0.08).sum() * p.raster.spacing[0] * p.raster.spacing[1]
              for p in (antigonia.before, antigonia.after)]
-    assert areas[1] == pytest.approx(areas[0], rel=0.2)  # the net does so exactly, what is in it about
+    assert areas[1] == pytest.approx(areas[0], rel=0.2)  # the grid does so exactly, what is in it about
 
 
 def test_nothing_moves_along_the_direction_of_looking(antigonia: Transformation) -> None:
@@ -128,9 +128,9 @@ def test_nothing_moves_along_the_direction_of_looking(antigonia: Transformation)
 def test_every_pair_of_thompson_works(pair: tuple[str, str], fish: Volume) -> None:
     source, target = pair
     result = transform(fish, species=target, stage=quiet)
-    assert result.nets.source.species.startswith(source)
+    assert result.grids.source.species.startswith(source)
     body = result.after.grey() > 0.08
-    assert (body & inside(result.nets.target_nodes, result.after.raster)).sum() > 0.93 * body.sum()
+    assert (body & inside(result.grids.target_nodes, result.after.raster)).sum() > 0.93 * body.sum()
 
 
 def test_a_fish_that_looks_right_is_the_mirror_image(fish: Volume) -> None:
@@ -213,13 +213,13 @@ def test_refined_lines_keep_their_corners() -> None:
     assert fine.tolist() == [[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [4, 2], [4, 4], [4, 6], [4, 8]]
 
 
-def test_the_field_of_view_holds_the_net_and_the_volume(antigonia: Transformation) -> None:
+def test_the_field_of_view_holds_the_grid_and_the_volume(antigonia: Transformation) -> None:
     a = antigonia
     plane = a.deformation.steps[0].plane
     assert plane is not None
-    grid = field_of_view(a.volume.grid, plane, a.nets)
+    grid = field_of_view(a.volume.grid, plane, a.grids)
     a0, a1, b0, b1 = a.after.raster.box
-    nodes = a.nets.target_nodes.reshape(-1, 2)
+    nodes = a.grids.target_nodes.reshape(-1, 2)
     assert (nodes >= [a0, b0]).all()
     assert (nodes <= [a1, b1]).all()
     for corner in a.volume.grid.corners(centres=True):
@@ -228,10 +228,10 @@ def test_the_field_of_view_holds_the_net_and_the_volume(antigonia: Transformatio
         assert (index <= np.array(grid.shape[::-1]) - 1 + 1e-6).all()
 
 
-def test_nets_of_a_still_map_stay(antigonia: Transformation) -> None:
+def test_grids_of_a_still_map_stay(antigonia: Transformation) -> None:
     still = antigonia.deformation.blended(0.0)
-    moved = deformed_net(antigonia.net_before, still, antigonia.volume)
-    for before, after in zip(antigonia.net_before, moved, strict=True):
+    moved = deformed_grid(antigonia.grid_before, still, antigonia.volume)
+    for before, after in zip(antigonia.grid_before, moved, strict=True):
         oracle.assert_close(after, before, atol=1e-9 * 512)
 
 
@@ -345,8 +345,8 @@ def test_the_real_carp_becomes_a_boarfish(real_data: Any) -> None:
     volume = read_volume(real_data("carp.nii.gz"), spacing=(0.390625, 1.0, 0.78125), stride=4)
     result = transform(volume, stage=quiet)
     body = result.after.grey() > 0.08
-    assert (body & inside(result.nets.target_nodes, result.after.raster)).sum() > 0.97 * body.sum()
+    assert (body & inside(result.grids.target_nodes, result.after.raster)).sum() > 0.97 * body.sum()
     boxes = [subject_box(p, margin=0) for p in (result.before, result.after)]
     slender, deep = ((b[3] - b[2]) / (b[1] - b[0]) for b in boxes)
     assert slender == pytest.approx(0.305, abs=0.03)  # as the animal is
-    assert deep == pytest.approx(0.65, abs=0.06)  # as the net of Antigonia makes it
+    assert deep == pytest.approx(0.65, abs=0.06)  # as the grid of Antigonia makes it

@@ -92,18 +92,18 @@ def test_wide_pictures_are_stacked_and_tall_ones_stand_side_by_side() -> None:
     assert tall[0].x1 <= tall[1].x0
 
 
-def test_nets_beyond_the_picture_are_shown(tmp_path: Path) -> None:
-    net = [np.array([[-10.0, -15.0], [45.0, -15.0]]), np.array([[-10.0, -15.0], [-10.0, 40.0]])]
-    figure = draw_pictures([picture(), picture()], nets=[net, []])
+def test_grids_beyond_the_picture_are_shown(tmp_path: Path) -> None:
+    grid = [np.array([[-10.0, -15.0], [45.0, -15.0]]), np.array([[-10.0, -15.0], [-10.0, 40.0]])]
+    figure = draw_pictures([picture(), picture()], grids=[grid, []])
     first, second = figure.axes
     assert first.get_xlim()[0] < -10
     assert first.get_xlim()[1] > 45
     assert first.get_ylim()[0] > 40  # down the picture
     assert first.get_ylim()[1] < -15
     assert second.get_xlim()[0] > -2
-    drawn = np.abs(pixels(figure, tmp_path) - rgb(STYLES["paper"].net)).sum(axis=2) < 40
+    drawn = np.abs(pixels(figure, tmp_path) - rgb(STYLES["paper"].grid)).sum(axis=2) < 40
     assert drawn.any()
-    assert [line.get_xydata().tolist() for line in first.lines] == [n.tolist() for n in net]
+    assert [line.get_xydata().tolist() for line in first.lines] == [n.tolist() for n in grid]
 
 
 def test_control_points_are_arrows_from_source_to_target(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_nothing_to_draw_is_said() -> None:
         draw_pictures([])
 
 
-@pytest.mark.parametrize("options", [{"titles": ["a"]}, {"nets": [[], [], []]}, {"points": [None]}])
+@pytest.mark.parametrize("options", [{"titles": ["a"]}, {"grids": [[], [], []]}, {"points": [None]}])
 def test_as_many_of_each_as_pictures(options: dict[str, Any]) -> None:
     with pytest.raises(DeformError, match="2 pictures but"):
         draw_pictures([picture(), picture()], **options)

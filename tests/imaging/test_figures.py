@@ -1,4 +1,4 @@
-"""Figures of several panels: where things are drawn, and how a net splits along a cut."""
+"""Figures of several panels: where things are drawn, and how a grid splits along a cut."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ import pytest
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import STYLES
-from deformnb.imaging.figures import CUT, SIDES, Panel, draw_figure, moved_lines, net_lines, picture_field, trimmed
+from deformnb.imaging.figures import (
+    CUT,
+    SIDES,
+    Panel,
+    draw_figure,
+    moved_lines,
+    picture_field,
+    rectangular_grid,
+    trimmed,
+)
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line, Polygon
@@ -80,7 +89,7 @@ def test_a_figure_is_written(tmp_path: Any) -> None:
     (lambda: draw_figure([]), "at least one row"),
     (lambda: draw_figure([[]]), "at least one panel"),
     (lambda: draw_figure([[Panel(box=(0, 1, 0, 1))]], style="neon"), "unknown style"),
-    (Panel, "needs a box or a net"),
+    (Panel, "needs a box or a grid"),
     (lambda: Panel(np.zeros((4, 4), np.uint8)), "array \\(height, width, 3\\)"),
     (lambda: Panel(box=(0, 1, 0, 1), at="nowhere"), "points are shown at"),
 ])
@@ -144,11 +153,11 @@ def test_trimmed_images_keep_their_rows_together() -> None:
     assert trimmed([np.zeros((4, 4, 3), np.uint8)])[0].shape == (4, 4, 3)
 
 
-# ---- nets ------------------------------------------------------------------------------------------------------------
+# ---- grids -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_net_has_its_lines_on_the_box() -> None:
-    lines = net_lines((1, 5, 2, 4), 4, 2)
+def test_a_grid_has_its_lines_on_the_box() -> None:
+    lines = rectangular_grid((1, 5, 2, 4), 4, 2)
     assert len(lines) == 3 + 5
     assert lines[0].tolist() == [[1, 2], [2, 2], [3, 2], [4, 2], [5, 2]]
     assert lines[-1].tolist() == [[5, 2], [5, 3], [5, 4]]
@@ -161,7 +170,7 @@ def test_lines_move_with_the_matter() -> None:
     oracle.assert_close(line, [[1, 2], [3, 4], [5, 6]], atol=1e-5)
 
 
-def test_a_net_splits_along_a_cut() -> None:
+def test_a_grid_splits_along_a_cut() -> None:
     field = picture_field(Step((PULL,), PLANE, cuts=(MIDDLE,), trend="translation"), GRID)
     assert isinstance(field, Decoupled)
     left, right, beside = moved_lines([[[0, 2], [20, 2]], [[4, 0], [4, 3]]], field)

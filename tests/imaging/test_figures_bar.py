@@ -1,4 +1,4 @@
-"""Figures 1 and 2 of the paper: a bar bent by points on a net, and cut; in voxels."""
+"""Figures 1 and 2 of the paper: a bar bent by points on a grid, and cut; in voxels."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_nodes_land_within_a_thousandth_of_a_voxel() -> None:
 
 
 def test_the_bar_bends_at_every_depth_alike() -> None:
-    """The bright core runs through the middle of the bar: in the middle of the picture it is lifted with the net."""
+    """The bright core runs through the middle of the bar: in the middle of the picture it is lifted with the grid."""
     bent = Deformation((BEND,)).apply(BAR)
     bright = bent.values[:, :, 63] > 200  # at a = 126, the middle of the arch
     rows = np.flatnonzero(bright[:, 31] & bright[:, 32])  # along the axis of the core, y = 64

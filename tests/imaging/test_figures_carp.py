@@ -1,4 +1,4 @@
-"""Figure 3 of the paper: the carp on D'Arcy Thompson's nets."""
+"""Figure 3 of the paper: the carp on D'Arcy Thompson's grids."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ FISH = PHANTOMS["fish"].make((64, 128, 64), noise=0)
 SIDE = Plane.along(FISH.grid, "-x")
 
 
-def two_pixels(nets: object) -> float:
+def two_pixels(grids: object) -> float:
     """What the nodes were read to, in millimetres of the picture: the smaller of both directions."""
-    size = [np.ptp(n.reshape(-1, 2), axis=0) for n in (nets.source_nodes, nets.source.nodes)]  # type: ignore[attr-defined]
+    size = [np.ptp(n.reshape(-1, 2), axis=0) for n in (grids.source_nodes, grids.source.nodes)]  # type: ignore[attr-defined]
     return float(2 * (size[0] / size[1]).min())
 
 
 @pytest.mark.parametrize(("source", "target"), thompson_pairs())
 def test_the_nodes_land_on_thompsons(source: str, target: str) -> None:
-    nets = thompson_map(source, target, box=subject_box(project(FISH, SIDE)), scale="area")
-    step = Deformation.on_picture(FISH.grid, SIDE, nets.points).steps[0]
-    landed, found = warp_points(nets.points.source, picture_field(step, FISH.grid))
+    grids = thompson_map(source, target, box=subject_box(project(FISH, SIDE)), scale="area")
+    step = Deformation.on_picture(FISH.grid, SIDE, grids.points).steps[0]
+    landed, found = warp_points(grids.points.source, picture_field(step, FISH.grid))
     assert found.all()
-    miss = np.linalg.norm(landed - nets.points.target, axis=1).max()
-    assert miss < 0.01 * two_pixels(nets)
+    miss = np.linalg.norm(landed - grids.points.target, axis=1).max()
+    assert miss < 0.01 * two_pixels(grids)
 
 
 def deep_and_long(volume: Volume) -> tuple[float, float]:
@@ -47,9 +47,9 @@ def deep_and_long(volume: Volume) -> tuple[float, float]:
 
 def check_it_becomes_deep(fish: Volume) -> None:
     plane = Plane.along(fish.grid, "-x")
-    nets = thompson_map("Polyprion", "Antigonia", box=subject_box(project(fish, plane)), scale="area")
-    deformation = Deformation.on_picture(fish.grid, plane, nets.points)
-    after = deformation.apply(fish, output=field_of_view(fish.grid, plane, nets))
+    grids = thompson_map("Polyprion", "Antigonia", box=subject_box(project(fish, plane)), scale="area")
+    deformation = Deformation.on_picture(fish.grid, plane, grids.points)
+    after = deformation.apply(fish, output=field_of_view(fish.grid, plane, grids))
     (height, length), (deep, long) = deep_and_long(fish), deep_and_long(after)
     assert deep / long > 1.6 * height / length, (deep, long, height, length)
 
@@ -66,8 +66,8 @@ def test_the_papers_own_carp_becomes_deep_and_short(real_data: Callable[[str], P
 
 
 def test_modulated_the_displacement_grows_smoothly_from_zero_through_the_body() -> None:
-    nets = thompson_map("Polyprion", "Antigonia", box=subject_box(project(FISH, SIDE)), scale="area")
-    whole = Deformation.on_picture(FISH.grid, SIDE, nets.points)
+    grids = thompson_map("Polyprion", "Antigonia", box=subject_box(project(FISH, SIDE)), scale="area")
+    whole = Deformation.on_picture(FISH.grid, SIDE, grids.points)
     smooth = replace(whole.steps[0], extrusion="modulate", curve="sin(pi*z)")
     near, far = SIDE.depth_range(FISH.grid)
     places = SIDE.from_plane(np.array([[200.0, 60.0, c] for c in np.linspace(near, far, 65)]))

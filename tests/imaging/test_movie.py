@@ -189,7 +189,7 @@ def test_swing_and_orbit() -> None:
 @pytest.mark.parametrize(("options", "match"), [
     ({"strengths": 0}, "at least 1"), ({"strengths": ()}, "at least one"), ({"strengths": (0, np.nan)}, "finite"),
     ({"strengths": "all"}, "list of numbers"), ({"directions": np.ones((3, 3))}, "each of the 2"),
-    ({"directions": (0, 0, 0)}, "normal"), ({"shows": "net"}, "after or pair"), ({"size": (0, 4)}, "size"),
+    ({"directions": (0, 0, 0)}, "normal"), ({"shows": "grid"}, "after or pair"), ({"size": (0, 4)}, "size"),
     ({"backend": "povray"}, "unknown renderer"),
 ])
 def test_senseless_frames_are_refused_at_once(options: dict[str, Any], match: str) -> None:

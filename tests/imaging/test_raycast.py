@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformnb.imaging.picture import project
-from deformnb.imaging.raycast import Eye
+from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.volume.clip import Part, checked_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
@@ -105,7 +105,7 @@ def test_what_is_nearer_looks_larger(method: str) -> None:
     for depth in (4, 36):  # seen along +y, a rod before and one behind the middle
         values[10, depth, 28] = values[10, depth, 29] = 200
     plane = Plane.through(grid.center, (0, 1, 0))
-    eye = Eye(60.0, 41.0, 41.0)
+    eye = PerspectiveCamera(60.0, 41.0, 41.0)
     seen = project(Volume(values, grid), plane, method, transfer=SOLID, spacing=0.5, eye=eye)
     bright = seen.values[..., -1] if seen.values.ndim == 3 else seen.values
     a, b = plane.to_plane([28.5, 20.0, 10.0])[:2]
@@ -124,7 +124,7 @@ def test_an_eye_within_the_volume_sees_what_lies_before_it() -> None:
     values[:, 2] = 255  # behind the eye
     values[3:6, 29:32, 3:6] = 200
     plane = Plane.through(grid.center, (0, 1, 0))
-    seen = project(Volume(values, grid), plane, "mip", spacing=0.5, eye=Eye(8.0, 9.0, 9.0))
+    seen = project(Volume(values, grid), plane, "mip", spacing=0.5, eye=PerspectiveCamera(8.0, 9.0, 9.0))
     assert 100 < seen.values.max() <= 200
 
 
@@ -132,6 +132,6 @@ def test_a_far_eye_sees_in_parallel() -> None:
     volume = shape()
     plane = Plane.through(GRID.center, (0.2, 1.0, 0.1))
     near = project(volume, plane, "composite", transfer=SOLID, spacing=0.5)
-    far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=Eye(1e7, 40.0, 40.0))
+    far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=PerspectiveCamera(1e7, 40.0, 40.0))
     alpha = [p.values[..., 3].sum() for p in (near, far)]
     assert alpha[0] == pytest.approx(alpha[1], rel=0.05)  # the lattices lie half a sample apart

@@ -114,7 +114,7 @@ def test_nodes_lie_on_cells_of_one_size_and_go_where_their_matter_goes(picture: 
     oracle.assert_close(back, grids.nodes, atol=1e-3)
 
 
-def test_the_net_is_broken_at_a_cut_and_at_a_fold(picture: Picture) -> None:
+def test_the_grid_is_broken_at_a_cut_and_at_a_fold(picture: Picture) -> None:
     cut = Cut(Line([(29.5, 50), (29.5, -9)]))
     pull = ControlPoints.from_arrays([[5, 5], [5, 30], [50, 5], [50, 30]], [[0, 5], [0, 30], [55, 5], [55, 30]])
     whole = draw_grids(step_of(pull), picture, lines=6).grids
@@ -244,10 +244,10 @@ def test_svg_keeps_words_and_lines_and_embeds_two_pictures(picture: Picture) -> 
     assert "A fish" in texts
     assert "original" in texts
     assert len(list(root.iter(f"{SVG}image"))) == 2
-    nets = [g for g in root.iter(f"{SVG}g") if g.get("id") == "net"]
+    grids = [g for g in root.iter(f"{SVG}g") if g.get("id") == "grid"]
     assert len(list(root.iter(f"{SVG}path"))) > 40
-    assert all(list(g.iter(f"{SVG}path")) for g in nets)
-    assert nets
+    assert all(list(g.iter(f"{SVG}path")) for g in grids)
+    assert grids
 
 
 def test_png_pdf_and_svg_are_written_whole(picture: Picture, tmp_path: Path) -> None:

@@ -92,8 +92,8 @@ def area(polygon: list[float]) -> float:
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
-def test_the_net_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:
-    main = f"""(points) => deformedNet(layeredFit(points, {{ support: 'box_diagonal' }}), {BOX}, 8, 4, 1e-6)
+def test_the_grid_breaks_where_the_map_folds_and_covers_the_box_where_it_does_not() -> None:
+    main = f"""(points) => deformedGrid(layeredFit(points, {{ support: 'box_diagonal' }}), {BOX}, 8, 4, 1e-6)
         .map((line) => line.runs.map((run) => Array.from(run)))"""
     whole = run_script(MAPS, main, as_json(scattered()))
     assert [len(runs) for runs in whole] == [1] * (9 + 8)  # 500 x 450 with cells of 62.5: 8 across, 7 down

@@ -1,4 +1,4 @@
-"""Nodes of the net and strains in the page are those of the package."""
+"""Nodes of the grid and strains in the page are those of the package."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SETTINGS = {"kernel": "wendland_c2", "trend": "affine", "smoothing": 0, "strengt
             "lone_support": 15, "parts": [], "cut_rule": "source", "cuts": []}
 
 MAIN = """({ points, settings, box, cells }) => {
-  const layered = layeredFit(points, settings), places = netPlaces(layered, box, cells, 1e-8);
+  const layered = layeredFit(points, settings), places = gridPlaces(layered, box, cells, 1e-8);
   const { stretch, angle } = strainsAt(layered, places);
   return { shape: [places.rows, places.columns], source: Array.from(places.source), target: Array.from(places.target),
     isSeen: Array.from(places.isSeen), stretch: Array.from(stretch, (s) => (Number.isNaN(s) ? null : s)),

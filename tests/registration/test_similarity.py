@@ -14,7 +14,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.interpolant import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration import similarity as likeness
-from deformnb.registration.optimise import Climb, GreyImage, first_scene
+from deformnb.registration.optimise import GreyImage, MultiscaleFit, first_scene
 from deformnb.registration.similarity import MEASURES, Scene, least_det, measure_named, read_linear, valued
 from deformnb.volume.volume import Grid, Volume
 
@@ -100,8 +100,9 @@ def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothi
     fixed = deformed(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
     start = fit_rbf(points, smoothing=smoothing, **fit)
     scene = first_scene(points, start, smoothing, energy, measure_named(measure), stages)
-    climb = Climb(scene, start.origin, start.support, GreyImage.of(moving), GreyImage.of(fixed), 1, 0.05, float)
-    return climb.level(2)
+    images = GreyImage.of(moving), GreyImage.of(fixed)
+    search = MultiscaleFit(scene, start.origin, start.support, *images, 1, 0.05, float)
+    return search.level(2)
 
 
 @pytest.mark.sampled(4)

@@ -24,7 +24,7 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.editor import Editor, picture_png
 from deformnb.widgets.standalone import standalone_html, write_standalone
-from deformnb.widgets.textures import card_maps
+from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.live_view import LiveView
 
 GRID = Grid((20, 16, 24), (1.5, 2.0, 1.0), (5.0, -7.0, 30.0))
@@ -127,7 +127,7 @@ def test_the_field_is_that_of_the_view_but_for_what_the_page_fits_itself() -> No
     planar, space = message["content"]["planar"], message["content"]["space"]
     maps, weights, samples = (np.frombuffer(binary(b), "<f4") for b in message["buffers"])
     now = both.with_step(1, other.steps[0].with_points(points(), 1))  # the editor's points have gone on since
-    fresh = card_maps(now.field(GRID), view._shown, None, 192, 48)  # type: ignore[arg-type]
+    fresh = field_textures(now.field(GRID), view._shown, None, 192, 48)  # type: ignore[arg-type]
     expected = [np.frombuffer(b, "<f4") for b in fresh.buffers]
     halves = maps.reshape(2, -1), expected[0].reshape(2, -1)
     assert np.abs(halves[1][0]).max() > 1

@@ -20,16 +20,16 @@ from deformnb.rbf.regions import HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.packed_volume import ShownVolume, shown_volume
+from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.textures import (
     MOST_MAPS,
-    CardMaps,
-    card_maps,
+    FieldTextures,
     count_maps,
     cut_chain,
     cut_plane,
     cut_raster,
     differ_only_in,
+    field_textures,
     space_layers,
     with_still_regions,
 )
@@ -44,16 +44,16 @@ POINTS = ControlPoints.from_arrays([[A - 9, B], [A - 5, B + 2], [A + 4, B - 6]],
                                    [[A - 12, B], [A - 7, B], [A + 5, B - 6]])
 
 
-def shown() -> ShownVolume:
-    return shown_volume(Volume(np.zeros(GRID.shape, np.uint8), GRID), 10**6, 2048, window=(0.0, 1.0))
+def shown() -> PackedVolume:
+    return packed_volume(Volume(np.zeros(GRID.shape, np.uint8), GRID), 10**6, 2048, window=(0.0, 1.0))
 
 
 def step(**options: Any) -> Step:
     return Step(**{"maps": (POINTS,), "plane": PLANE, "trend": "translation", "cuts": (CUT,), **options})
 
 
-def told(field: AbstractField) -> CardMaps:
-    return card_maps(field, shown(), None, 64, 16)
+def told(field: AbstractField) -> FieldTextures:
+    return field_textures(field, shown(), None, 64, 16)
 
 
 def at_nodes(content: dict[str, Any], shape: list[int]) -> np.ndarray:

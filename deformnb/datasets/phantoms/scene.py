@@ -45,7 +45,7 @@ class Scene:
     """Everything a phantom is: a box of ``lengths`` (x, y, z) mm and parts painted one over the other.
 
     ``texture`` is the relative strength of a slow, fixed ripple (muscle is not one grey), ``seed`` that of the noise.
-    ``axes`` says where the voxel axes point: "LPS", or "RAS" as in most NIfTI files (the direction then turns x and y).
+    ``axes`` is where the voxel axes point: "LPS", or "RAS" as in most NIfTI files (the direction then turns x and y).
     """
 
     name: str

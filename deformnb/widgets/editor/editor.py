@@ -119,7 +119,7 @@ def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cel
     if points.displacement.any():  # most editors are shown before anything is dragged: no need to compile for that
         picture = replace(picture, values=warp_picture(picture.values, picture.raster, fit))
         lines = deformed_lines(lines, fit) if lines else []
-    figure = draw_pictures([picture], nets=[lines], points=[points], style="dark")
+    figure = draw_pictures([picture], grids=[lines], points=[points], style="dark")
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
     return stream.getvalue()
@@ -145,11 +145,11 @@ class Editor(EditedPoints):
     raster : where an empty sheet lies; default is the box of the points with some air.
     kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
-    show_net, show_radius : whether the grid and the reach of the points are drawn.
+    show_grid, show_radius : whether the grid and the reach of the points are drawn.
     overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how tissue grows and
-        shrinks, "strain" crosses along the principal strains, "uncertainty" the uncertainty overlay of ``haze``. Where
-        the map folds all of them show it, "none" does not.
-    drag_net : True lets the nodes of the grid be dragged: each that is becomes a control point.
+        shrinks, "strain" crosses along the principal strains, "uncertainty" how far the map may be off between
+        the points. Where the map folds all of them show it, "none" does not.
+    drag_grid : True lets the nodes of the grid be dragged: each that is becomes a control point.
     height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
     theme : "auto" follows the page, "light" and "dark" do not.
     label : what a screen reader calls the picture.
@@ -174,13 +174,14 @@ class Editor(EditedPoints):
     ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the front end keeps an undo of its
     own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then tells what the front end requests. ``waiting`` is "" or says what is being
+    "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or what is being
     made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
     takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see link.js).
-    ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours. ``haze`` is
-    one byte for each cell of a raster over the picture, rows first, 255 where the map is known least; ``haze_facts`` is
-    ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour is drawn at each byte.
+    ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
+    ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
+    least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
+    is drawn at each byte.
 
     Raises
     ------
@@ -204,19 +205,19 @@ class Editor(EditedPoints):
     chosen_shape = traitlets.Dict(help="the cut or part that is chosen, {} for none").tag(sync=True)
     cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
-    show_net = traitlets.Bool(True).tag(sync=True)
+    show_grid = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
-    drag_net = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
+    drag_grid = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
     overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
-    haze = traitlets.Bytes(b"", help="how little is known of the map, as bytes").tag(sync=True)
-    haze_facts = traitlets.Dict(help="size of the haze, and texts for some of its bytes").tag(sync=True)
+    uncertainty = traitlets.Bytes(b"", help="uncertainty of the map as bytes, 255 where it is largest").tag(sync=True)
+    uncertainty_facts = traitlets.Dict(help="size of that raster, and texts for some of its bytes").tag(sync=True)
     marked = traitlets.List(traitlets.Int(), help="points that disagree with their neighbours").tag(sync=True)
     ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
-    beyond = traitlets.List(traitlets.Float(), help="how far matter off the picture is drawn").tag(sync=True)
+    beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
 
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
@@ -277,7 +278,7 @@ class Editor(EditedPoints):
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
         picture = self._picture or sheet(self.points)
-        return preview_png(picture, self.points, self.fit(), self.density if self.show_net else 0)
+        return preview_png(picture, self.points, self.fit(), self.density if self.show_grid else 0)
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
@@ -362,13 +363,13 @@ class Editor(EditedPoints):
             place = followed(change["old"], change["new"], chosen["index"])
             self.choose(None if place is None else chosen["what"], place or 0)
 
-    @traitlets.validate("haze_facts")
-    def _facts_of_a_haze(self, proposal: Any) -> dict[str, Any]:
+    @traitlets.validate("uncertainty_facts")
+    def _checked_uncertainty_facts(self, proposal: Any) -> dict[str, Any]:
         value = dict(proposal["value"])
         sizes, legend = [value.get("width"), value.get("height")], value.get("legend", [])
         if value and not (all(isinstance(n, int) and n > 0 for n in sizes) and all(
                 len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)):
-            raise DeformError('the facts of a haze must be {} or {"width": columns, "height": rows, "legend": [[byte, '
+            raise DeformError('uncertainty_facts must be {} or {"width": columns, "height": rows, "legend": [[byte, '
                               f"text], ...]}}, got {value}.")
         return value
 

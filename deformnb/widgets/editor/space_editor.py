@@ -279,7 +279,7 @@ class SpaceEditor(EditedPoints):
         self._offer()
 
     def _offer(self) -> None:
-        if self._has_page:  # a front end that comes later asks
+        if self._has_page:  # a front end that comes later sends a request
             self._pacer.offer()
 
     def _ask(self, number: int) -> None:

@@ -21,7 +21,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.packed_volume import checked_window, shown_volume
+from deformnb.widgets.packed_volume import checked_window, packed_volume
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
@@ -158,7 +158,7 @@ class SpacePictures:
 
     def _coarse(self, limit: int) -> Volume:
         if limit not in self._coarser:
-            shown = shown_volume(self.volume, limit, _LARGEST_SIDE, self.window)
+            shown = packed_volume(self.volume, limit, _LARGEST_SIDE, self.window)
             low, high = self.window
             values = (shown.volume.values.astype(np.float32) * np.float32((high - low) / 255) + np.float32(low))
             self._coarser[limit] = Volume(values, shown.volume.grid, self.volume.name)

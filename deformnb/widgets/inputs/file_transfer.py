@@ -14,7 +14,7 @@ LARGEST_DOWNLOAD = 128 * 2**20
 """Bytes of one download at most: a message of 256 MB was seen to break a front end."""
 
 
-class HandOver(SyncedWidget):
+class FileTransfer(SyncedWidget):
     """A line in the front end that reports each transfer.
 
     Notes
@@ -24,7 +24,7 @@ class HandOver(SyncedWidget):
 
     Examples
     --------
-    >>> HandOver().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
+    >>> FileTransfer().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
     Traceback (most recent call last):
     deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a page takes at once; it is in the folder.
     """

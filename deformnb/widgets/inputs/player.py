@@ -117,7 +117,7 @@ class Player(SyncedWidget):
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
 
-# How often a view that Python has to draw hears of the time: its pictures are no faster.
+# How often a view that Python has to draw receives the time: its pictures are no faster.
 _PYTHON_MS = 60.0
 
 # Samples of a map along its longer side: those of a live view.

@@ -91,7 +91,7 @@ class PointsTable(SyncedWidget):
 
     def __init__(self, **traits: Any) -> None:
         self._callback: ActCallback = lambda act: ""
-        self._sight_callback: Callable[[], None] = lambda: None
+        self._visibility_callback: Callable[[], None] = lambda: None
         self._seen: dict[str, bool] = {}
         super().__init__(**traits)
         self.on_msg(self._received)
@@ -126,15 +126,15 @@ class PointsTable(SyncedWidget):
             self.flags = flags.astype(np.uint8).tobytes()
             self.numbers = rows.astype("<f8").tobytes()
 
-    # -- what the front end says ---------------------------------------------------------------------------------------
+    # -- messages of the front end -------------------------------------------------------------------------------------
 
     def on_act(self, callback: ActCallback) -> None:
         """Call ``callback(act)`` when the user requests an action; it returns words, or None if refused."""
         self._callback = callback
 
-    def on_sight(self, callback: Callable[[], None]) -> None:
+    def on_visible(self, callback: Callable[[], None]) -> None:
         """Call ``callback()`` when somebody begins to see the table."""
-        self._sight_callback = callback
+        self._visibility_callback = callback
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
         envelope = _envelope(content)
@@ -148,7 +148,7 @@ class PointsTable(SyncedWidget):
             if act is None:
                 _LOG.warning("an act in a table of points was dropped: %.200r", content)
             elif act.what == "seen":
-                said = self._take_sight(view, act.value)
+                said = self._take_visibility(view, act.value)
             else:
                 said = self._callback(act)
         except Exception:  # it must not end the conversation with the front end
@@ -156,14 +156,14 @@ class PointsTable(SyncedWidget):
         finally:
             self.send({"type": "done", "view": view, "seq": seq, "ok": said is not None, "text": said or ""})
 
-    def _take_sight(self, view: str, is_seen: bool) -> str:
+    def _take_visibility(self, view: str, is_seen: bool) -> str:
         was = self.is_seen
         self._seen.pop(view, None)
         self._seen[view] = is_seen
         while len(self._seen) > _VIEWS:  # a front end that was closed without a word
             del self._seen[next(iter(self._seen))]
         if self.is_seen and not was:
-            self._sight_callback()
+            self._visibility_callback()
         return ""
 
     def set_state(self, sync_data: Any) -> None:

@@ -33,7 +33,7 @@ const WIDGETS = {
 // Scripts of pages without Jupyter, which nothing imports.
 const PAGES = {
   app: ["app/app.js", "app/app.css"],
-  door: ["app/door.js"],
+  access: ["app/access.js"],
   remote_view: ["view/live_view.css", "view/volume_view.css"],
   standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
 };

@@ -270,7 +270,7 @@ class StandalonePage {
    */
   #clip(bar, view) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
-    textElement("summary", "dnb-page-label", box, { title: "cut away parts of the volume to see inside", ...OWN_KEYS },
+    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS },
       "Clipping");
     this.cut = box;
     this.sliders = new ClipSliders(box, view);
@@ -287,8 +287,8 @@ class StandalonePage {
   }
 
   reset() {
-    const { points, settings, density, show_net } = this.data.editor;
-    this.editor.update({ points, selected: [], settings, density, show_net });
+    const { points, settings, density, show_grid } = this.data.editor;
+    this.editor.update({ points, selected: [], settings, density, show_grid });
     const { camera, shows, clip } = this.data.view ?? {};
     this.view?.update({ camera: { ...camera }, shows, clip });
   }

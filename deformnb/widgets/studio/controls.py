@@ -260,6 +260,7 @@ class MapPanel(Panel):
         self._trend = self.of_step(widget_of("trend"), "trend")
         self._support = widget_of("support", session.volume.grid.diagonal,
                                   ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
+        self._support.style.description_width = "96px"
         self.add(self._support, self._shown_support,
                  lambda value: session.change(kind="support", slides=True, support=float(value)))
         self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))

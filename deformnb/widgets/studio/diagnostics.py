@@ -36,20 +36,20 @@ from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import RoundTrip, round_trip
 from deformnb.widgets.packed_volume import unit_of
 
-_AGREE = "All points agree with one another."
-_UNKNOWN = "Too few points to tell which of them disagree."
+_AGREE = "No point is an outlier."
+_UNKNOWN = "Too few points to detect outliers."
 
 # Places along the longest side that go forth and back.
 _TRIPS_ON_PLANE, _TRIPS_IN_SPACE = 25, 9
 
 # Cells of an uncertainty overlay along the longer side: it is smooth, and the front end spreads it.
-_HAZE_CELLS = 96
+_UNCERTAINTY_CELLS = 96
 _CONTOURS = (0.3, 0.6, 0.9)
 _DIGITS = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Diagnostics:
     """Figures of one step.
 
     Parameters
@@ -84,7 +84,7 @@ class Judgement:
         return "" if self.trip is None else f"round trip {length_text(self.trip.worst)} {self.unit}"
 
 
-def judge(step: Step, key: int, grid: Grid) -> Judgement:
+def diagnose(step: Step, key: int, grid: Grid) -> Diagnostics:
     """Diagnostics of a step; takes some hundredths of a second, more for points in space."""
     unit, reasons = unit_of(grid), []
     folds = trip = quality = bending = None
@@ -99,7 +99,7 @@ def judge(step: Step, key: int, grid: Grid) -> Judgement:
         quality = step_quality(step, grid, min(key, len(step.maps) - 1))
     except DeformError as error:
         reasons.append(str(error))
-    return Judgement(step, key, folds, trip, quality, bending, " ".join(dict.fromkeys(reasons)), unit)
+    return Diagnostics(step, key, folds, trip, quality, bending, " ".join(dict.fromkeys(reasons)), unit)
 
 
 def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
@@ -113,18 +113,18 @@ def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
     return grid.index_to_point(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
 
 
-_JUDGED: weakref.WeakKeyDictionary[Session, tuple[Deformation, int, int, Judgement]] = weakref.WeakKeyDictionary()
-_JUDGING = threading.Lock()
+_COMPUTED: weakref.WeakKeyDictionary[Session, tuple[Deformation, int, int, Diagnostics]] = weakref.WeakKeyDictionary()
+_COMPUTING = threading.Lock()
 
 
-def judgement_of(session: Session) -> Judgement:
+def diagnostics_of(session: Session) -> Diagnostics:
     """The diagnostics of the step that a session edits; the last ones are kept."""
-    with _JUDGING:
+    with _COMPUTING:
         state = session.deformation, session.index, session.key
-        kept = _JUDGED.get(session)
+        kept = _COMPUTED.get(session)
         if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
-            kept = (*state, judge(session.step, session.key, session.volume.grid))
-            _JUDGED[session] = kept
+            kept = (*state, diagnose(session.step, session.key, session.volume.grid))
+            _COMPUTED[session] = kept
         return kept[3]
 
 
@@ -145,27 +145,27 @@ def point_name(points: ControlPoints, point: int) -> str:
     return f"point {point} ({name[:40]})" if name else f"point {point}"
 
 
-def suspects_of(found: Judgement, points: ControlPoints) -> tuple[str, list[int]]:
-    """The points that disagree with their neighbours, as far as there still are such points, and words for it."""
+def suspects_of(found: Diagnostics, points: ControlPoints) -> tuple[str, list[int]]:
+    """A label and the ids of the possible outliers, without points that have been removed since."""
     known = [i for i in (() if found.quality is None else found.quality.suspects) if i in points.ids]
-    return "Disagree with the rest:" if known else _AGREE if found.quality is not None else _UNKNOWN, known
+    return "Possible outliers:" if known else _AGREE if found.quality is not None else _UNKNOWN, known
 
 
-def facts_html(found: Judgement) -> str:
+def facts_html(found: Diagnostics) -> str:
     """The figures as a table."""
     cells = "".join(f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
                     f'<td style="padding: 0">{html.escape(text)}</td></tr>' for name, text in _texts(found).items())
     reason = f'<div style="opacity: 0.8; max-width: 60ch">{html.escape(found.reason)}</div>' if found.reason else ""
-    return f'<table class="dnb-trust" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
+    return f'<table class="dnb-diagnostics" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
 
 
 _NAME_STYLE = ("text-align: left; vertical-align: top; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; "
                "white-space: nowrap")
 
 _WHY = {
-    "Folds": "det J is how much matter is shown in a place: 1 keeps areas, below 1 they grow, 0 and less is a fold. "
-             f"{LEAST:g} counts as safe.",
-    "Round trip": "How far matter misses its own place after the way forth, by the inverse, and back. What is lost "
+    "Folds": "det J is the Jacobian determinant of the backward map: 1 keeps areas, below 1 they grow, at 0 or less "
+             f"the map folds. {LEAST:g} counts as fold-free.",
+    "Round trip": "Distance between a point and its image under the inverse map and then the map. What is lost "
                   "has no place in the result: it is hidden in a fold or behind a cut.",
     "Residual": "How far points miss their sources: more than 0 only with smoothing.",
     "Leave-one-out": "How far the other points miss a point that is left out, and which one most.",
@@ -174,7 +174,7 @@ _WHY = {
 }
 
 
-def _texts(found: Judgement) -> dict[str, str]:
+def _texts(found: Diagnostics) -> dict[str, str]:
     """The figures that there are, by the names of :data:`_WHY`."""
     unit, texts = found.unit, dict[str, str]()
     if found.folds is not None:
@@ -205,23 +205,23 @@ def _texts(found: Judgement) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Haze:
+class UncertaintyOverlay:
     """Uncertainty overlay of a map, as an editor shows it.
 
     Parameters
     ----------
     data : one byte for each cell, rows first; 255 where the map is known least.
-    facts : width, height and legend of the trait ``haze_facts``.
+    facts : width, height and legend of the trait ``uncertainty_facts``.
     """
 
     data: bytes
     facts: dict[str, object]
 
 
-NO_HAZE = Haze(b"", {})
+NO_UNCERTAINTY = UncertaintyOverlay(b"", {})
 
 
-def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
+def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> UncertaintyOverlay:
     """The uncertainty of a step on its picture, with contours at round numbers.
 
     Raises
@@ -230,7 +230,7 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
         If there are too few points to tell.
     """
     a0, a1, b0, b1 = raster.box
-    cell = max(a1 - a0, b1 - b0) / _HAZE_CELLS
+    cell = max(a1 - a0, b1 - b0) / _UNCERTAINTY_CELLS
     width, height = (max(2, round(side / cell)) for side in (a1 - a0, b1 - b0))
     a = a0 + (np.arange(width) + 0.5) * (a1 - a0) / width
     b = b0 + (np.arange(height) + 0.5) * (b1 - b0) / height
@@ -242,25 +242,25 @@ def haze_of(step: Step, key: int, grid: Grid, raster: Raster) -> Haze:
                           "drag one.")
     levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
     legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
-    return Haze(np.round(255 * values / most).astype(np.uint8).tobytes(),
-                {"width": width, "height": height, "legend": legend})
+    return UncertaintyOverlay(np.round(255 * values / most).astype(np.uint8).tobytes(),
+                              {"width": width, "height": height, "legend": legend})
 
 
-class HazeKeeper:
+class UncertaintyCache:
     """The uncertainty overlay of the picture of a session, made anew only where something else is requested."""
 
     def __init__(self) -> None:
-        self._kept: tuple[tuple[Any, ...], Haze, str] | None = None
+        self._kept: tuple[tuple[Any, ...], UncertaintyOverlay, str] | None = None
 
-    def make(self, session: Session) -> tuple[Haze, str]:
+    def make(self, session: Session) -> tuple[UncertaintyOverlay, str]:
         """The uncertainty overlay, or none and the reason why."""
         asked = (session.step, session.key, session.volume.grid, session.picture().raster)
         kept = self._kept
         if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:
             try:
-                kept = asked, haze_of(*asked), ""
+                kept = asked, uncertainty_overlay(*asked), ""
             except DeformError as error:
-                kept = asked, NO_HAZE, f"Uncertainty: {error}"
+                kept = asked, NO_UNCERTAINTY, f"Uncertainty: {error}"
             self._kept = kept
         return kept[1:]
 
@@ -276,17 +276,17 @@ def _round_number(value: float) -> float:
     return float(f"{digits * power:.2g}")
 
 
-class Safety:
-    """Knows the points of a session when they last did not fold, and the ways back.
+class FoldActions:
+    """Actions against folds: limit the last drag or the strength, or divide the deformation into stages.
 
     Examples
     --------
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)), view="+y")
-    >>> safety = Safety(session)
-    >>> safety.look().folds_text
+    >>> fold_actions = FoldActions(session)
+    >>> fold_actions.look().folds_text
     'no folds'
-    >>> safety.unfold()
+    >>> fold_actions.unfold()
     >>> session.notice
     'Nothing folds here.'
     """
@@ -295,8 +295,8 @@ class Safety:
         self._session = session
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
-    def look(self, keep_free: bool = False) -> Judgement | None:
-        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed anew.
+    def look(self, keep_free: bool = False) -> Diagnostics | None:
+        """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed again.
 
         Parameters
         ----------
@@ -304,7 +304,7 @@ class Safety:
         """
         session = self._session
         deformation = session.deformation
-        found = judgement_of(session)
+        found = diagnostics_of(session)
         if session.deformation is not deformation:
             return None
         if found.folds is not None and found.folds.least >= LEAST:

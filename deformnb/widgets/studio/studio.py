@@ -34,7 +34,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
-from deformnb.widgets.studio.diagnostics import Judgement, judgement_of
+from deformnb.widgets.studio.diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.panels.steps import HistoryPanel
 from deformnb.widgets.studio.save_restore import RestoreBar, SaveButton
@@ -169,7 +169,7 @@ def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
     return ", ".join(f"{what} {ms:.0f} ms" if ms >= 1 else f"{what} < 1 ms" for what, ms in times if ms is not None)
 
 
-def status_text(session: Session, latency: str = "", found: Judgement | None = None) -> str:
+def status_text(session: Session, latency: str = "", found: Diagnostics | None = None) -> str:
     """Status line: number of points, edited step, folds and round trip, and the time that these took."""
     step = session.step
     moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
@@ -409,7 +409,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _tell_status(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
-        self._words.status.value = status_text(self.session, latency, judgement_of(self.session))
+        self._words.status.value = status_text(self.session, latency, diagnostics_of(self.session))
 
     # -- for other cells -----------------------------------------------------------------------------------------------
 

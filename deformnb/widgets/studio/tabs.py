@@ -14,7 +14,7 @@ from deformnb.widgets.studio.controls import Guard, LookPanel, MapPanel, Panel, 
 from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
-from deformnb.widgets.studio.panels.diagnostics import TrustPanel
+from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
 from deformnb.widgets.studio.panels.files import FilesPanel, ResultBox
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
@@ -69,7 +69,7 @@ def make_panels(s: PanelParts) -> list[Panel]:
         ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names),
         MapPanel(s.session, s.guard),
         DepthPanel(s.session, s.guard, s.preview),
-        TrustPanel(s.session, s.guard, s.view, s.editors, s.worker),
+        DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker),
         FitPanel(s.session, s.guard, s.editors, s.folder, s.target),
         ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder),
         AnimationPanel(s.session, s.guard, s.view, s.folder),

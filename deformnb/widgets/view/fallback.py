@@ -29,12 +29,12 @@ _SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
 Say = Callable[[dict[str, Any], list[bytes]], None]
 
 
-class StandIn:
-    """Draws what another view shows.
+class ServerRenderer:
+    """Renders on the server what another view shows, for front ends without WebGL2.
 
     Parameters
     ----------
-    view : the view that is stood in for, held weakly; the two share camera, clip and the like.
+    view : the view whose pictures it renders, held weakly; the two share camera, clip and the like.
     say : a method of it that sends a message to its front ends, held weakly too.
     options : of the :class:`~deformnb.widgets.VolumeView` that draws.
     """

@@ -1,7 +1,7 @@
 """Live view: a volume rendered by WebGL in the browser, rotated and deformed without sending it again.
 
 The front end gets the voxels once, in packed pieces that it requests, and then displacements only: it warps at every
-sample of a ray, as the paper does on its graphics card. A live view can also play the moments of an animation by
+sample of a ray, as the paper does on its GPU. A live view can also play the moments of an animation by
 itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
@@ -39,10 +39,17 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
-from deformnb.widgets.packed_volume import Pieces, ShownVolume, fine_window, is_fine_enough, shown_volume, whole_window
+from deformnb.widgets.packed_volume import (
+    PackedVolume,
+    Pieces,
+    fine_window,
+    is_fine_enough,
+    packed_volume,
+    whole_window,
+)
 from deformnb.widgets.protocol import measured, picture, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.textures import CardMaps, card_frames, card_maps, count_maps, differ_only_in
+from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
 from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
 from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
@@ -50,7 +57,7 @@ from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import close_earlier_of_this_cell
 
 if TYPE_CHECKING:
-    from deformnb.widgets.view.fallback import StandIn
+    from deformnb.widgets.view.fallback import ServerRenderer
 
 _LOG = logging.getLogger(__name__)
 
@@ -138,8 +145,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._output: Grid | None = None
         self._followed: dict[str, Any] | None = None
         self._moments: TimeMaps | None = None
-        self._maps: CardMaps | None = None  # of the field, made when a front end wants them
-        self._stand_in: StandIn | None = None  # draws for the front ends that cannot
+        self._maps: FieldTextures | None = None  # of the field, made when a front end wants them
+        self._server_renderer: ServerRenderer | None = None  # draws for the front ends that cannot
         self._largest = 2048  # along an axis of a texture, until a front end says less
         self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
@@ -173,14 +180,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         self._put(volume, window, None, None, None)
         self._offer()
-        self._tell_stand_in()
+        self._update_server_renderer()
 
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
             function = _function(self._wanted_transfer, volume)
             narrow = self._fine(function, volume) if window is None else None
-            shown = shown_volume(volume, self._limit, self._largest, narrow or window)
+            shown = packed_volume(volume, self._limit, self._largest, narrow or window)
             if narrow is not None:
                 low, high = whole_window(volume)
                 shown = replace(shown, share=(narrow[1] - narrow[0]) / (high - low))
@@ -220,7 +227,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 self._put_again()
 
     @property
-    def _shown(self) -> ShownVolume | None:
+    def _shown(self) -> PackedVolume | None:
         pieces = self._pieces
         return None if pieces is None else pieces.shown
 
@@ -228,7 +235,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def shown_output(self) -> Grid | None:
         return self._output
 
-    def _ready(self) -> ShownVolume:
+    def _ready(self) -> PackedVolume:
         shown = self._shown
         if shown is None:
             raise DeformError("the view shows no volume yet; call show(volume) first.")
@@ -236,7 +243,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
         self._take(deformation, output, None)
-        self._tell_stand_in()
+        self._update_server_renderer()
 
     def _take(self, deformation: Deformation | AbstractField | None, output: Grid | None,
               followed: dict[str, Any] | None) -> None:
@@ -281,7 +288,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self._take(field, output, followed)
             self.editor_map = index
             self.editor = editor
-        self._tell_stand_in()
+        self._update_server_renderer()
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         self._wanted_transfer = transfer
@@ -293,8 +300,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             with self.hold_sync():
                 self.unit = function.unit
                 self.table = np.ascontiguousarray(table, "<f4").tobytes()
-        if self._stand_in is not None:
-            self._stand_in.set_transfer(function)
+        if self._server_renderer is not None:
+            self._server_renderer.set_transfer(function)
         self._colours_changed()
 
     def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
@@ -327,7 +334,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._hold(None, output, None, maps)
         self.player = player
         self._offer()
-        self._tell_stand_in()
+        self._update_server_renderer()
 
     @property
     def moments(self) -> TimeMaps | None:
@@ -362,40 +369,40 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._sent["field_bytes"] += maps.size
         self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
 
-    def _made_maps(self, shown: ShownVolume) -> CardMaps:
+    def _made_maps(self, shown: PackedVolume) -> FieldTextures:
         if self._moments is not None:
-            return card_frames(self._moments, shown, self._output, self._map_size)
+            return texture_frames(self._moments, shown, self._output, self._map_size)
         nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-        return card_maps(self._field, shown, self._output, self._map_size, nodes)
+        return field_textures(self._field, shown, self._output, self._map_size, nodes)
 
-    def _tell_stand_in(self) -> None:
+    def _update_server_renderer(self) -> None:
         """Let whoever draws for front ends that cannot draw what is shown now."""
         with self._lock:
-            if self._stand_in is None or self._volume is None:
+            if self._server_renderer is None or self._volume is None:
                 return
             moment = self._at_present(self._field)
             is_followed = self._followed is not None and self._moments is None and self.editor is not None
             followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
-            self._stand_in.show(self._volume, moment, self._output, followed)
+            self._server_renderer.show(self._volume, moment, self._output, followed)
             if self._moments is not None:
-                self._stand_in.hear(self.player, self._tell_stand_in)
+                self._server_renderer.hear(self.player, self._update_server_renderer)
 
-    def _draw_here(self) -> StandIn:
+    def _draw_here(self) -> ServerRenderer:
         """Whoever draws for front ends that cannot."""
-        from deformnb.widgets.view.fallback import StandIn
+        from deformnb.widgets.view.fallback import ServerRenderer
 
         with self._lock:
-            if self._stand_in is None:
-                self._stand_in = StandIn(self, self._post, transfer=self._transfer or "specimen",
-                                         map_size=self._map_size, space_size=self._space_size)
-                self._tell_stand_in()
-            return self._stand_in
+            if self._server_renderer is None:
+                self._server_renderer = ServerRenderer(self, self._post, transfer=self._transfer or "specimen",
+                                                       map_size=self._map_size, space_size=self._space_size)
+                self._update_server_renderer()
+            return self._server_renderer
 
     def _draw_no_more(self) -> None:
         with self._lock:
-            stand_in, self._stand_in = self._stand_in, None
-        if stand_in is not None:
-            stand_in.close()
+            renderer, self._server_renderer = self._server_renderer, None
+        if renderer is not None:
+            renderer.close()
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -533,10 +540,11 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
         ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the front end), ``received`` (bytes); of
         Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
-        ``stand_in``: what was measured where Python draws for a front end that cannot.
+        ``server_renderer``: what was measured where Python draws for a front end that cannot.
         """
         shown = self._shown
-        drawn = {"stand_in": stand_in.stats()} if (stand_in := self._stand_in) is not None else {}
+        renderer = self._server_renderer
+        drawn = {} if renderer is None else {"server_renderer": renderer.stats()}
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
         return {**self._page_stats, **self._sent, **own, **drawn}
 

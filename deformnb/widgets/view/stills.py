@@ -19,7 +19,7 @@ from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.picture import project
-from deformnb.imaging.raycast import Eye
+from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.imaging.render import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
@@ -29,7 +29,7 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, checked_camera, seen_height, within
-from deformnb.widgets.packed_volume import ShownVolume, coarser, factors_of, shown_volume
+from deformnb.widgets.packed_volume import PackedVolume, coarser, factors_of, packed_volume
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
@@ -55,7 +55,7 @@ class Scene:
     clip : the part of the box that is seen.
     """
 
-    shown: ShownVolume
+    shown: PackedVolume
     field: AbstractField | None
     output: Grid | None
     camera: dict[str, Any]
@@ -110,7 +110,8 @@ def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | 
     right, above = (float(v) for v in camera.get("pan") or (0.0, 0.0))
     plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
     part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
-    eye = Eye(STANDOFF * height, height * size[0] / size[1], height) if camera.get("perspective") else None
+    width = height * size[0] / size[1]
+    eye = PerspectiveCamera(STANDOFF * height, width, height) if camera.get("perspective") else None
     draw = _mip if scene.projection == "mip" else _composite
     return draw(scene, seen, plane, height, size, part, eye, within(progress, warped, 1.0))
 
@@ -155,7 +156,7 @@ def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFu
 
 
 def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-               eye: Eye | None, progress: Progress | None) -> Image:
+               eye: PerspectiveCamera | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value. Half a
@@ -171,7 +172,7 @@ def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: 
 
 
 def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-         eye: Eye | None, progress: Progress | None) -> Image:
+         eye: PerspectiveCamera | None, progress: Progress | None) -> Image:
     from PIL import Image as Pillow
 
     picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye,
@@ -257,7 +258,7 @@ class CoreScene:
 
     def set_volume(self, volume: Volume) -> None:
         """Show another volume, without deformation, from the same side."""
-        self._volume, self._shown = volume, shown_volume(volume, _LIMIT, _LARGEST)
+        self._volume, self._shown = volume, packed_volume(volume, _LIMIT, _LARGEST)
         self._field: AbstractField | None = None
         self._output: Grid | None = None
         self.folding.set(None)

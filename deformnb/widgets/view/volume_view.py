@@ -32,7 +32,7 @@ from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
-from deformnb.widgets.packed_volume import ShownVolume
+from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
@@ -91,7 +91,7 @@ class Pages:
 
 def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     """Facts that a front end needs to turn a camera around a volume: its axes, its sides and the visible box."""
-    shown = ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
+    shown = PackedVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
     names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
     return {**{name: info[name] for name in names}, "box": shown.box(output)}

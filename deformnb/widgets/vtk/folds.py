@@ -18,7 +18,7 @@ from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.textures import CardMaps
+from deformnb.widgets.textures import FieldTextures
 
 RED = "red: where the map folds"
 UNSEEN = "the map folds; this way of drawing does not show where"
@@ -68,7 +68,7 @@ def fold_glsl(has_cuts: bool) -> str:
     return _GLSL % {name: look.format(place) for name, place in places.items()}
 
 
-def fold_step(maps: CardMaps, lattice: Grid) -> float:
+def fold_step(maps: FieldTextures, lattice: Grid) -> float:
     """Distance between look-ups of displacements: a length over which the samples show a slope."""
     planar, space = maps.content["planar"], maps.content["space"]
     return max(min(lattice.spacing), min(planar["spacing"]) if planar is not None else 0.0,
@@ -78,7 +78,7 @@ def fold_step(maps: CardMaps, lattice: Grid) -> float:
 # ---- whether it folds ------------------------------------------------------------------------------------------------
 
 
-def maps_fold(maps: CardMaps) -> bool:
+def maps_fold(maps: FieldTextures) -> bool:
     """Check whether maps invert a cell, at one of two opposite corners, at any weight that they have.
 
     Of a region beside a cut it does not matter whether the cell is seen. Not for maps with cuts of earlier steps.
@@ -86,16 +86,16 @@ def maps_fold(maps: CardMaps) -> bool:
     Examples
     --------
     >>> from deformnb.widgets.vtk.scene import frame_of
-    >>> from deformnb.widgets.textures import card_maps
+    >>> from deformnb.widgets.textures import field_textures
     >>> volume, field = pressed()
-    >>> maps_fold(card_maps(field, frame_of(volume), None, 64, 16))
+    >>> maps_fold(field_textures(field, frame_of(volume), None, 64, 16))
     True
     """
     planar, space = maps.content["planar"], maps.content["space"]
     return (planar is not None and _planar_folds(planar, maps)) or (space is not None and _space_folds(space, maps))
 
 
-def _planar_folds(about: dict[str, Any], maps: CardMaps) -> bool:
+def _planar_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
     count, rows, columns = about["shape"]
     regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
     samples = np.frombuffer(maps.buffer("maps"), "<f4").reshape(regions, count // regions, rows, columns, 2)
@@ -130,7 +130,7 @@ def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDAr
     return bool((~(least > 0)).any())
 
 
-def _space_folds(about: dict[str, Any], maps: CardMaps) -> bool:
+def _space_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
     samples = np.frombuffer(maps.buffer("space"), "<f4").reshape(*about["shape"][::-1], 3)
     return any(bool(((slopes**2).sum(axis=(0, 1)) >= 1).any() and (~(determinant(one_plus(slopes)) > 0)).any())
                for slopes in _slopes(samples, about["spacing"]))
@@ -166,7 +166,7 @@ class Folding:
         self._works = works
         self.set(None)
 
-    def set(self, maps: CardMaps | None, field: AbstractField | None = None, grid: Grid | None = None) -> None:
+    def set(self, maps: FieldTextures | None, field: AbstractField | None = None, grid: Grid | None = None) -> None:
         """Set the current deformation: maps of a shader, or else a field, sampled on a grid."""
         self._maps, self._field, self._grid = maps, field, grid
         self._found: bool | None = None

@@ -37,8 +37,8 @@ from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, STANDOFF, checked_camera, known, seen_height, within
-from deformnb.widgets.packed_volume import ShownVolume
-from deformnb.widgets.textures import CardMaps, card_maps
+from deformnb.widgets.packed_volume import PackedVolume
+from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
 from deformnb.widgets.vtk.shader import VolumeWarp
 
@@ -109,9 +109,9 @@ def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.fl
     return replace(volume, values=values, grid=grid), start
 
 
-def frame_of(volume: Volume) -> ShownVolume:
+def frame_of(volume: Volume) -> PackedVolume:
     """The frame that maps of displacements lie in: lengths along the axes from the centre of the first voxel."""
-    return ShownVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
+    return PackedVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
 
 
 def white_of(volume: Volume) -> float:
@@ -334,8 +334,8 @@ class VtkScene:
         self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
         self._actor: Any = None
         self._warp: VolumeWarp | None = None
-        self._maps: CardMaps | None = None
-        self._loaded: CardMaps | None = None  # what the shader has of them
+        self._maps: FieldTextures | None = None
+        self._loaded: FieldTextures | None = None  # what the shader has of them
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
         self._clip = WHOLE
@@ -383,14 +383,14 @@ class VtkScene:
             wanted = None
         maps = None
         if wanted is not None and self._warp is not None:
-            maps = card_maps(wanted, frame_of(self._volume), output, self._map_size, self._space_size)
+            maps = field_textures(wanted, frame_of(self._volume), output, self._map_size, self._space_size)
             maps = maps if self._can(maps) else None  # and it is done in the voxels
         if output != self._output:
             self._load(output)
         self._field, self._maps = wanted, maps
         self.folding.set(maps, wanted, output or grid)
 
-    def _can(self, maps: CardMaps) -> bool:
+    def _can(self, maps: FieldTextures) -> bool:
         """Check whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
         has_cuts = bool((maps.content["planar"] or {}).get("cut"))
         is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
-from deformnb.widgets.textures import CardMaps
+from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.vtk.folds import REPLACED_FOR_FOLDS, fold_glsl, fold_step
 
 _DEPTH = "float depth = clamp(dot(dnb_depth, x), 0.0, 1.0) * dnb_knots.x + dnb_knots.y;"
@@ -376,7 +376,7 @@ class VolumeWarp:
         self._is_lit = is_lit
         self._inject(*self._what)
 
-    def set_maps(self, maps: CardMaps | None, lattice: Grid, first: Vector) -> None:
+    def set_maps(self, maps: FieldTextures | None, lattice: Grid, first: Vector) -> None:
         """Displace by these maps; None for no deformation.
 
         Parameters
@@ -405,13 +405,13 @@ class VolumeWarp:
             self._set_space(space, maps.buffer("space"), scale, shift)
         self._bind()
 
-    def _set_planar(self, about: dict[str, Any], given: CardMaps, scale: Vector, shift: Vector) -> None:
+    def _set_planar(self, about: dict[str, Any], given: FieldTextures, scale: Vector, shift: Vector) -> None:
         count, rows, columns = about["shape"]
         regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
         maps = np.frombuffer(given.buffer("maps"), "<f4").reshape(count * rows, columns, 2)
         weights = np.frombuffer(given.buffer("weights"), "<f4").reshape(count // regions, -1)
         if max(count * rows, weights.shape[1]) > self._textures["dnb_maps"].largest:
-            raise DeformError(f"{count} maps of {rows} rows are more than the graphics card takes; use fewer.")
+            raise DeformError(f"{count} maps of {rows} rows are more than the GPU takes; use fewer.")
         plane, u = about["plane"], self._uniforms
         (a, b), (da, db) = about["origin"], about["spacing"]
         u.SetUniform4f("dnb_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
@@ -431,7 +431,7 @@ class VolumeWarp:
                  shift: Vector) -> None:
         count, rows, columns = about["shape"]
         if count * rows > self._textures["dnb_cuts"].largest:
-            raise DeformError(f"{count} cuts are more than the graphics card takes; use fewer.")
+            raise DeformError(f"{count} cuts are more than the GPU takes; use fewer.")
         (a, b), (da, db) = about["origin"], about["spacing"]
         u = self._uniforms
         u.SetUniform4f("dnb_cut_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
@@ -485,7 +485,7 @@ class _Texture:
         make: Any = self._texture.Create2DFromRaw if values.ndim == 3 else self._texture.Create3DFromRaw
         self._texture.Deactivate()
         if not make(*reversed(values.shape[:-1]), values.shape[-1], VTK_FLOAT, values):
-            raise DeformError("the graphics card took no texture of displacements.")
+            raise DeformError("the GPU took no texture of displacements.")
         self._texture.Activate()
 
     def unit(self) -> int:

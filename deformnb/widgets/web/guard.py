@@ -30,11 +30,11 @@ LONGEST_MESSAGE = 2**19
 LONGEST_OTHER = 65536
 """Bytes of any other message by the page."""
 
-LONGEST_OF_STRANGERS = 512
-"""Bytes of a message before the password: it has room in them, and nothing else is received."""
+LONGEST_UNAUTHENTICATED = 512
+"""Bytes of a message by a client that has not sent the password: only the password fits."""
 
 MOST_PAGES = 16
-"""Connections at a time: a classroom looks at one projector."""
+"""Connections at a time."""
 
 LOGIN_SECONDS = 10.0
 """After which a connection without the password is closed."""
@@ -118,7 +118,7 @@ def checked_origin(origin: Any) -> str:
     return origin
 
 
-def gate(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by: str = "'none'") -> Any:
+def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by: str = "'none'") -> Any:
     """A middleware that answers 403 to foreign names and origins, and 400 where a socket is no WebSocket.
 
     Parameters
@@ -175,8 +175,8 @@ async def part_from(sockets: Iterable[Any]) -> None:
         await asyncio.gather(*closing, return_exceptions=True)
 
 
-class Doorkeeper(LinkProtocol):  # type: ignore[misc]  # wslink has no types
-    """Asks pages for the password of this start, and knows since when each is there."""
+class PasswordCheck(LinkProtocol):  # type: ignore[misc]  # wslink has no types
+    """Authentication of clients by the password of this start; also records when each connected."""
 
     def __init__(self, token: str) -> None:
         super().__init__()
@@ -184,19 +184,19 @@ class Doorkeeper(LinkProtocol):  # type: ignore[misc]  # wslink has no types
         self._since: dict[str, float] = {}
 
     async def validateToken(self, token: Any, client_id: str) -> bool:  # noqa: N802  (wslink's name)
-        """Called by wslink with what a page gave as password."""
+        """Called by wslink with the password that a client sent."""
         return isinstance(token, str) and secrets.compare_digest(token.encode(), self._token)
 
     def onConnect(self, request: Any, client_id: str) -> None:  # noqa: N802
-        """Called by wslink for a new page."""
+        """Called by wslink for a new client."""
         self._since[client_id] = time.monotonic()
 
     def onClose(self, client_id: str) -> None:  # noqa: N802
-        """Called by wslink when a page is gone."""
+        """Called by wslink when a client has disconnected."""
         self._since.pop(client_id, None)
 
-    def strangers(self, known: set[str]) -> list[str]:
-        """Pages that had time to give the password and did not."""
+    def unauthenticated(self, known: set[str]) -> list[str]:
+        """Clients that have not sent the password within :data:`LOGIN_SECONDS`."""
         limit = time.monotonic() - LOGIN_SECONDS
         return [client for client, since in self._since.items() if client not in known and since < limit]
 
@@ -249,7 +249,8 @@ class MessageGuard:
             return
         try:
             is_known = self._handler.isClientAuthenticated(client_id)
-            call = _decoded(message.data if is_binary else None, LONGEST_MESSAGE if is_known else LONGEST_OF_STRANGERS)
+            longest = LONGEST_MESSAGE if is_known else LONGEST_UNAUTHENTICATED
+            call = _decoded(message.data if is_binary else None, longest)
             if len(message.data) > LONGEST_OTHER and call["method"] not in self._long:
                 raise ValueError("a message that is too long")
         except ValueError as error:

@@ -24,9 +24,9 @@ from deformnb.widgets.web.guard import (
     FAREWELL_SECONDS,
     LONGEST_MESSAGE,
     Answer,
-    Doorkeeper,
     MessageGuard,
-    gate,
+    PasswordCheck,
+    access_check,
     own_names,
     part_from,
 )
@@ -90,7 +90,7 @@ class PageServer:
         self._parent = None if _outlives_its_terminal() else os.getppid()
         self._guards: list[MessageGuard] = []
         self._handlers: list[Any] = []
-        self._doorkeeper = Doorkeeper(self.token)
+        self._password_check = PasswordCheck(self.token)
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._web: Any = None  # wslink's server
@@ -176,8 +176,8 @@ class PageServer:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
-            strangers = self._doorkeeper.strangers(known)
-            await part_from([handler.connections[client] for handler in self._handlers for client in strangers
+            unauthenticated = self._password_check.unauthenticated(known)
+            await part_from([handler.connections[client] for handler in self._handlers for client in unauthenticated
                              if client in handler.connections])
 
     @contextlib.contextmanager
@@ -222,7 +222,7 @@ class PageServer:
     # -- trame's own server, made narrow -------------------------------------------------------------------------------
 
     def _configure(self, root: Any) -> None:
-        root.registerLinkProtocol(self._doorkeeper)
+        root.registerLinkProtocol(self._password_check)
         self.root = root
         self.content.start()
 
@@ -234,7 +234,8 @@ class PageServer:
         self._handlers = list(served._ws_handlers)
         self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG)
                         for handler in self._handlers]
-        served.app.middlewares.append(gate(lambda: own_names(self.host, self.port), self._handlers, self._framed_by))
+        check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
+        served.app.middlewares.append(check)
         pages = {**_assets(), **self.content.assets()}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
         served.app.router.add_get("/deformnb/file/{key}", self._file)
@@ -276,7 +277,7 @@ def _assets() -> dict[str, tuple[str, str]]:
     """Our part of every page by its path: text and content type."""
     script, sheet = "text/javascript", "text/css"
     page = (files("trame_client.module") / "vue3-www" / "index.html").read_text(encoding="utf-8")
-    own, found = page.replace("<head>", '<head><script src="deformnb/door.js"></script>'), page.count("<head>")
+    own, found = page.replace("<head>", '<head><script src="deformnb/access.js"></script>'), page.count("<head>")
     if found != 1:
         raise DeformError("the page of this version of trame-client is not as expected; install version 4.1.")
     # Its only script within the page draws a waiting sign, which our policy would refuse with a complaint.
@@ -284,7 +285,7 @@ def _assets() -> dict[str, tuple[str, str]]:
     index = own[:start] + own[end:]
     return {
         "/": (index, "text/html"), "/index.html": (index, "text/html"),
-        "/deformnb/door.js": (bundle("door.js"), script),
+        "/deformnb/access.js": (bundle("access.js"), script),
         "/deformnb/app.js": (bundle("app.js"), script),
         "/deformnb/app.css": (bundle("app.css"), sheet),
     }

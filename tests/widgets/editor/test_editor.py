@@ -91,7 +91,7 @@ def test_the_state_for_the_page_is_plain_json(picture: Picture, points: ControlP
     assert state["next_id"] == 4
     assert state["raster"] == {"shape": [30, 40], "spacing": [2.0, 1.0], "origin": [0.0, 0.0], "channels": 1}
     assert state["uid"]
-    json.dumps({k: v for k, v in state.items() if k not in ("image", "haze", "ghost", "layout")})
+    json.dumps({k: v for k, v in state.items() if k not in ("image", "uncertainty", "ghost", "layout")})
 
 
 def test_two_editors_have_different_names_in_the_page() -> None:
@@ -360,12 +360,12 @@ def test_the_page_changes_only_what_is_its_own(picture: Picture, points: Control
                                                caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor(picture, points)
     editor.set_state({"settings": {"kernel": "gaussian"}, "raster": {}, "image": "", "uid": "other", "live": True,
-                      "next_id": 2, "selected": ["all"], "show_net": 1, "_esm": "took_over()", "show_radius": True,
+                      "next_id": 2, "selected": ["all"], "show_grid": 1, "_esm": "took_over()", "show_radius": True,
                       "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}, "waiting": "x"})
     assert editor.waiting == ""
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
     assert editor.raster["shape"] == [30, 40]
-    assert (editor.selected, editor.show_net, editor.show_radius) == ([], True, True)
+    assert (editor.selected, editor.show_grid, editor.show_radius) == ([], True, True)
     assert "took_over" not in editor._esm
     assert (editor.points, editor.seen, editor.history) == (points, {}, {})
     editor.set_state("nonsense")
@@ -444,12 +444,12 @@ def still(editor: Editor) -> np.ndarray:
 
 def test_the_still_shows_the_deformed_picture_with_grid_and_points(picture: Picture, points: ControlPoints) -> None:
     plain, marked = still(Editor(picture, density=0)), still(Editor(picture, points.reset(), density=0))
-    netted, moved = still(Editor(picture, points.reset())), still(Editor(picture, points))
+    gridded, moved = still(Editor(picture, points.reset())), still(Editor(picture, points))
     assert max(plain.shape) == 560 + 2 * 6  # seven inches of picture and the frame around, at 80 dots an inch
     vermilion = (np.abs(marked - [0xD5, 0x5E, 0x00]).max(axis=-1) < 12).sum()
     assert vermilion >= 4 * 6  # four discs of 4 points across
-    assert (np.abs(netted - marked).max(axis=-1) > 40).mean() > 0.02
-    assert moved.shape != netted.shape or (np.abs(moved - netted).max(axis=-1) > 40).mean() > 0.01
+    assert (np.abs(gridded - marked).max(axis=-1) > 40).mean() > 0.02
+    assert moved.shape != gridded.shape or (np.abs(moved - gridded).max(axis=-1) > 40).mean() > 0.01
 
 
 def test_a_still_that_cannot_be_drawn_does_not_hide_the_widget(picture: Picture,

@@ -156,7 +156,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
     def fails(*_given: Any) -> None:
         raise FloatingPointError("of the status line")
     with monkeypatch.context() as patched:
-        patched.setattr("deformnb.widgets.studio.studio.judgement_of", fails)
+        patched.setattr("deformnb.widgets.studio.studio.diagnostics_of", fails)
         drag(studio, a_drag(studio))
         studio.wait()
         assert "FloatingPointError: of the status line" in studio._words.notice.value

@@ -93,7 +93,7 @@ def test_a_page_that_cannot_draw_gets_pictures_and_no_field(view: Recorded) -> N
     assert not {"field", "chunk"} & {content["type"] for content in said}
     assert image.shape == (72, 96, 3)
     assert column(image) == pytest.approx(0.5, abs=0.02)
-    assert view.stats()["stand_in"]["frames"] >= 1
+    assert view.stats()["server_renderer"]["frames"] >= 1
 
 
 def test_what_a_page_turns_and_what_python_shows_is_drawn_soon(view: Recorded) -> None:
@@ -144,7 +144,7 @@ def test_it_ends_with_its_last_page(view: Recorded) -> None:
     drawn_for(view)
     view.draws(type="bye")
     assert not editor.live
-    assert "stand_in" not in view.stats()
+    assert "server_renderer" not in view.stats()
     drawn_for(view)  # the page comes again
     view.close()
     assert not editor.live
@@ -156,4 +156,4 @@ def test_what_is_wrong_is_dropped(view: Recorded, said: Any, caplog: pytest.LogC
     drawn_for(view)
     view.say(type="drawn", say=said)
     assert "dropped" in caplog.text
-    assert view.stats()["stand_in"]["width"] == 96
+    assert view.stats()["server_renderer"]["width"] == 96

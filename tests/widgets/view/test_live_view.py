@@ -27,8 +27,8 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.packed_volume import ShownVolume, shown_volume
-from deformnb.widgets.textures import card_maps
+from deformnb.widgets.packed_volume import PackedVolume, packed_volume
+from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view import live_view as live_pages
 from deformnb.widgets.view import stills
 from deformnb.widgets.view.base import AbstractView
@@ -202,7 +202,7 @@ def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     rng = np.random.default_rng(1)
     grid = Grid((5, 7, 9), (0.5, 1.0, 2.0), (3, 4, 5), TURNED)
     volume = Volume(rng.integers(0, 1000, grid.shape).astype(np.int16), grid)
-    shown = shown_volume(volume, 80, 2048, window=(0.0, 1000.0))
+    shown = packed_volume(volume, 80, 2048, window=(0.0, 1000.0))
     assert shown.factors == (3, 2, 1)  # always along the axis where voxels lie closest
     assert shown.note == "shown at 1/3 along x, 1/2 along y"
     first = volume.values[0, 0:2, 0:3].astype(float).mean() * 255 / 1000
@@ -217,7 +217,7 @@ def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     ((1, 1, 1), 1, 1), ((7, 5, 3), 1, 2048), ((9, 400, 3), 10**6, 64),
 ])
 def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) -> None:
-    shown = shown_volume(Volume(np.zeros(shape, np.float32), Grid(shape)), limit, largest)
+    shown = packed_volume(Volume(np.zeros(shape, np.float32), Grid(shape)), limit, largest)
     assert shown.volume.grid.size <= limit
     assert max(shown.volume.shape) <= largest
 
@@ -233,10 +233,10 @@ def test_any_volume_can_be_shown(values: Any) -> None:
 
 def test_values_become_bytes_by_the_window() -> None:
     volume = Volume(np.array([[[-5.0, 0.0, 5.0, 10.0, 99.0, np.nan]]]), Grid((1, 1, 6)))
-    shown = shown_volume(volume, 100, 2048, window=(0.0, 10.0))
+    shown = packed_volume(volume, 100, 2048, window=(0.0, 10.0))
     assert shown.volume.values.ravel().tolist() == [0, 0, 128, 255, 255, 0]
     with pytest.raises(DeformError, match="two rising numbers"):
-        shown_volume(volume, 100, 2048, window=(3.0, 3.0))
+        packed_volume(volume, 100, 2048, window=(3.0, 3.0))
 
 
 def _at(content: dict[str, Any], maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
@@ -261,13 +261,13 @@ def _at(content: dict[str, Any], maps: bytes, weights: bytes, x: np.ndarray) -> 
 @pytest.mark.parametrize("view", [*VIEWS, "oblique"])
 @pytest.mark.parametrize("rule", ["replicate", "modulate", "interpolate"])
 def test_the_card_knows_the_displacement_of_an_extrusion(view: str, rule: str) -> None:
-    shown = shown_volume(ball(), 10**6, 2048)
+    shown = packed_volume(ball(), 10**6, 2048)
     plane = Plane.through(GRID.center, (1, 2, -0.7)) if view == "oblique" else Plane.along(GRID, view)
     sets = tuple(points(GRID, plane, seed) for seed in range(3 if rule == "interpolate" else 1))
     of_rule: dict[str, Any] = {"modulate": {"curve": "sin(pi*z)"}, "interpolate": {"knots": (0.0, 0.3, 1.0)}}
     options = of_rule.get(rule, {})
     field = Deformation((Step(sets, plane, extrusion=rule, **options),)).field(GRID)
-    message = card_maps(field, shown, None, 256, 32)
+    message = field_textures(field, shown, None, 256, 32)
     rng = np.random.default_rng(2)
     x = GRID.index_to_point(rng.uniform(0, np.array(GRID.shape[::-1]) - 1, (200, 3)))
     got = _at(message.content, *message.buffers, shown.to_frame(x))
@@ -277,10 +277,10 @@ def test_the_card_knows_the_displacement_of_an_extrusion(view: str, rule: str) -
 
 
 def test_what_is_no_extrusion_is_sampled_in_space() -> None:
-    shown = shown_volume(ball(), 10**6, 2048)
+    shown = packed_volume(ball(), 10**6, 2048)
     rng = np.random.default_rng(3)
     field = DisplacementField(rng.normal(0, 1, (2, 2, 2, 3)), Grid((2, 2, 2), (20.0, 30.0, 25.0), (0.0, -20.0, 10.0)))
-    content, (samples,) = (message := card_maps(field, shown, None, 64, 40)).content, message.buffers
+    content, (samples,) = (message := field_textures(field, shown, None, 64, 40)).content, message.buffers
     about = content["space"]
     nx, ny, nz = about["shape"]
     values = np.frombuffer(samples, "<f4").reshape(nz, ny, nx, 3)
@@ -295,17 +295,17 @@ def test_what_is_no_extrusion_is_sampled_in_space() -> None:
 
 @pytest.mark.nightly
 def test_of_a_composition_the_last_extrusion_stays_one() -> None:
-    shown, plane = shown_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
+    shown, plane = packed_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
     steps = [Deformation.on_picture(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
-    both = card_maps(compose(*steps), shown, None, 64, 16)
+    both = field_textures(compose(*steps), shown, None, 64, 16)
     assert both.content["planar"] is not None
     assert both.content["space"] is not None
     # The steps before are looked up at displaced places: they are known that far beyond the box.
     assert both.content["space"]["origin"][0] < both.content["box"]["low"][0]
     none: list[AbstractField | None] = [None, Identity(3)]
     for field in none:
-        assert card_maps(field, shown, None, 64, 16).buffers == []
-    odd = card_maps(Composed(steps[0], DisplacementField.sample(steps[1], GRID)), shown, None, 64, 16)
+        assert field_textures(field, shown, None, 64, 16).buffers == []
+    odd = field_textures(Composed(steps[0], DisplacementField.sample(steps[1], GRID)), shown, None, 64, 16)
     assert (odd.content["planar"], len(odd.buffers)) == (None, 1)
 
 
@@ -617,7 +617,7 @@ def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     assert view._pacer.is_waiting
     assert view.say({"type": "seen", "view": "a", "seq": 0}) == []  # a number that was never sent
     ((content, buffers),) = view.say({"type": "seen", "view": "a", "seq": 1})
-    expected = card_maps(fields[-1].field(GRID), view._shown, None, 192, 64)  # type: ignore[arg-type]
+    expected = field_textures(fields[-1].field(GRID), view._shown, None, 192, 64)  # type: ignore[arg-type]
     assert content["seq"] == 2
     assert buffers == expected.buffers  # the newest, and none in between
     assert view.say({"type": "seen", "view": "a", "seq": 2}) == []
@@ -740,8 +740,8 @@ def test_the_slope_of_a_field_bounds_every_difference() -> None:
     plane = Plane.along(GRID, "+y")
     field = Deformation.on_picture(GRID, plane, points(GRID, plane, size=3.0), extrusion="modulate",
                                    curve="sin(pi*z)").field(GRID)
-    shown: ShownVolume = shown_volume(ball(), 10**6, 2048)
-    message = card_maps(field, shown, None, 128, 16)
+    shown: PackedVolume = packed_volume(ball(), 10**6, 2048)
+    message = field_textures(field, shown, None, 128, 16)
     planar = message.content["planar"]
     maps, weights = (np.frombuffer(b, "<f4").tolist() for b in message.buffers)
     got = run_script(("webgl/volume_blocks.js",), """({ maps, shape, spacing, weights, length }) => extrusionSlope(

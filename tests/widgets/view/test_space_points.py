@@ -20,9 +20,9 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import LiveView, SpaceEditor, VolumeView
-from deformnb.widgets.packed_volume import shown_volume
+from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.protocol import points_to_json
-from deformnb.widgets.textures import card_maps
+from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.space_points import QUICK_SIZE
 
 RAYS = ("webgl/volume_blocks.js", "maths/camera.js", "maths/space.js", "view/space_points.js")
@@ -213,8 +213,8 @@ BODY = """({ info, field, values, table, unit, places, rays }) => {
 
 def page_body(volume: Volume, field: Any) -> dict[str, Any]:
     """What the page of a live view holds."""
-    shown = shown_volume(volume, 10**6, 2048)
-    maps = card_maps(field, shown, None, 192, 64)
+    shown = packed_volume(volume, 10**6, 2048)
+    maps = field_textures(field, shown, None, 192, 64)
     buffers = [np.frombuffer(b, "<f4").tolist() for b in maps.buffers]
     content = {"box": maps.content["box"], "planar": None, "space": None}
     if maps.content["planar"]:

@@ -20,7 +20,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import seen_height
-from deformnb.widgets.textures import card_maps
+from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.vtk import folds as vtk_folds
 from deformnb.widgets.vtk import shader as vtk_warp
@@ -269,7 +269,7 @@ def test_maps_fold_where_their_field_does(kind: str) -> None:
         least = folds_of(field, GRID.resampled(spacing=1.0)).least
         if abs(least) > 0.05:  # close to 0 it depends on the places that are asked for
             answers.add(least <= 0)
-            assert maps_fold(card_maps(field, frame_of(slab()), None, 192, 64)) == (least <= 0), (by, least)
+            assert maps_fold(field_textures(field, frame_of(slab()), None, 192, 64)) == (least <= 0), (by, least)
     assert answers == {False, True}
 
 
@@ -292,7 +292,7 @@ def squeezed(weights: list[list[float]], *slopes: float) -> Extrusion:
     (lambda: squeezed([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 0.5, -0.9), False),
 ], ids=["short", "between", "turned round", "two alike", "two apart", "one after the other"])
 def test_weights_between_the_ends_count(field: Any, folds: bool) -> None:
-    assert maps_fold(card_maps(field(), frame_of(slab()), None, 32, 16)) is folds
+    assert maps_fold(field_textures(field(), frame_of(slab()), None, 32, 16)) is folds
 
 
 def test_two_folds_one_after_the_other_are_found() -> None:
@@ -300,13 +300,13 @@ def test_two_folds_one_after_the_other_are_found() -> None:
     flat = DisplacementField(np.zeros((2, 2, 2)), Raster((2, 2), (1.0, 1.0), (0.0, 0.0)))
     still = Extrusion(side, side.depth_range(GRID), (flat,), *replicate())
     for field in (compose(field_of("replicate"), still), compose(still, field_of("replicate"))):
-        assert maps_fold(card_maps(field, frame_of(slab()), None, 96, 48))
+        assert maps_fold(field_textures(field, frame_of(slab()), None, 96, 48))
 
 
 def test_nothing_is_asked_before_someone_wants_to_know(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(vtk_folds, "maps_fold", lambda maps: bool(asked.append(maps)))
-    folding, maps = Folding(folds_work), card_maps(field_of("replicate"), frame_of(slab()), None, 16, 16)
+    folding, maps = Folding(folds_work), field_textures(field_of("replicate"), frame_of(slab()), None, 16, 16)
     folding.set(maps)
     assert (folding.is_red, folding.remark, asked) == (False, "", [])
     folding.show = True

@@ -91,7 +91,7 @@ export class EditorDrawing {
     this.alert = pageElement("div", "dnb-ed-alert", null, { role: "alert", hidden: "" });
     this.spoken = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.colours = { stage: "#777", net: "#777" };
+    this.colours = { stage: "#777", grid: "#777" };
     this.frame = 0; // the request of the next one, or 0
     this.tipTimer = 0;
     this.alertTimer = 0;
@@ -132,8 +132,8 @@ export class EditorDrawing {
     const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
     this.root.classList.toggle("dnb-ed-dark", isDark);
     const style = getComputedStyle(this.root);
-    const [stage, net] = ["--dnb-stage", "--dnb-net"].map((name) => style.getPropertyValue(name).trim() || "#777");
-    this.colours = { stage, net };
+    const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map((name) => style.getPropertyValue(name).trim() || "#777");
+    this.colours = { stage, grid };
     this.invalidate();
   }
 

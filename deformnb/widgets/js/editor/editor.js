@@ -7,7 +7,7 @@ import { foldsOf, probesOf } from "../maths/folds.js";
 import { samePoints } from "../maths/points.js";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.js";
 import { isStill } from "../maths/rigid_stages.js";
-import { deformedNet, NO_CUTS } from "../maths/warp_map.js";
+import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
 import { RestingTrait, senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
@@ -15,10 +15,10 @@ import { helpPanel } from "../ui/key_help.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { DrawRate, EditorDrawing, treeOf } from "./drawing.js";
-import { NetNodes } from "./grid_nodes.js";
+import { GridNodes } from "./grid_nodes.js";
 import { Handles, HandMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
-import { decodePicture, drawNet, Painter } from "./painter.js";
+import { decodePicture, drawGrid, Painter } from "./painter.js";
 import { PointTools } from "./point_tools.js";
 import { Gestures } from "./pointer.js";
 import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
@@ -26,7 +26,7 @@ import { StatusLine } from "./status_line.js";
 
 /** @import { FitSettings, LayeredFit, Model, Point, PointsDetail, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */
-/** @typedef {ReturnType<typeof deformedNet>} NetLines */
+/** @typedef {ReturnType<typeof deformedGrid>} GridLines */
 /** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
 
 /** @typedef {object} Naming
@@ -35,8 +35,8 @@ import { StatusLine } from "./status_line.js";
  */
 
 /** Other traits that the drawing depends on. */
-const SHOWN = ["density", "show_net", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
-  "brush_radius", "drag_net", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
+  "brush_radius", "drag_grid", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
@@ -60,7 +60,7 @@ const COMMANDS = {
   snap: (page) => page.pointTools.toggleSnap(), stop: (page) => page.toggle("stop_at_folds"),
   "turn-left": (page) => page.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
   "turn-right": (page) => page.pointTools.turnKey(1, { isLarge: true, isScale: false }),
-  net: (page) => page.toggle("show_net"), radius: (page) => page.toggle("show_radius"),
+  grid: (page) => page.toggle("show_grid"), radius: (page) => page.toggle("show_radius"),
   overlay: (page) => page.overlay.next(),
   compare: (page) => { page.isComparing = !page.isComparing; page.invalidate(); },
   "zoom-in": (page) => page.zoomAt(1.25), "zoom-out": (page) => page.zoomAt(0.8), fit: (page) => page.fitView(),
@@ -106,8 +106,8 @@ export class EditorPage extends EditorDrawing {
   /** The last good fit. @type {LayeredFit | null} */
   layered = null;
 
-  /** The grid that was drawn, and what it was made of. @type {{ key: unknown[], lines: NetLines } | null} */
-  net = null;
+  /** The grid that was drawn, and what it was made of. @type {{ key: unknown[], lines: GridLines } | null} */
+  grid = null;
 
   /** @type {Folds | null} */
   folds = null;
@@ -166,7 +166,7 @@ export class EditorPage extends EditorDrawing {
     this.brush = new Brush(this);
     this.marks = new HandMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
-    this.netNodes = new NetNodes(this);
+    this.gridNodes = new GridNodes(this);
     Object.assign(this.root, { deformnb: this }); // for tests and for whoever looks into the page
     this.#followModel();
     this.#followPage();
@@ -223,7 +223,7 @@ export class EditorPage extends EditorDrawing {
 
   close() {
     this.gestures.close();
-    this.netNodes.close();
+    this.gridNodes.close();
     this.ghost.close();
     this.sender.flush();
     this.selection.close();
@@ -396,7 +396,7 @@ export class EditorPage extends EditorDrawing {
    */
   panBy(dx, dy) {
     Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
   }
 
@@ -405,7 +405,7 @@ export class EditorPage extends EditorDrawing {
     const v = this.view, fitted = this.#fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
     const f = k / v.k;
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
   }
 
@@ -417,14 +417,14 @@ export class EditorPage extends EditorDrawing {
     const p = this.pointOf(id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
-    this.#keepInSight();
+    this.#keepInView();
     this.moving();
     this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight
     this.handles.blink([id]);
   }
 
   /** Some of the picture stays in the view, so that nobody is lost in the grey. */
-  #keepInSight() {
+  #keepInView() {
     const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));
@@ -445,7 +445,7 @@ export class EditorPage extends EditorDrawing {
     clearTimeout(this.restTimer);
     this.restTimer = setTimeout(() => {
       this.isMoving = false;
-      this.net = this.folds = null;
+      this.grid = this.folds = null;
       this.invalidate();
     }, REST);
     this.invalidate();
@@ -453,19 +453,19 @@ export class EditorPage extends EditorDrawing {
 
   draw() {
     const { model, view, isMoving, pointTools } = this;
-    this.isBefore = this.netNodes.side === "before";
+    this.isBefore = this.gridNodes.side === "before";
     if (this.isDirty) this.#refit();
     const fit = this.isComparing || this.isBefore ? null : this.layered;
     this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet });
     this.painter.drawFrame(view, this.sheet);
-    if (model.get("show_net") && model.get("density") > 0) this.#drawNet(fit);
+    if (model.get("show_grid") && model.get("density") > 0) this.#drawGrid(fit);
     if (this.layered && !this.folds) this.folds = this.#measuredFolds(this.layered);
     this.ghost.draw();
     this.overlay.draw(fit, this.folds, isMoving);
     const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
-    this.netNodes.update(fit);
-    const shown = this.netNodes.shown(this.points), marks = (/** @type {Point} */ p) => this.shapeTools.markOf(p);
+    this.gridNodes.update(fit);
+    const shown = this.gridNodes.shown(this.points), marks = (/** @type {Point} */ p) => this.shapeTools.markOf(p);
     if (this.handles.update(shown, this.selected, view, radius, reach, marks) || isLost) this.focusStage();
     this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected,
       brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
@@ -487,7 +487,7 @@ export class EditorPage extends EditorDrawing {
       if (!(error instanceof RbfError)) throw error;
       this.error = error.message; // the last good picture stays
     }
-    this.net = this.folds = null; // of these points, looked at once more when they rest
+    this.grid = this.folds = null; // of these points, looked at once more when they rest
     const layered = this.error ? null : this.layered;
     if (!this.isFollowing) {
       publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered,
@@ -501,17 +501,17 @@ export class EditorPage extends EditorDrawing {
   get fit() { return this.layered?.fit ?? null; }
 
   /** @param {LayeredFit | null} layered */
-  #drawNet(layered) {
+  #drawGrid(layered) {
     const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
     const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
     const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
     const parts = isBent ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
-    const key = [layered, cells, parts, String(this.box)], { net } = this;
-    const isSame = net !== null && key.every((value, k) => value === net.key[k]);
-    const lines = isSame ? net.lines
-      : deformedNet(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k);
-    this.net = { key, lines };
-    drawNet(this.painter.context, this.view, lines, this.colours.net);
+    const key = [layered, cells, parts, String(this.box)], { grid } = this;
+    const isSame = grid !== null && key.every((value, k) => value === grid.key[k]);
+    const lines = isSame ? grid.lines
+      : deformedGrid(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k);
+    this.grid = { key, lines };
+    drawGrid(this.painter.context, this.view, lines, this.colours.grid);
   }
 
   /**
@@ -539,7 +539,7 @@ export class EditorPage extends EditorDrawing {
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
       size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
       stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
-      net: model.get("show_net"), radius: model.get("show_radius"), help: !this.help.hidden });
+      grid: model.get("show_grid"), radius: model.get("show_radius"), help: !this.help.hidden });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
       steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),

@@ -1,16 +1,16 @@
 // The nodes of the deformed grid, to be dragged: a node that is dragged becomes an ordinary control point, whose source
 // is the node's place on the original. Also which grid a view shows beside other views.
 //
-// A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_net` is true does.
+// A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_grid` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
 
 import { newPoint, nextId } from "../maths/points.js";
-import { netPlaces, netShape } from "../maths/warp_map.js";
+import { gridPlaces, gridShape } from "../maths/warp_map.js";
 import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.js";
 
 /** @import { LayeredFit, Point } from "../types.d.ts" */
 /** @import { EditorPage } from "./editor.js" */
-/** @typedef {ReturnType<typeof netPlaces>} NetPlaces */
+/** @typedef {ReturnType<typeof gridPlaces>} GridPlaces */
 /** @typedef {{ root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number }} NodeParts */
 /** id: of the new point.
  * @typedef {{ n: number, pointer: number, from: number[], id: number | null, slack: number }} NodeDrag
@@ -20,22 +20,22 @@ const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so nea
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
 /** @type {Record<string, number[]>} */
 const NODE_STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-const NODE_HINT = "Drag a node of the net where it shall be; Enter takes hold of it, Delete lets it go";
-const STILL_NET = "Drags are magnified 0 times: the net stands as on the original. Set the slider to 1 to drag";
+const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
+const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
-export class NetNodes {
+export class GridNodes {
   /** @param {EditorPage} page */
   constructor(page) {
     this.page = page;
     /** @type {NodeParts[]} */
     this.nodes = [];
-    /** Places of the nodes, and what they were made of. @type {{ key: unknown[], places: NetPlaces } | null} */
+    /** Places of the nodes, and what they were made of. @type {{ key: unknown[], places: GridPlaces } | null} */
     this.made = null;
     this.current = 0; // the node at which Tab stops
     /** @type {NodeDrag | null} */
     this.drag = null;
-    this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the net" });
+    this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
     page.svg.insertBefore(this.group, page.handles.arrows); // under the points
     this.closing = new AbortController();
     const { group, closing: { signal } } = this;
@@ -67,8 +67,8 @@ export class NetNodes {
   }
 
   get isOn() {
-    const { model } = this.page, isWanted = this.side === "after" || (this.side === "" && model.get("drag_net"));
-    return Boolean(isWanted && model.get("show_net") && model.get("density") > 0);
+    const { model } = this.page, isWanted = this.side === "after" || (this.side === "" && model.get("drag_grid"));
+    return Boolean(isWanted && model.get("show_grid") && model.get("density") > 0);
   }
 
   /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
@@ -87,7 +87,7 @@ export class NetNodes {
     return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
   }
 
-  get advice() { return this.pull === 0 ? STILL_NET : NODE_HINT; }
+  get advice() { return this.pull === 0 ? STILL_GRID : NODE_HINT; }
 
   /**
    * A warning about drags that are magnified until the map folds, or "".
@@ -109,7 +109,7 @@ export class NetNodes {
     const { page: { model, box, view }, made } = this, cells = model.get("density") || 12;
     const key = [layered, cells, String(box)];
     if (made && key.every((value, k) => value === made.key[k])) return made.places;
-    this.made = { key, places: netPlaces(layered, box, cells, 0.05 / view.k) };
+    this.made = { key, places: gridPlaces(layered, box, cells, 0.05 / view.k) };
     return this.made.places;
   }
 
@@ -143,7 +143,7 @@ export class NetNodes {
 
   /** @param {number} n */
   #make(n) {
-    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the net",
+    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the grid",
       ...OWN_KEYS }, this.group);
     const tip = svgElement("title", {}, root), hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
     svgElement("path", { class: "dnb-ed-node-mark", d: "M0-3.6L3.6 0L0 3.6L-3.6 0Z" }, root);
@@ -154,7 +154,7 @@ export class NetNodes {
   /** @param {NodeParts} node @param {number} n @param {number} columns */
   #name(node, n, columns) {
     node.columns = columns;
-    const text = `Node ${n % columns},${Math.floor(n / columns)} of the net`;
+    const text = `Node ${n % columns},${Math.floor(n / columns)} of the grid`;
     setAttributes(node.root, { "aria-label": text });
     setText(node.tip, `${text}: drag it where it shall be, or press Enter to hold it`);
   }
@@ -162,7 +162,7 @@ export class NetNodes {
   /** The numbers of the nodes that are control points. */
   #held() {
     const { box, points, model } = this.page, [a0, a1, b0, b1] = box;
-    const [across, down] = netShape(box, model.get("density"));
+    const [across, down] = gridShape(box, model.get("density"));
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0), held = new Set();
     for (const { source: [a, b] } of points) {
       const i = Math.round((a - a0) / (a1 - a0) * across), j = Math.round((b - b0) / (b1 - b0) * down);
@@ -186,14 +186,14 @@ export class NetNodes {
 
   /**
    * The points with one more at a node, which goes where the node is: nothing moves by it.
-   * @param {NetPlaces} places
+   * @param {GridPlaces} places
    * @param {number} n
    */
   #point({ columns, source, target }, n) {
     const { page, pull } = this, id = nextId(page.points, page.sender.nextId);
     const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
     const to = from.map((value, k) => value + pull * (at[k] - value));
-    const name = `net ${n % columns},${Math.floor(n / columns)}`;
+    const name = `grid ${n % columns},${Math.floor(n / columns)}`;
     return { id, points: [...page.points, newPoint(id, from, to, name)] };
   }
 
@@ -201,7 +201,7 @@ export class NetNodes {
   #isFree() {
     const { page } = this;
     if (page.isLocked) return false;
-    if (this.pull === 0) page.hint(STILL_NET, 5000);
+    if (this.pull === 0) page.hint(STILL_GRID, 5000);
     return this.pull !== 0;
   }
 
@@ -252,7 +252,7 @@ export class NetNodes {
     const before = page.sender.points; // of which the new point is none yet
     page.pointTools.endDrag(isCancelled);
     if (isCancelled || page.sender.points === before) { page.select([]); return; }
-    page.pointTools.present(drag.id, "holds the net");
+    page.pointTools.present(drag.id, "holds the grid");
   }
 
   /**
@@ -262,7 +262,7 @@ export class NetNodes {
   #take(n) {
     if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
     const { page: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
-    if (pointTools.edit(points, "add")) pointTools.present(id, "holds the net");
+    if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ export class NetNodes {
 
   /**
    * To the next node that is free, over those that are points.
-   * @param {NetPlaces} places
+   * @param {GridPlaces} places
    * @param {number} n
    * @param {number[]} step
    */

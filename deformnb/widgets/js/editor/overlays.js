@@ -4,14 +4,14 @@ import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.js";
 import { isStill } from "../maths/rigid_stages.js";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.js";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.js";
-import { bytesOf, context2d, drawNet } from "./painter.js";
+import { bytesOf, context2d, drawGrid } from "./painter.js";
 
 /** @import { LayeredFit, Raster } from "../types.d.ts" */
 /** @import { EditorPage, Folds } from "./editor.js" */
-/** @import { NetPlaces } from "./grid_nodes.js" */
+/** @import { GridPlaces } from "./grid_nodes.js" */
 /** @import { View } from "./painter.js" */
 /** @typedef {{ from: number[], to: number[], grows: boolean }} StrainArm */
-/** @typedef {[level: number, text: string][]} HazeLegend */
+/** @typedef {[level: number, text: string][]} UncertaintyLegend */
 /** @typedef {ReturnType<typeof foldPieces>} FoldPieces */
 
 // ---- crosses of the principal strains at the nodes of the grid: solid where stretched, dashed where pressed ---------
@@ -22,7 +22,7 @@ const STRAIN_DASH = [3.5, 2.5];
 /**
  * Arms of all crosses in places of the picture.
  * @param {LayeredFit} layered
- * @param {NetPlaces} places
+ * @param {GridPlaces} places
  * @param {number} cell
  */
 function strainArms(layered, places, cell) {
@@ -143,16 +143,16 @@ export class Ghost {
 const OVERLAYS = {
   none: ["Plain", "nothing over the picture"],
   folds: ["Folds", "red where the map folds over itself"],
-  area: ["Area", "green where matter grows, purple where it shrinks"],
-  strain: ["Strain", "crosses along the principal strains: solid where matter is stretched, dashed where pressed"],
-  uncertainty: ["Doubt", "a grey haze where the map is only guessed from points afar"],
+  area: ["Area", "green where tissue grows, purple where it shrinks"],
+  strain: ["Strain", "crosses along the principal strains: solid where tissue is stretched, dashed where compressed"],
+  uncertainty: ["Uncertainty", "grey where the map is extrapolated far from the control points"],
 };
-export const OVERLAY_TRAITS = ["overlay", "haze", "haze_facts", "marked"];
+export const OVERLAY_TRAITS = ["overlay", "uncertainty", "uncertainty_facts", "marked"];
 const FOLD_COLOURS = { fill: "rgba(211, 47, 47, 0.45)", edge: "#d32f2f" };
 const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
 const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
-const HAZE_COLOUR = [150, 153, 160], HAZE_ALPHA = 0.88;
+const UNCERTAINTY_COLOUR = [150, 153, 160], UNCERTAINTY_ALPHA = 0.88;
 const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
 const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
@@ -222,15 +222,15 @@ export class Overlay {
   #lay(layered, kind, folds, isMoving) {
     const { view, model, box, sheet } = this.page;
     const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
-      model.get("density"), model.get("show_net"),
-      ...(kind === "uncertainty" ? [model.get("haze"), model.get("haze_facts")] : [])];
+      model.get("density"), model.get("show_grid"),
+      ...(kind === "uncertainty" ? [model.get("uncertainty"), model.get("uncertainty_facts")] : [])];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
     this.pieces = null;
     const part = this.#visible();
     if (!layered || kind === "none" || !part) return;
-    if (kind === "uncertainty") this.#drawHaze(part);
+    if (kind === "uncertainty") this.#drawUncertainty(part);
     const isBent = layered.fits.some(({ fit }) => !isStill(fit));
     if (kind === "strain") this.key.hidden = !isBent;
     if (isBent && folds) this.#drawMap(layered, part, folds, isMoving);
@@ -303,13 +303,13 @@ export class Overlay {
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA, part);
-    const { net, view, colours, model } = this.page; // the grid lies under the colours, and would hardly be seen
-    if (net && model.get("show_net") && model.get("density") > 0) drawNet(this.context, view, net.lines, colours.net);
+    const { grid, view, colours, model } = this.page; // the grid lies under the colours, and would hardly be seen
+    if (grid && model.get("show_grid") && model.get("density") > 0) drawGrid(this.context, view, grid.lines, colours.grid);
   }
 
   /** @param {LayeredFit} layered */
   #drawStrain(layered) {
-    const { netNodes, view, box: [a0, a1] } = this.page, places = netNodes.placesOf(layered);
+    const { gridNodes, view, box: [a0, a1] } = this.page, places = gridNodes.placesOf(layered);
     const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
     const described = `${gain} ${(cell * view.k).toFixed(0)}`;
     drawStrain(this.context, view, arms);
@@ -343,20 +343,20 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  /** @returns {{ width: number, height: number, legend: HazeLegend }} */
-  get #hazeFacts() { return { width: 0, height: 0, legend: [], ...this.page.model.get("haze_facts") }; }
+  /** @returns {{ width: number, height: number, legend: UncertaintyLegend }} */
+  get #uncertaintyFacts() { return { width: 0, height: 0, legend: [], ...this.page.model.get("uncertainty_facts") }; }
 
   /**
    * The uncertainty as Python has it, with a line at every level that the legend names.
    * @param {number[]} part
    */
-  #drawHaze(part) {
-    const { width, height, legend } = this.#hazeFacts, given = this.page.model.get("haze");
+  #drawUncertainty(part) {
+    const { width, height, legend } = this.#uncertaintyFacts, given = this.page.model.get("uncertainty");
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
     const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box;
     const da = (a1 - a0) / width, db = (b1 - b0) / height;
-    for (let n = 0; n < values.length; n++) image.data.set([...HAZE_COLOUR, HAZE_ALPHA * values[n]], 4 * n);
+    for (let n = 0; n < values.length; n++) image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
     const { context: c } = this, { k, x, y, ratio } = this.page.view, lines = new Path2D();
@@ -406,7 +406,7 @@ export class Overlay {
 
   /** @param {string} kind */
   #describe(kind) {
-    const legend = kind === "uncertainty" ? this.#hazeFacts.legend : [], described = JSON.stringify([kind, legend]);
+    const legend = kind === "uncertainty" ? this.#uncertaintyFacts.legend : [], described = JSON.stringify([kind, legend]);
     if (this.select.value !== this.kind) this.select.value = this.kind;
     if (described === this.described) return;
     this.described = described;
@@ -416,24 +416,24 @@ export class Overlay {
     this.key.replaceChildren();
     this.gain = "";
     if (kind === "area") this.#areaKey();
-    if (kind === "uncertainty") this.#hazeKey(legend);
+    if (kind === "uncertainty") this.#uncertaintyKey(legend);
   }
 
   #areaKey() {
     const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS;
     /** @param {number[]} colour */
     const rgb = (colour) => `rgb(${colour.join(" ")})`;
-    this.#bar("area of matter", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
+    this.#bar("relative area", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
       [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
-    setAttributes(this.key, { "aria-label": `Area of matter: purple is 1/${most} or less of what it was, white ` +
+    setAttributes(this.key, { "aria-label": `Relative area: purple is 1/${most} or less of what it was, white ` +
       `the same, green ${most} times or more` });
   }
 
-  /** @param {HazeLegend} legend */
-  #hazeKey(legend) {
-    const colour = HAZE_COLOUR.join(" ");
+  /** @param {UncertaintyLegend} legend */
+  #uncertaintyKey(legend) {
+    const colour = UNCERTAINTY_COLOUR.join(" ");
     this.key.classList.add("dnb-ed-key-wide");
-    const background = `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${HAZE_ALPHA}))`;
+    const background = `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${UNCERTAINTY_ALPHA}))`;
     const { bar, row } = this.#bar("uncertainty", background, []);
     row.classList.add("dnb-ed-key-words"); // in order, and never one over the other: the ticks show the places
     for (const [level, text] of legend) {

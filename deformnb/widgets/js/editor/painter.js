@@ -282,7 +282,7 @@ export class Painter {
  * @param {{ isEdge: boolean, runs: ArrayLike<number>[] }[]} lines
  * @param {string} colour
  */
-export function drawNet(c, { k, x, y, ratio }, lines, colour) {
+export function drawGrid(c, { k, x, y, ratio }, lines, colour) {
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.lineJoin = "round";
   for (const { style, wider } of [{ style: "rgba(0, 0, 0, 0.45)", wider: 1.4 }, { style: colour, wider: 0 }]) {

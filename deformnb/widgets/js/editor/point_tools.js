@@ -146,7 +146,7 @@ export class PointTools {
     const { page, drag0 } = this;
     if (!drag0) return;
     if (!ids.length) { this.hintLocked([id]); return; }
-    const f = (what === "target" ? page.netNodes.pull : 1) / page.view.k;
+    const f = (what === "target" ? page.gridNodes.pull : 1) / page.view.k;
     const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose), lead = this.#sideOf(id);
     this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0], t * way[1], what), lead));
   }

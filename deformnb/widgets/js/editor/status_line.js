@@ -24,7 +24,7 @@ export class StatusLine {
   }
 
   update() {
-    const { points, selected, layered, error, pointTools, netNodes, shapeTools } = this.page;
+    const { points, selected, layered, error, pointTools, gridNodes, shapeTools } = this.page;
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
@@ -37,7 +37,7 @@ export class StatusLine {
     this.#updateFolds(folds);
     // The fit only suspects a fold; the page has looked.
     const remarks = (layered?.notes ?? []).filter((note) => folds.least <= 0 || !layered?.doubts.includes(note));
-    const notes = error || pointTools.stopNote || netNodes.warning(folds) || remarks.join("; ");
+    const notes = error || pointTools.stopNote || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", error !== "");
     this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
@@ -81,7 +81,7 @@ export class StatusLine {
 
   /** Advice on the next step, for want of remarks. */
   #advice() {
-    const { points, selected, model, brush, pen, isSelecting, shapeTools, netNodes } = this.page;
+    const { points, selected, model, brush, pen, isSelecting, shapeTools, gridNodes } = this.page;
     if (model.get("read_only")) return "These points are shown only";
     const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
@@ -94,7 +94,7 @@ export class StatusLine {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
         `${shapeTools.canTurn ? ", F turns it over" : ""}`;
     }
-    if (netNodes.isOn && selected.size === 0) return netNodes.advice;
+    if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
     if (selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }

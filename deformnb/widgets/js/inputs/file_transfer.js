@@ -25,10 +25,10 @@ function downloaded(name, bytes) {
 /** @param {{ model: Model & { model_id?: string }, el: HTMLElement }} widget */
 function render({ model, el }) {
   const root = document.createElement("div");
-  root.className = "dnb-hand-over";
-  const line = Object.assign(document.createElement("span"), { className: "dnb-hand-over-line" });
+  root.className = "dnb-file-transfer";
+  const line = Object.assign(document.createElement("span"), { className: "dnb-file-transfer-line" });
   line.setAttribute("role", "status");
-  const area = Object.assign(document.createElement("textarea"), { className: "dnb-hand-over-text", readOnly: true,
+  const area = Object.assign(document.createElement("textarea"), { className: "dnb-file-transfer-text", readOnly: true,
     hidden: true, ariaLabel: "text to copy", spellcheck: false });
   setAttributes(area, OWN_KEYS);
   root.append(line, area);
@@ -55,7 +55,7 @@ function render({ model, el }) {
   };
   // Two views of one widget must not save a file twice.
   const uid = model.get("_view_name") + (model.model_id ?? "");
-  const firstShown = () => [...document.querySelectorAll(".dnb-hand-over")].find(
+  const firstShown = () => [...document.querySelectorAll(".dnb-file-transfer")].find(
     (other) => other.getAttribute("data-uid") === uid);
   root.dataset.uid = uid;
   model.on("msg:custom", receive);

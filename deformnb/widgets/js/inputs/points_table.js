@@ -129,10 +129,10 @@ class PointsTablePage {
     this.sized = new ResizeObserver(() => this.invalidate());
     this.sized.observe(this.scroller);
     // Python sends thousands of points to visible tables only.
-    this.sight = new IntersectionObserver((entries) => {
+    this.visibility = new IntersectionObserver((entries) => {
       this.act("seen", [], { value: Boolean(entries.at(-1)?.isIntersecting) });
     });
-    this.sight.observe(this.root);
+    this.visibility.observe(this.root);
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     this.repaint = () => this.#repaint();
     this.moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.#showDrag(event.detail);
@@ -162,7 +162,7 @@ class PointsTablePage {
     this.closed.abort();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.sized.disconnect();
-    this.sight.disconnect();
+    this.visibility.disconnect();
     this.themes.disconnect();
     this.dark.removeEventListener("change", this.repaint);
     this.#leave();

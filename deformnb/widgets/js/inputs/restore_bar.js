@@ -11,7 +11,7 @@ import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 /** @type {[string, string, string][]} command, text, tip */
 const RESTORE_BUTTONS = [
   ["restore", "Restore", "Go on with it; can be undone"],
-  ["skip", "Skip", "Offer it no more; it stays under History"],
+  ["skip", "Skip", "Don't show again; it stays under History"],
   ["delete", "Delete", "Remove its file"],
 ];
 const SURE = "Delete for good?";

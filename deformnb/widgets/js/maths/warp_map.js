@@ -151,7 +151,7 @@ function newtonInverse(fit, a, b, at, tolerance, work) {
  * @param {number[]} box  [a0, a1, b0, b1]
  * @param {number} cells  along its longer side
  */
-function netLines(box, cells) {
+function gridLines(box, cells) {
   const [a0, a1, b0, b1] = box, size = Math.max(a1 - a0, b1 - b0) / cells;
   const across = Math.max(1, Math.round((a1 - a0) / size)), down = Math.max(1, Math.round((b1 - b0) / size));
   const lines = [];
@@ -187,9 +187,9 @@ export function follow(at, da, db, [, , j00, j01, j10, j11]) {
  * @param {number} parts  pieces of a line per cell
  * @param {number} tolerance
  */
-export function deformedNet(layered, box, cells, parts, tolerance) {
+export function deformedGrid(layered, box, cells, parts, tolerance) {
   const work = new Float64Array(6);
-  return netLines(box, cells).map(({ from, to, pieces, isEdge }) => {
+  return gridLines(box, cells).map(({ from, to, pieces, isEdge }) => {
     const n = pieces * parts;
     /** @type {number[][]} */
     const runs = [];
@@ -315,8 +315,8 @@ function isSeenFrom(layered, k, a, b) {
 
 export const LONGEST_ARM = 0.9; // of a cell, tip to tip of a cross
 
-/** The cells of the grid that netLines draws: [across, down]. @param {number[]} box @param {number} cells */
-export function netShape([a0, a1, b0, b1], cells) {
+/** The cells of the grid that gridLines draws: [across, down]. @param {number[]} box @param {number} cells */
+export function gridShape([a0, a1, b0, b1], cells) {
   const size = Math.max(a1 - a0, b1 - b0) / cells;
   return [Math.max(1, Math.round((a1 - a0) / size)), Math.max(1, Math.round((b1 - b0) / size))];
 }
@@ -328,8 +328,8 @@ export function netShape([a0, a1, b0, b1], cells) {
  * @param {number} cells
  * @param {number} tolerance
  */
-export function netPlaces(layered, box, cells, tolerance) {
-  const [a0, a1, b0, b1] = box, [across, down] = netShape(box, cells), columns = across + 1, rows = down + 1;
+export function gridPlaces(layered, box, cells, tolerance) {
+  const [a0, a1, b0, b1] = box, [across, down] = gridShape(box, cells), columns = across + 1, rows = down + 1;
   const count = columns * rows, source = new Float64Array(2 * count), target = new Float64Array(2 * count);
   const isSeen = new Uint8Array(count), work = new Float64Array(6), at = new Float64Array(2);
   const { regions } = layered ?? NO_CUTS;

@@ -73,7 +73,7 @@ export const EDITOR_KEYS = [
     ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
     ["Space, middle drag", "move the view", { keys: [" "] }],
     ["0", "whole picture", { command: "fit", keys: ["0"] }],
-    ["N", "grid", { command: "net", keys: ["n"] }], ["R", "reach of points", { command: "radius", keys: ["r"] }],
+    ["N", "grid", { command: "grid", keys: ["n"] }], ["R", "reach of points", { command: "radius", keys: ["r"] }],
     ["C", "before", { command: "compare", keys: ["c"] }], ["V", "overlay", { command: "overlay", keys: ["v"] }],
     ...HISTORY_KEYS, HELP_KEY,
   ]],

@@ -32,7 +32,7 @@ const ICONS = {
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
   redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
   reset: "M3 8a5 5 0 1 0 1.6-3.7M3 2.5v3h3",
-  net: "M3 3h10v10H3zM3 6.3h10M3 9.7h10M6.3 3v10M9.7 3v10",
+  grid: "M3 3h10v10H3zM3 6.3h10M3 9.7h10M6.3 3v10M9.7 3v10",
   radius: "M8 8h.01M13 8A5 5 0 1 1 3 8a5 5 0 0 1 10 0M8 8l3.5-3.5",
   compare: "M3 3h10v10H3zM8 1.5v13M3.2 11l4-4M3.2 7l3-3",
   "zoom-in": "M11.4 11.4l3 3M12.5 7.2a5.2 5.2 0 1 1-10.4 0 5.2 5.2 0 0 1 10.4 0M7.3 5v4.4M5 7.2h4.5",
@@ -67,7 +67,7 @@ const GROUPS = [
     ["part", "Rigid", "Draw around a part that stays rigid", true],
     ["ground", "Ground", "Draw a line beyond which all stays where it is", true]],
   [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
-  [["net", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true]],
+  [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true]],
   [["fit", "Fit", "Show the whole picture"]],
   [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
 ];

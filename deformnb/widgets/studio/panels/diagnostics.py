@@ -19,9 +19,9 @@ from deformnb.session.session import Session
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, row, widget_of
 from deformnb.widgets.studio.diagnostics import (
-    HazeKeeper,
-    Judgement,
-    Safety,
+    Diagnostics,
+    FoldActions,
+    UncertaintyCache,
     facts_html,
     point_name,
     suspects_of,
@@ -31,8 +31,8 @@ from deformnb.widgets.worker import Worker, close_all
 _WAITING = "<i>Computing diagnostics ...</i>"
 
 
-class TrustPanel(Panel):
-    """Figures of the step being edited, and buttons that make it safe.
+class DiagnosticsPanel(Panel):
+    """Figures of the step being edited, and buttons that make it fold-free.
 
     Parameters
     ----------
@@ -42,35 +42,35 @@ class TrustPanel(Panel):
 
     Attributes
     ----------
-    facts : the figures; suspects : a row of buttons with the points that disagree.
+    facts : the figures; suspects : a row of buttons with the possible outliers.
     """
 
-    title = "Trust"
+    title = "Diagnostics"
 
     def __init__(self, session: Session, guard: Guard, view: Any, editors: Any, worker: Worker) -> None:
         super().__init__(session, guard)
         self._view, self._editors, self._worker = view, editors, worker
-        self._safer, self._hazes = Safety(session), HazeKeeper()
-        self._shown: Judgement | None = None
+        self._fold_actions, self._uncertainty = FoldActions(session), UncertaintyCache()
+        self._shown: Diagnostics | None = None
         self._named: list[str] = []
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
         self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._safety()), self.suspects, row(*self._overlays()), self.said],
+        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.said],
                          layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
-        editors.plane.observe(weakly(self, TrustPanel._overlay_changed, _is_open), "overlay")
+        editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
         self.refresh()
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
-    def _safety(self) -> list[Any]:
-        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._safer.take_back()))
-        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._safer.unfold()))
+    def _fold_buttons(self) -> list[Any]:
+        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._fold_actions.take_back()))
+        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._fold_actions.unfold()))
         self.stages = self.of_step(widget_of("stages", layout=ipw.Layout(width="240px")), "stages")
         self.stages.style.description_width = "48px"
         self.keep = widget_of("keep_free")
-        self.keep.observe(weakly(self, TrustPanel._keep_changed, _is_open), "value")
+        self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, _is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]
 
     def _overlays(self) -> list[Any]:
@@ -88,19 +88,19 @@ class TrustPanel(Panel):
     def arrange(self) -> None:
         self.overlay.disabled = self.session.step.plane is None
         if not self._worker.is_closed:
-            self._worker.latest("trust", weakly(self, TrustPanel._judge, _is_open))
+            self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _is_open))
 
-    def _judge(self) -> None:
-        found = self._safer.look(self.keep.value)
+    def _compute(self) -> None:
+        found = self._fold_actions.look(self.keep.value)
         if found is None:
             return  # another one waits
         if self._shown is not found:
             self._shown = found
             self.facts.value = facts_html(found)
             self._show_suspects(found)
-        self._show_haze()
+        self._show_uncertainty()
 
-    def _show_suspects(self, found: Judgement) -> None:
+    def _show_suspects(self, found: Diagnostics) -> None:
         editor, points = self._editors.current, self.session.points
         text, known = suspects_of(found, points)
         if editor.has_trait("marked"):
@@ -128,37 +128,37 @@ class TrustPanel(Panel):
     def _overlay_changed(self, _change: Any) -> None:
         self.refresh()
 
-    def _show_haze(self) -> None:
+    def _show_uncertainty(self) -> None:
         editor = self._editors.plane
         if editor.overlay != "uncertainty" or self.session.step.plane is None:
             self.said.value = ""
             return
-        made, said = self._hazes.make(self.session)
+        made, said = self._uncertainty.make(self.session)
         self.said.value = said.replace("&", "&amp;").replace("<", "&lt;")
         with editor.hold_sync():
-            editor.haze, editor.haze_facts = made.data, made.facts
+            editor.uncertainty, editor.uncertainty_facts = made.data, made.facts
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
     def _soon(self, method: Callable[[Any], None]) -> None:
         """In the thread, its errors in the front end."""
-        self.guard(lambda: self._worker.latest("make safe", weakly(self, _guarded(method), _is_open)))
+        self.guard(lambda: self._worker.latest("fold action", weakly(self, _guarded(method), _is_open)))
 
     def _keep_changed(self, change: Any) -> None:
         folds = None if self._shown is None else self._shown.folds
         if change["new"] and folds is not None and folds.least < LEAST:
-            self._soon(lambda panel: panel._safer.unfold())
+            self._soon(lambda panel: panel._fold_actions.unfold())
 
     def close(self) -> None:
         for link in self._links:
             link.unlink()
 
 
-def _is_open(panel: TrustPanel) -> bool:
+def _is_open(panel: DiagnosticsPanel) -> bool:
     return not panel._worker.is_closed
 
 
 def _guarded(method: Callable[[Any], None]) -> Callable[[Any], None]:
-    def run(panel: TrustPanel) -> None:
+    def run(panel: DiagnosticsPanel) -> None:
         panel.guard(lambda: method(panel))
     return run

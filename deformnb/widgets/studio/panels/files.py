@@ -33,7 +33,7 @@ from deformnb.io.headers import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid
-from deformnb.widgets.inputs.file_transfer import HandOver
+from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, raising, row
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
@@ -81,12 +81,12 @@ class FilesPanel(Panel):
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
         self.said = ipw.Label("")
-        self.hand_over = HandOver()
+        self.file_transfer = FileTransfer()
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
         self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.said), self.question.box,
-                             self.hand_over])
+                             self.file_transfer])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
@@ -128,7 +128,7 @@ class FilesPanel(Panel):
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
             if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
-                self.guard(lambda: self.hand_over.download(job.path.name, content))
+                self.guard(lambda: self.file_transfer.download(job.path.name, content))
         except Cancelled:
             self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
@@ -191,7 +191,7 @@ class FilesPanel(Panel):
             self._opened(document)
         except OtherVolumeError:
             self.said.value = ""
-            self.question.ask(self.session.difference(document), "Open it all the same",
+            self.question.ask(self.session.difference(document), "Open anyway",
                               lambda: self._opened(document, allow_other_volume=True))
 
     def _opened(self, document: Deformation, allow_other_volume: bool = False) -> None:
@@ -202,7 +202,7 @@ class FilesPanel(Panel):
         self.said.value = ""
         note = "" if self.session.source else (
             f"This volume has no file: line {VOLUME_LINE} says where yours goes before the script is run.")
-        self.hand_over.copy(self.session.code(), note)
+        self.file_transfer.copy(self.session.code(), note)
 
     def close(self) -> None:
         """Stop what is being written."""
@@ -358,7 +358,7 @@ class ResultBox(Panel):
         self._larger = button(*LARGER, self._make_larger)
         self.warning = row(self._told, self._larger)
         self.choice = self.add(menu("Result box", self._options(),
-                                    "What can be seen, and what the result holds: matter dragged out of this box is "
+                                    "What can be seen, and what the result holds: tissue dragged out of this box is "
                                     "cut off"), self._chosen, self._choose)
         self.choice.layout.max_width = "280px"
         self.add(self.margin, lambda: self._length, self._grow)
@@ -461,9 +461,9 @@ def cut_off_text(sides: tuple[str, ...]) -> str:
     Examples
     --------
     >>> cut_off_text(("left side (L)", "top (S)"))
-    'Matter leaves the box at the left side (L) and top (S), and is cut off there.'
+    'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
     """
-    return f"Matter leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
+    return f"Tissue leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
 
 
 def _listed(sides: tuple[str, ...]) -> str:

@@ -22,7 +22,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
-from deformnb.widgets.studio.diagnostics import judgement_of
+from deformnb.widgets.studio.diagnostics import diagnostics_of
 from deformnb.widgets.studio.labels import edit_label
 from deformnb.widgets.worker import Worker
 
@@ -53,7 +53,7 @@ class PointsPanel(Panel):
         self._unfollow: Callable[[], None] = lambda: None
         self.table = PointsTable()
         self.table.on_act(self._act)
-        self.table.on_sight(self.refresh)
+        self.table.on_visible(self.refresh)
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
         self._heard = weakly(self, PointsPanel._points_selected, lambda panel: True)
         self.box = ipw.VBox([self.table])
@@ -75,7 +75,7 @@ class PointsPanel(Panel):
                 if self._asked is None or self._asked[1:] != state[1:]:
                     self._errors, self._suspects = {}, ()  # of other points
                 self._asked = state
-                self._worker.latest("judge points", weakly(self, PointsPanel._judge, lambda panel: True))
+                self._worker.latest("point diagnostics", weakly(self, PointsPanel._compute, lambda panel: True))
             if self._shown is not session.points:
                 self._shown = session.points
                 self._send()
@@ -86,12 +86,12 @@ class PointsPanel(Panel):
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)
 
-    def _judge(self) -> None:
+    def _compute(self) -> None:
         """In the studio's thread, where whoever asks first waits and the others find it done."""
         if not self.table.is_seen:
             self._asked = None
             return
-        found = judgement_of(self.session).quality
+        found = diagnostics_of(self.session).quality
         with self._showing:
             self._errors, self._suspects = {}, ()
             if found is not None:

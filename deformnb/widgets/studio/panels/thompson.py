@@ -1,7 +1,7 @@
 """Thompson panel: the picture on a regular grid, beside the deformed one on a grid that can be dragged.
 
 Both are views of one editor, so that a drag in one is seen in all: the element around a view selects its contents
-(see net_nodes.js).
+(see grid_nodes.js).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from deformnb.imaging.thompson import OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.inputs.file_transfer import HandOver
+from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
 from deformnb.widgets.studio.labels import edit_label
@@ -33,11 +33,11 @@ from deformnb.widgets.worker import Worker
 
 _OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
              ("principal strains", "strain"), ("uncertainty", "uncertainty")]
-_IN_SPACE = "Points in space deform no picture, so there is no net to show: choose a step on a picture."
+_IN_SPACE = "Points in space deform no picture, so there is no grid to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
 _CELLS = 12  # of a printed grid, where the picture shows none
-_LOOK = ('<div style="line-height: 1.35">The left net lies on the original. <b>Drag the diamonds of the right one</b>: '
-         "each becomes a control point, and Delete gives it back to the net.</div>")
+_LOOK = ('<div style="line-height: 1.35">The left grid lies on the original. <b>Drag the nodes of the right grid</b>: '
+         "each becomes a control point; Delete removes that point.</div>")
 
 
 class ThompsonPanel(Panel):
@@ -81,8 +81,8 @@ class ThompsonPanel(Panel):
         self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
                                   layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
         self._nowhere = ipw.Label(_IN_SPACE)
-        self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._nets()), row(*self._export()),
-                             self.hand_over])
+        self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._grid_settings()),
+                             row(*self._export()), self.file_transfer])
         if self.is_alone:
             self._listen()
         self.refresh()
@@ -92,7 +92,7 @@ class ThompsonPanel(Panel):
     def _settings(self) -> ipw.Box:
         most = self.editor.traits()["density"].max
         lines = ipw.IntSlider(min=2, max=most, description="Lines", style={"description_width": "60px"},
-                              tooltip="Cells of the net along the longer side of the picture",
+                              tooltip="Cells of the grid along the longer side of the picture",
                               layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"))
         traitlets.link((self.editor, "density"), (lines, "value"))
         overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
@@ -102,21 +102,21 @@ class ThompsonPanel(Panel):
             lambda: float(np.clip(self.session.step.strength, -1.0, 3.0)),
             lambda value: self.session.change(kind="strength", slides=True, strength=float(value)))
         self._words = ipw.Label("")
-        self.everywhere = ipw.Checkbox(description="drag the net in the main picture too", indent=False,
+        self.everywhere = ipw.Checkbox(description="drag the grid in the main picture too", indent=False,
                                        layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""))
-        traitlets.link((self.editor, "drag_net"), (self.everywhere, "value"))
+        traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
         return ipw.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
 
-    def _nets(self) -> list[Any]:
+    def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} to {target}", (source, target)) for source, target in thompson_pairs()]
         carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
-        self.net = ipw.Dropdown(options=pairs, value=carp, description="Thompson's nets",
+        self.grid = ipw.Dropdown(options=pairs, value=carp, description="Thompson's grids",
                                 style={"description_width": "initial"}, layout=ipw.Layout(width="380px"),
                                 tooltip="Fish that D'Arcy Thompson turned into one another, in 1917")
         self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
                                  layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")
-        told = "Points at the nodes of his net, in place of those that are there; can be undone"
-        return [self.net, self.head, button("Lay on", told, lambda: self.guard(self.lay_on))]
+        told = "Points at the nodes of his grid, in place of those that are there; can be undone"
+        return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid))]
 
     def _export(self) -> list[Any]:
         stem = re.sub(r"[^\w-]+", "_", self.session.volume.name).strip("_")[:40] or "deformed"
@@ -124,7 +124,7 @@ class ThompsonPanel(Panel):
                              layout=ipw.Layout(width="260px"), tooltip="File name, without its end")
         self.downloads = ipw.Checkbox(description="hand it to the browser too", indent=False,
                                       layout=ipw.Layout(width="auto"))
-        self.hand_over = HandOver()
+        self.file_transfer = FileTransfer()
         self.writers = [button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}",
                                self._writer(f".{kind}")) for kind in ("svg", "pdf", "png")]
         return [self.name, *self.writers, self.downloads, self.said]
@@ -148,16 +148,16 @@ class ThompsonPanel(Panel):
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
-    def lay_on(self) -> None:
+    def apply_grid(self) -> None:
         """Put control points at the nodes of one of Thompson's grids, laid around what the picture shows."""
         if self.session.step.plane is None:
             raise DeformError(_IN_SPACE)
-        source, target = self.net.value
+        source, target = self.grid.value
         picture = self.session.picture()
-        nets = thompson_map(source, target, box=subject_box(picture), frame=picture.raster.box, head=self.head.value)
-        rows = nets.source_nodes.reshape(-1, 2), nets.target_nodes.reshape(-1, 2)
+        grids = thompson_map(source, target, box=subject_box(picture), frame=picture.raster.box, head=self.head.value)
+        rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
         points = ControlPoints.from_arrays(*rows)  # 56 names would hide the picture
-        self.session.edit_points(points, f"lay on the net of {target}")
+        self.session.edit_points(points, f"apply the grid of {target}")
 
     def _writer(self, suffix: str) -> Callable[[], Any]:
         return lambda: self.guard(lambda: self.write(suffix))
@@ -175,7 +175,7 @@ class ThompsonPanel(Panel):
         for writer in self.writers:
             writer.disabled = True
         self.said.value = f"Writing {path.name} ..."
-        missing = " The haze is shown here only." if editor.overlay == "uncertainty" else ""
+        missing = " The uncertainty overlay is shown here only." if editor.overlay == "uncertainty" else ""
 
         def draw() -> None:
             with session.files.writing(path):
@@ -189,7 +189,7 @@ class ThompsonPanel(Panel):
             draw()
             said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
             if downloads:
-                self.hand_over.download(path.name, path.read_bytes())
+                self.file_transfer.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
             self.guard(raising(reason))

@@ -1,4 +1,4 @@
-"""The panel "Trust" of the studio without a browser: figures, suspects, what its buttons do to the document."""
+"""The panel "Diagnostics" of the studio without a browser: figures, suspects, what its buttons do to the document."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from driven_studio import a_drag, a_volume, controls, drag, panel
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
-from deformnb.document.step_checks import is_safe, step_folds, step_uncertainty
+from deformnb.document.step_checks import is_fold_free, step_folds, step_uncertainty
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import RoundTrip
 from deformnb.widgets import Studio
-from deformnb.widgets.studio.diagnostics import facts_html, haze_of, judge, judgement_of, unit_of
+from deformnb.widgets.studio.diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
 
 
 @pytest.fixture
@@ -46,25 +46,25 @@ FAR = 12.0  # of a drag that folds
 
 
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
-    trust = panel(studio, "Trust")
-    assert "none; smallest det J 1" in trust.facts.value
+    diagnostics = panel(studio, "Diagnostics")
+    assert "none; smallest det J 1" in diagnostics.facts.value
     assert "no folds" in studio._words.status.value
     assert "round trip 0 voxels" in studio._words.status.value
     drag(studio, a_drag(studio, FAR))
     settle(studio)
-    found = judgement_of(studio.session)
+    found = diagnostics_of(studio.session)
     assert found.folds is not None
     assert found.folds.least == pytest.approx(least(studio))
-    assert f"smallest det J {found.folds.least:.3g}" in trust.facts.value
+    assert f"smallest det J {found.folds.least:.3g}" in diagnostics.facts.value
     assert "5 points, 1 dragged \u00b7 folds " in studio._words.status.value
-    assert "Bending energy" in trust.facts.value
+    assert "Bending energy" in diagnostics.facts.value
 
 
 def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     drag(studio, a_drag(studio, FAR))
     points = studio.editor.points
     assert least(studio) < 0
-    panel(studio, "Trust").unfold.click()
+    panel(studio, "Diagnostics").unfold.click()
     settle(studio)
     assert least(studio) > 0
     assert studio.session.step.stages > 1
@@ -75,7 +75,7 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     studio.undo()
     assert studio.session.step.stages == 1
     controls(studio)["Stages"].value = 16
-    panel(studio, "Trust").unfold.click()  # fewer will do
+    panel(studio, "Diagnostics").unfold.click()  # fewer will do
     settle(studio)
     assert 1 < studio.session.step.stages < 16
 
@@ -88,17 +88,17 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     settle(studio)
     far = studio.editor.points
     assert least(studio) < 0
-    panel(studio, "Trust").back.click()
+    panel(studio, "Diagnostics").back.click()
     settle(studio)
     made = studio.editor.points
-    assert is_safe(studio.session.step, studio.volume.grid)
+    assert is_fold_free(studio.session.step, studio.volume.grid)
     assert studio.session.step.strength == 1.0
     assert_array_equal(made.target[:4], far.target[:4])
     way = (made.target[4] - first.target[4]) / (far.target[4] - first.target[4])
     assert 0 < way[0] < 1
     assert way[0] == pytest.approx(way[1])
     assert studio.editor.history["undo"] == "largest safe drag"
-    panel(studio, "Trust").back.click()
+    panel(studio, "Diagnostics").back.click()
     settle(studio)
     assert "Nothing folds here" in studio._words.notice.value
 
@@ -109,15 +109,15 @@ def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
     controls(studio)["Strength"].value = 3.0
     settle(studio)
     assert least(studio) < 0.05
-    panel(studio, "Trust").back.click()
+    panel(studio, "Diagnostics").back.click()
     settle(studio)
     assert 1.0 < studio.session.step.strength < 3.0
     assert least(studio) == pytest.approx(0.05, abs=0.02)
 
 
 def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(studio: Studio) -> None:
-    trust = panel(studio, "Trust")
-    trust.keep.value = True
+    diagnostics = panel(studio, "Diagnostics")
+    diagnostics.keep.value = True
     before = studio.editor.points
     drag(studio, a_drag(studio, FAR))
     settle(studio)
@@ -136,7 +136,7 @@ def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(studio: 
 def test_ticking_the_box_unfolds_what_is_folded(studio: Studio) -> None:
     drag(studio, a_drag(studio, FAR))
     settle(studio)
-    panel(studio, "Trust").keep.value = True
+    panel(studio, "Diagnostics").keep.value = True
     settle(studio)
     assert least(studio) > 0
     assert studio.editor.history["undo"] == "unfold by stages"
@@ -147,7 +147,7 @@ def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
     swapped = studio.editor.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
     drag(studio, swapped)
     settle(studio)
-    panel(studio, "Trust").unfold.click()
+    panel(studio, "Diagnostics").unfold.click()
     settle(studio)
     assert "through one another" in studio._words.notice.value
     assert studio.session.step.stages == 1
@@ -162,10 +162,10 @@ def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) ->
     names = [f"mark {k}" for k in range(12)]
     drag(studio, ControlPoints.from_arrays(source, target, names=names, ids=range(20, 32)))
     settle(studio)
-    trust = panel(studio, "Trust")
+    diagnostics = panel(studio, "Diagnostics")
     assert studio.editor.marked == [25, 26]
-    label, *buttons = trust.suspects.children
-    assert label.value == "Disagree with the rest:"
+    label, *buttons = diagnostics.suspects.children
+    assert label.value == "Possible outliers:"
     assert [b.description for b in buttons] == ["point 25 (mark 5)", "point 26 (mark 6)"]
     sent: list[Any] = []
     studio.editor.send = lambda content, buffers=None: sent.append(content)
@@ -175,19 +175,19 @@ def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) ->
     studio.undo()
     settle(studio)
     assert studio.editor.marked == []
-    assert len(trust.suspects.children) == 1
+    assert len(diagnostics.suspects.children) == 1
 
 
-def test_the_haze_is_made_when_it_is_looked_at(studio: Studio) -> None:
-    trust = panel(studio, "Trust")
+def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) -> None:
+    diagnostics = panel(studio, "Diagnostics")
     drag(studio, a_drag(studio, 3.0))
     settle(studio)
-    assert studio.editor.haze == b""
-    trust.overlay.value = "uncertainty"
+    assert studio.editor.uncertainty == b""
+    diagnostics.overlay.value = "uncertainty"
     settle(studio)
     assert studio.editor.overlay == "uncertainty"
-    facts, raster = studio.editor.haze_facts, studio.session.picture().raster
-    shown = np.frombuffer(studio.editor.haze, np.uint8).reshape(facts["height"], facts["width"])
+    facts, raster = studio.editor.uncertainty_facts, studio.session.picture().raster
+    shown = np.frombuffer(studio.editor.uncertainty, np.uint8).reshape(facts["height"], facts["width"])
     a0, a1, b0, b1 = raster.box
     a = a0 + (np.array([10, 60]) + 0.5) * (a1 - a0) / 96
     b = b0 + (np.array([40, 5]) + 0.5) * (b1 - b0) / facts["height"]
@@ -200,58 +200,58 @@ def test_the_haze_is_made_when_it_is_looked_at(studio: Studio) -> None:
         sign, value, unit = text.split()
         assert (sign, unit) == ("\u00b1", "voxels")
         assert byte == pytest.approx(float(value) / (expected[0] / at[0]) * 255, abs=3)
-    before = studio.editor.haze
+    before = studio.editor.uncertainty
     drag(studio, a_drag(studio, 5.0))
     settle(studio)
-    assert studio.editor.haze != before
+    assert studio.editor.uncertainty != before
     studio.session.edit_points(studio.editor.points.reset())
     settle(studio)
-    assert studio.editor.haze == b""
-    assert "nothing bends" in trust.said.value
+    assert studio.editor.uncertainty == b""
+    assert "nothing bends" in diagnostics.said.value
 
 
-def test_a_step_in_space_is_judged_too(studio: Studio) -> None:
+def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
     points = ControlPoints.from_arrays([[2, 2, 2], [20, 2, 2], [2, 16, 2], [2, 2, 13], [12, 9, 8]])
     studio.session.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
     settle(studio)
-    assert panel(studio, "Trust").overlay.disabled
+    assert panel(studio, "Diagnostics").overlay.disabled
     assert "round trip" in studio._words.status.value
-    assert "Leave-one-out" in panel(studio, "Trust").facts.value
+    assert "Leave-one-out" in panel(studio, "Diagnostics").facts.value
 
 
 # -- figures in words --------------------------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_judged_says_why() -> None:
+def test_what_cannot_be_computed_gives_the_reason() -> None:
     step = Session(a_volume()).step
-    found = judge(step.with_points(ControlPoints.empty(2)), 0, a_volume().grid)
+    found = diagnose(step.with_points(ControlPoints.empty(2)), 0, a_volume().grid)
     assert "no active control point" in found.reason
     assert found.folds is not None
     assert "no active control point" in facts_html(found)
     assert found.folds_text == "no folds"
 
 
-def test_words_of_a_judgement() -> None:
+def test_words_of_the_diagnostics() -> None:
     grid = Grid((16, 20, 24), (0.7, 0.7, 1.0))
     assert (unit_of(grid), unit_of(Grid((4, 4, 4)))) == ("mm", "voxels")
-    found = judge(Session(a_volume()).step, 0, grid)
+    found = diagnose(Session(a_volume()).step, 0, grid)
     assert found.trip_text == "round trip 0 mm"
     assert replace(found, trip=RoundTrip(0.00123, 0.001, 1.0)).trip_text == "round trip 0.0012 mm"
     assert "4 % lost" in facts_html(replace(found, trip=RoundTrip(0.1, 0.1, 0.96)))
     folded = replace(found, folds=replace(found.folds, least=-0.1, share=0.004))
     assert folded.folds_text == "folds < 1 %"
     named = replace(found.step.points.move(0, [3.0, 4.0]), names=("<b>",) * 4)
-    assert "(&lt;b&gt;)" in facts_html(judge(found.step.with_points(named), 0, grid))
+    assert "(&lt;b&gt;)" in facts_html(diagnose(found.step.with_points(named), 0, grid))
 
 
-def test_a_haze_fits_a_long_picture() -> None:
+def test_an_uncertainty_overlay_fits_a_long_picture() -> None:
     grid = Grid((4, 10, 50))
     session = Session(a_volume())
     points = ControlPoints.from_arrays([[1, 1], [48, 1], [1, 8], [48, 8], [20, 5]])
     step = replace(session.step, maps=(points.move(4, [22, 5]),))
-    haze = haze_of(step, 0, grid, Raster((10, 50), (1.0, 1.0), (0.0, 0.0)))
-    assert (haze.facts["width"], haze.facts["height"]) == (96, 19)
-    assert len(haze.data) == 96 * 19
+    overlay = uncertainty_overlay(step, 0, grid, Raster((10, 50), (1.0, 1.0), (0.0, 0.0)))
+    assert (overlay.facts["width"], overlay.facts["height"]) == (96, 19)
+    assert len(overlay.data) == 96 * 19
 
 
 def test_only_the_newest_document_is_amended() -> None:

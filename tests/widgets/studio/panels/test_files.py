@@ -93,7 +93,7 @@ def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: 
 
 def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     files, sent = panel(studio, "Files"), []
-    monkeypatch.setattr(files.hand_over, "send", lambda content, buffers=None: sent.append(content))
+    monkeypatch.setattr(files.file_transfer, "send", lambda content, buffers=None: sent.append(content))
     files.copy.click()
     studio.session.source = 'dn.read_volume("ball.nrrd")'
     files.copy.click()

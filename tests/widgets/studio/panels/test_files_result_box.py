@@ -110,7 +110,7 @@ def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     text, button = box.warning.children
     assert seen.display == ""
     assert 'role="status"' in text.value
-    assert "Matter leaves the box at the left side (L), and is cut off there." in text.value
+    assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
     assert box.words.value.endswith("cut off at the left side (L)")
     button.click()
     looked(box)

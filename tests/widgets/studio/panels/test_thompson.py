@@ -40,11 +40,11 @@ SEQ = iter(range(1, 10**6))
 
 def test_alone_a_drag_of_a_node_is_one_edit_of_the_session_and_can_be_undone(panel: ThompsonPanel) -> None:
     before = panel.session.points
-    page_edits(panel, before.add([12.0, 8.0], [15.0, 9.0], name="net 3,2"))
-    assert panel.session.points.names[-1] == "net 3,2"
-    assert panel.session.history["undo"] == 'add "net 3,2"'
-    assert panel.editor.history["undo"] == 'add "net 3,2"'
-    assert panel.session.undo() == 'add "net 3,2"'
+    page_edits(panel, before.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
+    assert panel.session.points.names[-1] == "grid 3,2"
+    assert panel.session.history["undo"] == 'add "grid 3,2"'
+    assert panel.editor.history["undo"] == 'add "grid 3,2"'
+    assert panel.session.undo() == 'add "grid 3,2"'
     assert panel.session.points == before
     assert panel.editor.points == before
 
@@ -77,7 +77,7 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
     assert panel.before.children == panel.after.children == ()
     assert panel._nowhere.layout.display == ""
     with pytest.raises(DeformError, match="in space"):
-        panel.lay_on()
+        panel.apply_grid()
     with pytest.raises(DeformError, match="in space"):
         panel.write(".svg")
     panel.session.edit_step(0)
@@ -121,17 +121,17 @@ def test_lines_and_overlay_are_those_of_the_editor() -> None:
         widgets["Overlay"].value = "strain"
         assert (editor.density, editor.overlay) == (7, "strain")
         panel.everywhere.value = True
-        assert editor.drag_net
+        assert editor.drag_grid
     finally:
         panel.close()
 
 
-def test_a_net_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
+def test_a_grid_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
     panel = ThompsonPanel(Session(PHANTOMS["fish"].make((32, 64, 32)), view="-x"))
     try:
         before = panel.session.points
-        panel.net.value = ("Polyprion", "Antigonia capros")
-        panel.lay_on()
+        panel.grid.value = ("Polyprion", "Antigonia capros")
+        panel.apply_grid()
         points = panel.session.points
         assert len(points) == 56
         a0, a1, b0, b1 = panel.session.picture().raster.box
@@ -144,10 +144,10 @@ def test_a_net_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
         assert (target[:, 1] <= b1 + 1e-6).all()
         assert np.ptp(points.target[:, 0]) < np.ptp(points.source[:, 0])  # a deep, short fish
         panel.head.value = "right"
-        panel.lay_on()
+        panel.apply_grid()
         assert np.ptp(panel.session.points.source[:, 0]) == pytest.approx(np.ptp(points.source[:, 0]))
         panel.session.undo()
-        assert panel.session.undo() == "lay on the net of Antigonia capros"
+        assert panel.session.undo() == "apply the grid of Antigonia capros"
         assert panel.session.points == before
     finally:
         panel.close()
@@ -156,7 +156,7 @@ def test_a_net_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
 def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path: Path) -> None:
     panel.session.edit_points(panel.session.points.add([12.0, 8.0], [15.0, 9.0]))
     handed: list[tuple[str, int]] = []
-    panel.hand_over.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
+    panel.file_transfer.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
     panel.editor.overlay = "area"
     panel.downloads.value = True
     for suffix, begins in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")):
@@ -185,7 +185,7 @@ def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: P
     assert not panel.said.value.startswith("Writ")
 
 
-def test_points_of_a_net_are_met_exactly(panel: ThompsonPanel) -> None:
-    page_edits(panel, panel.session.points.add([12.0, 8.0], [15.0, 9.0], name="net 3,2"))
+def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
+    page_edits(panel, panel.session.points.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
     x = np.array([15.0, 9.0])
     oracle.assert_close(x + panel.editor.fit().displacement(x), [12.0, 8.0], atol=1e-9)

@@ -1,4 +1,4 @@
-"""The panel "Trust" in JupyterLab with a real mouse: a drag that folds is seen, unfolded, and its points still meet."""
+"""The panel "Diagnostics" in JupyterLab with a real mouse: a drag that folds is seen, and unfolded."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def tell(change=None):
     step = studio.session.step
     least = step_folds(step, volume.grid).least
     told.value = json.dumps({"least": least, "stages": step.stages, "overlay": studio.editor.overlay,
-                             "haze": len(studio.editor.haze), "target": step.points.target[-1].tolist()})
+                             "uncertainty": len(studio.editor.uncertainty), "target": step.points.target[-1].tolist()})
 studio.observe(tell, "deformation")
-studio.editor.observe(tell, ["overlay", "haze"])
+studio.editor.observe(tell, ["overlay", "uncertainty"])
 tell()
 studio
 """
@@ -60,8 +60,8 @@ def _unfold_in(page: Any) -> None:
     page.mouse.up()
     folded = told(page, lambda state: state["least"] < 0)
     assert folded["least"] < 0
-    page.locator(".lm-TabBar-tab", has_text="Trust").first.click()
-    facts = page.locator("table.dnb-trust")
+    page.locator(".lm-TabBar-tab", has_text="Diagnostics").first.click()
+    facts = page.locator("table.dnb-diagnostics")
     facts.locator("tr", has_text="% folded").wait_for(timeout=60_000)
     page.get_by_role("button", name="Unfold by stages").click()
     state = told(page, lambda state: state["stages"] > 1)
@@ -70,5 +70,5 @@ def _unfold_in(page: Any) -> None:
     facts.locator("tr", has_text="none; smallest det J").wait_for(timeout=60_000)
     page.wait_for_function(f"{EDITOR}.model.get('settings').stages === {state['stages']}")
     page.get_by_label("Overlay", exact=True).select_option(label="Uncertainty")
-    assert told(page, lambda state: state["haze"] > 0)["overlay"] == "uncertainty"
+    assert told(page, lambda state: state["uncertainty"] > 0)["overlay"] == "uncertainty"
     page.locator(".dnb-ed-key", has_text="voxels").wait_for(timeout=60_000)

@@ -17,11 +17,11 @@ from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.diagnostics import (
-    NO_HAZE,
-    Haze,
-    HazeKeeper,
-    Judgement,
-    Safety,
+    NO_UNCERTAINTY,
+    Diagnostics,
+    FoldActions,
+    UncertaintyCache,
+    UncertaintyOverlay,
     facts_html,
     point_name,
     suspects_of,
@@ -32,7 +32,7 @@ from deformnb.widgets.worker import Worker
 _LOG = logging.getLogger(__name__)
 
 
-class DeskTrust:
+class DeskDiagnostics:
     """Computes the diagnostics of the step that a desk edits.
 
     Parameters
@@ -43,25 +43,25 @@ class DeskTrust:
 
     Attributes
     ----------
-    safety : what makes the step safe.
+    fold_actions : the actions that make the step fold-free.
     keep_free : whether to choose stages that leave no fold after every edit.
     """
 
     def __init__(self, session: Session, editor: Editor, later: Callable[[Callable[[], None]], object],
                  show: Callable[[], None]) -> None:
         self._session, self._editor, self._later, self._show = session, editor, later, show
-        self._worker = Worker("deformnb-trust")
-        self._hazes = HazeKeeper()
-        self._found: Judgement | None = None
-        self._left: tuple[str, ...] = ()  # the sides of the box that matter leaves
-        self._facts, self._said = "", ""  # the figures as HTML; why there is no haze
-        self.safety = Safety(session)
+        self._worker = Worker("deformnb-diagnostics")
+        self._uncertainty = UncertaintyCache()
+        self._found: Diagnostics | None = None
+        self._left: tuple[str, ...] = ()  # the sides of the box where tissue leaves it
+        self._facts, self._said = "", ""  # the figures as HTML; why there is no uncertainty overlay
+        self.fold_actions = FoldActions(session)
         self.keep_free = False
 
     def soon(self) -> None:
         """Compute the diagnostics of the session's current state."""
         if not self._worker.is_closed:
-            self._worker.latest("judge", self._judge)
+            self._worker.latest("diagnostics", self._compute)
 
     def state(self) -> dict[str, Any]:
         """State that the client shows."""
@@ -69,7 +69,7 @@ class DeskTrust:
         text, known = ("", []) if found is None else suspects_of(found, points)
         verdict = [] if found is None else [text for text in (found.folds_text, found.trip_text) if text]
         return {
-            "trust": self._facts, "verdict": " \u00b7 ".join(verdict), "haze_said": self._said,
+            "diagnostics": self._facts, "verdict": " \u00b7 ".join(verdict), "uncertainty_said": self._said,
             "folded": found is not None and found.folds is not None and found.folds.least <= 0,
             "unsafe": found is not None and found.folds is not None and found.folds.least < LEAST,
             "cut_off": cut_off_text(self._left),
@@ -94,15 +94,15 @@ class DeskTrust:
 
     # -- in the thread -------------------------------------------------------------------------------------------------
 
-    def _judge(self) -> None:
+    def _compute(self) -> None:
         try:
-            found = self.safety.look(self.keep_free)
-            haze, left = (NO_HAZE, ""), self._session.sides_left()
+            found = self.fold_actions.look(self.keep_free)
+            overlay, left = (NO_UNCERTAINTY, ""), self._session.sides_left()
             if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
-                haze = self._hazes.make(self._session)
-            after = self._show if found is None else partial(self._take, found, left, *haze)
+                overlay = self._uncertainty.make(self._session)
+            after = self._show if found is None else partial(self._take, found, left, *overlay)
         except Exception as error:  # shown, or the client would wait for its figures for ever
-            _LOG.exception("a step could not be judged")
+            _LOG.exception("the diagnostics of a step could not be computed")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
         with contextlib.suppress(DeformError):  # the desk has been closed
             self._later(after)
@@ -111,10 +111,10 @@ class DeskTrust:
 
     def _fail(self, text: str) -> None:
         self._found, self._left, self._facts = None, (), ""
-        self._session.notice = f"The map could not be judged: {text}"
+        self._session.notice = f"The diagnostics could not be computed: {text}"
         self._show()
 
-    def _take(self, found: Judgement, left: tuple[str, ...], haze: Haze, said: str) -> None:
+    def _take(self, found: Diagnostics, left: tuple[str, ...], overlay: UncertaintyOverlay, said: str) -> None:
         session, editor = self._session, self._editor
         if found.step is not session.step or found.key != session.key:
             return  # another one comes
@@ -124,5 +124,5 @@ class DeskTrust:
         with editor.hold_sync():
             editor.marked = suspects_of(found, session.points)[1]
             if editor.overlay == "uncertainty":
-                editor.haze, editor.haze_facts = haze.data, haze.facts
+                editor.uncertainty, editor.uncertainty_facts = overlay.data, overlay.facts
         self._show()

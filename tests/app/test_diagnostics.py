@@ -14,7 +14,7 @@ from driven_studio import a_volume
 from running_app import PATIENCE, RunningApp, connected
 
 from deformnb.app.desk import Desk
-from deformnb.app.trust import DeskTrust
+from deformnb.app.diagnostics import DeskDiagnostics
 from deformnb.document.step_checks import step_folds
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
@@ -32,16 +32,16 @@ def desk() -> Iterator[Desk]:
 def settled(desk: Desk) -> dict[str, Any]:
     """What the page shows once nothing is being judged or shown any more."""
     for _ in range(3):  # a judgement may choose stages, which are judged in turn
-        desk.trust._worker.call(lambda: None).result(PATIENCE)
+        desk.diagnostics._worker.call(lambda: None).result(PATIENCE)
         _emptied(desk)
     return desk.thread.call(desk.state).result(PATIENCE)
 
 
 def _emptied(desk: Desk) -> None:
     until = time.monotonic() + PATIENCE
-    while desk.trust._worker.is_wanted and time.monotonic() < until:
+    while desk.diagnostics._worker.is_wanted and time.monotonic() < until:
         time.sleep(0.01)
-    desk.trust._worker.call(lambda: None).result(PATIENCE)
+    desk.diagnostics._worker.call(lambda: None).result(PATIENCE)
     desk.thread.call(lambda: None).result(PATIENCE)
 
 
@@ -73,30 +73,30 @@ def least(desk: Desk) -> float:
 FAR = 12.0  # of a drag that folds
 
 
-def test_a_judgement_that_an_edit_has_overtaken_is_not_shown(desk: Desk) -> None:
+def test_outdated_diagnostics_are_not_shown(desk: Desk) -> None:
     waiting: queue.Queue[Callable[[], None]] = queue.Queue()
     shown = []
-    trust = DeskTrust(desk.session, desk.editor, waiting.put, lambda: shown.append(desk.session.step))
-    trust.soon()
+    diagnostics = DeskDiagnostics(desk.session, desk.editor, waiting.put, lambda: shown.append(desk.session.step))
+    diagnostics.soon()
     late = waiting.get(timeout=PATIENCE)
     drag(desk, FAR)
     late()
-    assert (shown, trust.state()["trust"]) == ([], "")
-    trust.soon()
+    assert (shown, diagnostics.state()["diagnostics"]) == ([], "")
+    diagnostics.soon()
     waiting.get(timeout=PATIENCE)()
     assert shown == [desk.session.step]
-    assert trust.state()["folded"]
-    trust.close()
+    assert diagnostics.state()["folded"]
+    diagnostics.close()
 
 
 def test_the_figures_follow_the_edits(desk: Desk) -> None:
     state = desk.state()
     assert state["verdict"].startswith("no folds \u00b7 round trip 0 ")
-    assert "none; smallest det J 1" in state["trust"]
+    assert "none; smallest det J 1" in state["diagnostics"]
     assert not state["folded"]
     state = drag(desk, FAR)
     assert least(desk) < 0
-    assert f"smallest det J {least(desk):.3g}" in state["trust"]
+    assert f"smallest det J {least(desk):.3g}" in state["diagnostics"]
     assert state["verdict"].startswith("folds ")
     assert state["folded"]
 
@@ -165,7 +165,7 @@ def test_points_that_disagree_are_marked_and_found(desk: Desk) -> None:
     state = settled(desk)
     assert desk.editor.marked == [25, 26]
     assert state["suspects"] == [{"id": 25, "name": "point 25 (<b>5</b>)"}, {"id": 26, "name": "point 26 (<b>6</b>)"}]
-    assert "<b>" not in state["trust"]
+    assert "<b>" not in state["diagnostics"]
     sent: list[Any] = []
     desk.editor.send = lambda content, buffers=None: sent.append(content)  # type: ignore[method-assign]
     act(desk, "look_at", 26)
@@ -178,24 +178,24 @@ def test_points_that_disagree_are_marked_and_found(desk: Desk) -> None:
 def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(desk: Desk) -> None:
     assert settled(desk)["cut_off"] == ""
     state = drag(desk, 40.0)
-    assert state["cut_off"].startswith("Matter leaves the box at the ")
+    assert state["cut_off"].startswith("Tissue leaves the box at the ")
     state = act(desk, "fit_box")
     assert (state["cut_off"], desk.session.sides_left()) == ("", ())
-    assert "Matter leaves" in act(desk, "own_box")["cut_off"]
+    assert "Tissue leaves" in act(desk, "own_box")["cut_off"]
     assert act(desk, "reset")["cut_off"] == ""
 
 
-def test_the_haze_is_made_while_it_is_looked_at(desk: Desk) -> None:
+def test_the_uncertainty_overlay_is_made_while_it_is_looked_at(desk: Desk) -> None:
     drag(desk, 3.0)
-    assert desk.editor.haze == b""
+    assert desk.editor.uncertainty == b""
     put(desk, "overlay", "uncertainty")
-    facts, before = desk.editor.haze_facts, desk.editor.haze
+    facts, before = desk.editor.uncertainty_facts, desk.editor.uncertainty
     assert len(before) == facts["width"] * facts["height"] > 0
     drag(desk, 5.0)
-    assert desk.editor.haze != before
+    assert desk.editor.uncertainty != before
     act(desk, "undo")
-    assert "nothing bends" in act(desk, "undo")["haze_said"]
-    assert desk.editor.haze == b""
+    assert "nothing bends" in act(desk, "undo")["uncertainty_said"]
+    assert desk.editor.uncertainty == b""
 
 
 def test_one_goes_to_any_state_of_the_history(desk: Desk) -> None:
@@ -220,10 +220,10 @@ def test_what_fails_unexpectedly_is_said(desk: Desk, monkeypatch: pytest.MonkeyP
     def fail(keep_free: bool) -> Any:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(desk.trust.safety, "look", fail)
+    monkeypatch.setattr(desk.diagnostics.fold_actions, "look", fail)
     state = drag(desk, 2.0)
-    assert "could not be judged: ZeroDivisionError: by nothing" in state["notice"]
-    assert (state["trust"], state["verdict"]) == ("", "")
+    assert "could not be computed: ZeroDivisionError: by nothing" in state["notice"]
+    assert (state["diagnostics"], state["verdict"]) == ("", "")
 
 
 # -- the page ----------------------------------------------------------------------------------------------------------
@@ -237,7 +237,7 @@ def app() -> Iterator[RunningApp]:
 
 _TOOLS: dict[str, Any] = {
     "overlay": "area", "mirror": {"on": True, "axis": "b", "at": 4.5}, "snap": 2.5, "brush_radius": 7.0,
-    "stop_at_folds": True, "show_net": False, "show_radius": True, "selected": [2]}
+    "stop_at_folds": True, "show_grid": False, "show_radius": True, "selected": [2]}
 
 
 def test_what_the_tools_of_the_editor_set_reaches_python_and_other_pages(app: RunningApp) -> None:
@@ -251,14 +251,14 @@ def test_what_the_tools_of_the_editor_set_reaches_python_and_other_pages(app: Ru
                 if isinstance(result, dict) and result.get("origin") == "mine":
                     seen.update(result["state"])
             drawer = {k: v for message in mine.heard for k, v in (message.get("result") or {}).items()}
-            while not {"overlay", "show_net", "show_radius"} <= set(drawer):
+            while not {"overlay", "show_grid", "show_radius"} <= set(drawer):
                 drawer.update((await mine.next()).get("result") or {})
             return seen, drawer
 
     seen, drawer = asyncio.run(talk())
     assert seen == _TOOLS
     assert {name: getattr(app.desk.editor, name) for name in _TOOLS} == _TOOLS
-    assert (drawer["overlay"], drawer["show_net"], drawer["show_radius"]) == ("area", False, True)
+    assert (drawer["overlay"], drawer["show_grid"], drawer["show_radius"]) == ("area", False, True)
 
 
 @pytest.mark.parametrize("call", [("go_to", [], {}), ("go_to", ["1"], {}), ("go_to", [True], {}), ("go_to", [1, 2], {}),

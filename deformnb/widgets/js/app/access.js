@@ -1,4 +1,4 @@
-// Runs before anything else of the application's page: the password comes with the address once, and goes out of sight.
+// Runs before anything else of the application: reads the password from the address once and removes it from there.
 //
 // trame's client takes it from the address and removes it there, so a page that is loaded again would have none. It is
 // kept for this tab. Nothing in the address may name another server to talk to.
