@@ -18,7 +18,7 @@ from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
-_TABS = (("settings", "Settings", settings_part), ("look", "Display", look_part), ("points", "Points", points_part),
+_TABS = (("settings", "Fit", settings_part), ("look", "Display", look_part), ("points", "Points", points_part),
          ("diagnostics", "Diagnostics", diagnostics_part), ("history", "History", history_part))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))

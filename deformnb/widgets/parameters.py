@@ -178,7 +178,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
     "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
     # In space
     "extrusion": Choice("Extrusion", "What the displacement of the picture becomes in the depth", EXTRUSIONS,
-                        {"replicate": "Replicate: the same at every depth", "modulate": "Modulate: times a curve f(z)",
+                        {"replicate": "Replicate: same at all depths", "modulate": "Modulate: times a curve f(z)",
                          "interpolate": "Interpolate: between key pictures"}),
     "mode": Choice("Steps", "Composed in order each step deforms the result of those before; added up their "
                    "displacements are summed", MODES, {"compose": "Compose in order", "blend": "Add up"}),
