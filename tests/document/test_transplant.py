@@ -80,6 +80,13 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
     np.testing.assert_allclose(moved.keyframes[0].steps[0].points.source, 2.5 * POINTS.source, atol=1e-9)
 
 
+def test_lengths_grow_with_the_box() -> None:
+    part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0)
+    step = Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "+y"), support=9.0, parts=(part,))
+    moved = placed(made_on(OLD, step), LARGER, "by the box").steps[0]
+    assert (moved.support, moved.parts[0].reach) == pytest.approx((22.5, 5.0))
+
+
 def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
     moved = placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "by the box")
     with pytest.raises(DeformError, match="does not tell where the volume lay"):
