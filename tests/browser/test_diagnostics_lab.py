@@ -69,6 +69,6 @@ def _unfold_in(page: Any) -> None:
     assert state["target"] == folded["target"]  # every point is where it was dropped
     facts.locator("tr", has_text="none; smallest det J").wait_for(timeout=60_000)
     page.wait_for_function(f"{EDITOR}.model.get('settings').stages === {state['stages']}")
-    page.get_by_label("Overlay", exact=True).select_option(label="Uncertainty")
+    page.get_by_label("Overlay", exact=True).filter(visible=True).select_option(label="Uncertainty")
     assert told(page, lambda state: state["uncertainty"] > 0)["overlay"] == "uncertainty"
     page.locator(".dnb-ed-key", has_text="voxels").wait_for(timeout=60_000)
