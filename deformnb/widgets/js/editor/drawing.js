@@ -2,12 +2,11 @@
 // the rate at which pictures follow the pointer, which goes to Python with the edit that ends a drag: a message of its
 // own would cost the drag time.
 
-import { busOf } from "../sync/bus.js";
+import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @typedef {DocumentOrShadowRoot & { readonly activeElement: HTMLElement | SVGElement | null }} Tree */
 
 const FEWEST_PICTURES = 4; // of a drag, below which a rate means nothing
 const MOST_PICTURES = 1200;
@@ -71,12 +70,6 @@ const SILENCE = {
 
 const FINAL = new Set(["deaf", "lost"]); // these messages stay as long as the page is open
 const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
-
-/**
- * The document or the shadow tree of a node, which knows the element in focus.
- * @param {Node} node
- */
-export function treeOf(node) { return /** @type {Tree} */ (/** @type {unknown} */ (node.getRootNode())); }
 
 /** The drawing and the messages that both editors share. */
 export class EditorDrawing {
@@ -178,4 +171,22 @@ export class EditorDrawing {
    * @param {string} text
    */
   speak(text) { setText(this.spoken, text); }
+}
+
+/**
+ * Attach the sender of an editor to its model: before any view, and as long as the model lives.
+ * @param {{ model: Model }} context
+ */
+export function initialize({ model }) {
+  const bus = busOf(model), uid = model.get("uid");
+  holdBus(bus);
+  const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes
+  sender.attach(model); // two consoles of one kernel have two models of one editor
+  window.addEventListener("pagehide", leave);
+  model.on("destroy", () => {
+    window.removeEventListener("pagehide", leave);
+    sender.detach(model);
+    if (sender.models.length === 0) bus.sender = undefined;
+    releaseBus(bus, uid);
+  });
 }

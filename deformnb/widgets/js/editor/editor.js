@@ -8,13 +8,13 @@ import { samePoints } from "../maths/points.js";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.js";
 import { isStill } from "../maths/rigid_stages.js";
 import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
-import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
-import { RestingTrait, senderOf } from "../sync/edits.js";
-import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { publishPoints, settingsOf } from "../sync/bus.js";
+import { RestingTrait, } from "../sync/edits.js";
+import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
 import { helpPanel } from "../ui/key_help.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
-import { DrawRate, EditorDrawing, treeOf } from "./drawing.js";
+import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
 import { GridNodes } from "./grid_nodes.js";
 import { Handles, HandMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
@@ -735,21 +735,6 @@ export class EditorPage extends EditorDrawing {
 function render({ model, el }) {
   const page = new EditorPage(model, el);
   return () => page.close();
-}
-
-/** @param {{ model: Model }} context */
-function initialize({ model }) {
-  const bus = busOf(model), uid = model.get("uid");
-  holdBus(bus);
-  const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes
-  sender.attach(model); // two consoles of one kernel have two models of one editor
-  window.addEventListener("pagehide", leave);
-  model.on("destroy", () => {
-    window.removeEventListener("pagehide", leave);
-    sender.detach(model);
-    if (sender.models.length === 0) bus.sender = undefined;
-    releaseBus(bus, uid);
-  });
 }
 
 export default { initialize, render };

@@ -3,8 +3,7 @@
 
 import { shownLength } from "../maths/numbers.js";
 import { middleOf } from "../maths/points.js";
-import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { treeOf } from "./drawing.js";
+import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
 import { REGION_FORMS } from "./shape_handles.js";
 
 /** @import { Mirror } from "../types.d.ts" */

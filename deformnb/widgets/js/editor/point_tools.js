@@ -1,18 +1,15 @@
 // The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and strokes of brushes.
 
+import { treeOf } from "../ui/dom.js";
 import { Stroke } from "../maths/brushes.js";
 import { layeredFit, placeOf } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
 import { shownLength } from "../maths/numbers.js";
-import {
-  freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints,
-  renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims,
-} from "../maths/points.js";
+import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.js";
 import { RbfError, rbfLabel } from "../maths/rbf.js";
 import { heldPoints, partLabel } from "../maths/rigid_stages.js";
 import { placeSeen } from "../maths/warp_map.js";
 import { MOST_CHARACTERS } from "../sync/edits.js";
-import { treeOf } from "./drawing.js";
 import { pointLabel } from "./handles.js";
 
 /** @import { LayeredFit, PartData, Point, Shapes } from "../types.d.ts" */

@@ -2,9 +2,8 @@
 
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfHand, withRims } from "../maths/points.js";
-import { SLACK } from "../ui/dom.js";
+import { SLACK, treeOf } from "../ui/dom.js";
 import { commandOf, EDITOR_KEYS } from "../ui/key_help.js";
-import { treeOf } from "./drawing.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "./handles.js";
 
 /** @import { EditorPage } from "./editor.js" */

@@ -5,8 +5,7 @@
 import { shownLength } from "../maths/numbers.js";
 import { maskPixels } from "../maths/regions.js";
 import { cornersOf, SHAPE_NAMES, shapeLabel, shapeName } from "../maths/shapes.js";
-import { OWN_KEYS, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { treeOf } from "./drawing.js";
+import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
 
 /** @import { CutData, MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */

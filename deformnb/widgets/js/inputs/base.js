@@ -4,17 +4,11 @@
 /** @import { Model, Vector2 } from "../types.d.ts" */
 
 import { EditLink } from "../sync/edits.js";
-import { pageElement, setText, SLACK } from "../ui/dom.js";
+import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.js";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
 const DARK_BELOW = 110; // luminance of the background, of 255
-
-/** The document or shadow tree of an element, in which focus and places are looked up. @param {Element} element */
-export function treeOf(element) { return /** @type {Document | ShadowRoot} */ (element.getRootNode()); }
-
-/** The element to which an event was sent. @param {Event} event */
-export function targetOf(event) { return /** @type {Element} */ (event.target); }
 
 /**
  * The index of the element to which an event was sent, or -1.

@@ -4,11 +4,9 @@
 /** @import { NodeRules } from "../maths/curves.js" */
 /** @import { Model } from "../types.d.ts" */
 
-import {
-  addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf,
-} from "../maths/curves.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex, treeOf } from "./base.js";
+import { addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../maths/curves.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
+import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;

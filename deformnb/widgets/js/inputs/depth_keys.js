@@ -2,8 +2,8 @@
 
 /** @import { Model, Vector2 } from "../types.d.ts" */
 
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex, treeOf } from "./base.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
+import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
 const MOST_KEYS = 64;

@@ -5,8 +5,8 @@
 
 /** @import { Model } from "../types.d.ts" */
 
-import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
-import { isDark, targetOf } from "./base.js";
+import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.js";
+import { isDark } from "./base.js";
 
 /**
  * A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds.

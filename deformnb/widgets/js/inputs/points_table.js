@@ -8,11 +8,9 @@
 /** @import { Column, TableRow } from "./point_rows.js" */
 
 import { busOf } from "../sync/bus.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { isDark, targetOf, treeOf } from "./base.js";
-import {
-  AXES, cellValue, editedText, orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber,
-} from "./point_rows.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
+import { isDark } from "./base.js";
+import { AXES, cellValue, editedText, orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
 
 const ROW_HEIGHT = 26;
 const SPARE_ROWS = 4; // drawn above and below those in sight

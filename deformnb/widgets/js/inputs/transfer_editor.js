@@ -5,8 +5,8 @@
 /** @import { NodeDrag, PlotDrag } from "./curve_plot.js" */
 
 import { lineAt, shownNumber } from "../maths/curves.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { attributeUnder, listenToDrags, numberUnder, targetIndex, targetOf, treeOf } from "./base.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
+import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.js";
 import { ARROWS, CurvePlot, pathOf, PLOT } from "./curve_plot.js";
 
 /**

@@ -5,13 +5,13 @@
 /** @import { ToolEntry } from "../ui/toolbar.js" */
 /** @import { Line, PaneData } from "./pane.js" */
 
-import { EditorDrawing, NEARLY_FOLDED, treeOf } from "../editor/drawing.js";
+import { EditorDrawing, initialize, NEARLY_FOLDED } from "../editor/drawing.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.js";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
-import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
-import { MOST_CHARACTERS, RestingTrait, senderOf } from "../sync/edits.js";
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+import { publishPoints, settingsOf } from "../sync/bus.js";
+import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
 import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
@@ -686,21 +686,6 @@ export class SpaceEditorPage extends EditorDrawing {
 function render({ model, el }) {
   const page = new SpaceEditorPage(model, el);
   return () => page.close();
-}
-
-/** @param {{ model: Model }} widget */
-function initialize({ model }) {
-  const bus = busOf(model), uid = model.get("uid");
-  holdBus(bus);
-  const sender = senderOf(bus, model), leave = () => sender.flush(); // what waits is sent when the window closes
-  sender.attach(model);
-  window.addEventListener("pagehide", leave);
-  model.on("destroy", () => {
-    window.removeEventListener("pagehide", leave);
-    sender.detach(model);
-    if (sender.models.length === 0) bus.sender = undefined;
-    releaseBus(bus, uid);
-  });
 }
 
 export default { initialize, render };

@@ -5,13 +5,11 @@
 /** @import { SpaceEditorPage } from "./editor.js" */
 /** @import { SpacePane } from "./pane.js" */
 
-import { treeOf } from "../editor/drawing.js";
 import { dot } from "../maths/camera.js";
 import { shownLength } from "../maths/numbers.js";
-import {
-  addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey,
-} from "../maths/points.js";
+import { addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey } from "../maths/points.js";
 import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.js";
+import { treeOf } from "../ui/dom.js";
 
 const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that

@@ -4,12 +4,11 @@
 /** @import { Line, SpacePane } from "./pane.js" */
 /** @import { Moved } from "./point_tools.js" */
 
-import { treeOf } from "../editor/drawing.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "../editor/handles.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfHand } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
-import { SLACK } from "../ui/dom.js";
+import { SLACK, targetOf, treeOf } from "../ui/dom.js";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
 import { LINES } from "./pane.js";
 
@@ -31,9 +30,6 @@ import { LINES } from "./pane.js";
  *   was: boolean }} PointsGesture
  * @typedef {PlainGesture | MirrorGesture | TurnGesture | BandGesture | CrossGesture | PointsGesture} Gesture
  */
-
-/** The element to which an event was sent. @param {Event} event */
-function targetOf(event) { return /** @type {Element} */ (event.target); }
 
 /** Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held. */
 export class PaneGestures {

@@ -60,3 +60,11 @@ export function setAttributes(node, attributes) {
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
+
+/** @typedef {DocumentOrShadowRoot & { readonly activeElement: HTMLElement | SVGElement | null }} Tree */
+
+/** The document or shadow tree of a node, in which focus and places are looked up. @param {Node} node */
+export function treeOf(node) { return /** @type {Tree} */ (/** @type {unknown} */ (node.getRootNode())); }
+
+/** The element to which an event was sent. @param {Event} event */
+export function targetOf(event) { return /** @type {Element} */ (event.target); }
