@@ -16,7 +16,7 @@ from benchmarks.timing import Case, Group
 from deformnb.analysis.folds import jacobian_determinant
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import invert

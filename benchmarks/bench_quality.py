@@ -14,7 +14,7 @@ from benchmarks.timing import Case, Group
 from deformnb.analysis.gaussian_process import uncertainty
 from deformnb.analysis.quality import fit_quality
 from deformnb.rbf.fields import raster_lines
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import WendlandC2
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster

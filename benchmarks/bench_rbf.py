@@ -13,7 +13,7 @@ from scipy.interpolate import RBFInterpolator
 
 from benchmarks import problem
 from benchmarks.timing import Case, Group
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
 

@@ -15,7 +15,7 @@ from benchmarks import peers, problem
 from benchmarks.timing import Case, Group
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import Warper

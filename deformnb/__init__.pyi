@@ -18,9 +18,9 @@ from .document.json_format import REGIONS as REGIONS
 from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
 from .imaging.drawing import draw_pictures as draw_pictures
-from .imaging.movie import write_movie as write_movie
-from .imaging.picture import PROJECTIONS as PROJECTIONS
-from .imaging.picture import project as project
+from .imaging.movie_frames import write_movie as write_movie
+from .imaging.projection import PROJECTIONS as PROJECTIONS
+from .imaging.projection import project as project
 from .imaging.render import render_volume as render_volume
 from .imaging.thompson import draw_grids as draw_grids
 from .io.documents import read_deformation as read_deformation
@@ -42,8 +42,8 @@ from .rbf.extrusion import replicate as replicate
 from .rbf.fields import DisplacementField as DisplacementField
 from .rbf.fields import blend as blend
 from .rbf.fields import compose as compose
+from .rbf.fitting import fit_rbf as fit_rbf
 from .rbf.interpolant import RBFInterpolant as RBFInterpolant
-from .rbf.interpolant import fit_rbf as fit_rbf
 from .rbf.kernels import KERNELS as KERNELS
 from .rbf.points import ControlPoints as ControlPoints
 from .rbf.regions import HalfSpace as HalfSpace

@@ -12,7 +12,7 @@ from typing import Any
 import aiohttp
 import msgpack
 
-from deformnb.app.desk import Desk
+from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.session.session import Session
 from deformnb.widgets.web.server import PageServer
@@ -24,7 +24,7 @@ class RunningApp:
     """Serves a session from entering the context until leaving it."""
 
     def __init__(self, session: Session, **options: Any) -> None:
-        self.desk = Desk(session, viewer=options.pop("viewer", "live"))
+        self.application = Application(session, viewer=options.pop("viewer", "live"))
         self._options = options
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -33,7 +33,7 @@ class RunningApp:
 
     def _serve(self) -> None:
         async def run() -> None:
-            self.server = app_server(self.desk, **self._options)
+            self.server = app_server(self.application, **self._options)
             await self.server.run(lambda _: self._ready.set())
 
         try:
@@ -54,7 +54,7 @@ class RunningApp:
                  ) -> None:
         self.server.stop()
         self.ended()
-        self.desk.close()
+        self.application.close()
         if self.error is not None and error is None:
             raise self.error
 
@@ -69,8 +69,8 @@ class RunningApp:
         return f"127.0.0.1:{self.server.port}"
 
     def settled(self) -> None:
-        """Wait until the desk has done all that was asked of it so far."""
-        self.desk.thread.call(lambda: None).result(PATIENCE)
+        """Wait until the application has done all that was asked of it so far."""
+        self.application.thread.call(lambda: None).result(PATIENCE)
 
 
 def framed(content: Any) -> bytes:
@@ -144,7 +144,7 @@ def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> d
 
 
 @contextlib.asynccontextmanager
-async def connected(app: RunningApp, *, origin: str | None = "", host: str | None = None,
+async def connected(running: RunningApp, *, origin: str | None = "", host: str | None = None,
                     secret: Any = "") -> AsyncIterator[Socket]:
     """A socket of the application: from its own origin and with its password unless told otherwise.
 
@@ -152,21 +152,21 @@ async def connected(app: RunningApp, *, origin: str | None = "", host: str | Non
     """
     headers = {} if host is None else {"Host": host}
     if origin is not None:
-        headers["Origin"] = origin or f"http://{app.name}"
+        headers["Origin"] = origin or f"http://{running.name}"
     async with aiohttp.ClientSession() as session, session.ws_connect(
-            f"http://{app.name}/ws", headers=headers, max_msg_size=0) as socket:
+            f"http://{running.name}/ws", headers=headers, max_msg_size=0) as socket:
         page = Socket(socket)
         if secret is not None:
-            assert await page.login(secret or app.server.token)
+            assert await page.login(secret or running.server.token)
         yield page
 
 
 @contextlib.contextmanager
-def status_of(app: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
+def status_of(running: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
     """Status, headers and text of a request."""
     async def get() -> tuple[int, dict[str, str], str]:
         async with aiohttp.ClientSession() as session, session.get(
-                f"http://{app.name}{path}", headers=headers, allow_redirects=False) as response:
+                f"http://{running.name}{path}", headers=headers, allow_redirects=False) as response:
             return response.status, dict(response.headers), await response.text()
 
     yield asyncio.run(get())

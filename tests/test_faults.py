@@ -26,13 +26,13 @@ import victims
 from driven_studio import a_drag, a_volume, crash, drag, panel, wait_for
 
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import capacity, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import capacity
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Autosave
+from deformnb.session.autosave_store import MOST_PER_VOLUME, restore, saved_sessions
 from deformnb.session.session import Session
-from deformnb.session.store import MOST_PER_VOLUME, restore, saved_sessions
-from deformnb.widgets import Studio
-from deformnb.widgets import worker as cell_widgets
+from deformnb.widgets import Studio, cell_widgets
 
 TESTS = Path(__file__).resolve().parent
 

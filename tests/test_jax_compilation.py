@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from deformnb._jax import compiled, float64
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 
 FIT = (

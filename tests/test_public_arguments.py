@@ -16,9 +16,9 @@ from deformnb.analysis.strain import stretches
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, as_field, blend, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import fit_rigid
 from deformnb.rbf.stages import fit_points

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from deformnb.document.deformation import Deformation, Step
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.fields import DisplacementField
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, Volume

@@ -27,8 +27,8 @@ from deformnb.io.documents import read_deformation, read_document, write_deforma
 from deformnb.io.formats import read_volume, write_volume
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Autosave
+from deformnb.session.autosave_store import restore, saved_sessions
 from deformnb.session.session import Session
-from deformnb.session.store import restore, saved_sessions
 from deformnb.volume.volume import Grid, Volume
 
 ROUNDS = {"save": 40, "writers": 20, "pairs": 23}

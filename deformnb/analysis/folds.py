@@ -71,7 +71,7 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume |
     Examples
     --------
     >>> from deformnb.rbf.points import ControlPoints
-    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.fitting import fit_rbf
     >>> grown = fit_rbf(ControlPoints.from_arrays([[0, 0], [1, 0], [0, 1]], [[0, 0], [2, 0], [0, 2]]))  # twice as large
     >>> jacobian_determinant(grown, [[5.0, 7.0]]).round(9).tolist()
     [0.25]
@@ -108,7 +108,7 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
     Examples
     --------
     >>> from deformnb.rbf.points import ControlPoints
-    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.fitting import fit_rbf
     >>> drag = fit_rbf(ControlPoints.from_arrays([[20, 20]], [[32, 20]]), support=20.0, trend="none")  # too far
     >>> folds = folds_of(drag, Raster((41, 61), (1.0, 1.0), (0.0, 0.0)))
     >>> round(folds.least, 2), folds.place, round(folds.share, 3)

@@ -26,7 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
-from deformnb.rbf.interpolant import RBFInterpolant, capacity, few_sizes, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant, capacity, few_sizes
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import trend_named
@@ -110,7 +111,7 @@ class FitSystem:
 
 def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
                trend: str = "affine", smoothing: float = 0.0) -> FitSystem:
-    """Fit points as :func:`~deformnb.rbf.interpolant.fit_rbf` does, and keep the inverse of the system.
+    """Fit points as :func:`~deformnb.rbf.fitting.fit_rbf` does, and keep the inverse of the system.
 
     Raises
     ------
@@ -279,7 +280,7 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
 
     Parameters
     ----------
-    points, kernel, support, trend, smoothing : as for :func:`~deformnb.rbf.interpolant.fit_rbf`.
+    points, kernel, support, trend, smoothing : as for :func:`~deformnb.rbf.fitting.fit_rbf`.
     sigma : scale of the process, physical; default is the likeliest one. Zero where nothing bends.
 
     Raises

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from deformnb._jax import compiled, float64
 from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, same_place
-from deformnb.rbf.interpolant import capacity, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import capacity
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS, Span, ridge_of, steadied, thin_directions
 
@@ -85,7 +86,7 @@ class FitQuality:
 
 def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
                 trend: str = "affine", smoothing: float = 0.0) -> FitQuality:
-    """Assess the fit that :func:`~deformnb.rbf.interpolant.fit_rbf` makes of these points.
+    """Assess the fit that :func:`~deformnb.rbf.fitting.fit_rbf` makes of these points.
 
     A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
     and, in units of what the others can know there, by twice the median of all points at least. The one whose

@@ -64,7 +64,7 @@ def stretches(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
     Everything was stretched to one and a half times its length along a, and to three quarters along b:
 
     >>> from deformnb.rbf.points import ControlPoints
-    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.fitting import fit_rbf
     >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [2, 0], [0, 2]], [[0, 0], [3, 0], [0, 1.5]]))
     >>> found = stretches(fit, [4.0, 5.0])
     >>> found.area.round(9).tolist(), found.principal.round(9).tolist(), abs(found.directions).round(9).tolist()

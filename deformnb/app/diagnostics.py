@@ -1,7 +1,7 @@
 """Diagnostics of the map being edited: figures, possible outliers, an uncertainty overlay, cut-off tissue.
 
 The tissue counted as cut off is that which leaves the box. All is computed in a thread of its own after an edit, the
-newest first, so that no edit waits for it, and shown by the desk's thread.
+newest first, so that no edit waits for it, and shown by the application's thread.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from deformnb.widgets.worker import Worker
 _LOG = logging.getLogger(__name__)
 
 
-class DeskDiagnostics:
-    """Computes the diagnostics of the step that a desk edits.
+class ApplicationDiagnostics:
+    """Computes the diagnostics of the step that an application edits.
 
     Parameters
     ----------
-    session, editor : the desk's.
-    later : does something in the desk's thread.
+    session, editor : the application's.
+    later : does something in the application's thread.
     show : called there when the session has changed, or something is to be reported.
 
     Attributes
@@ -104,10 +104,10 @@ class DeskDiagnostics:
         except Exception as error:  # shown, or the client would wait for its figures for ever
             _LOG.exception("the diagnostics of a step could not be computed")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
-        with contextlib.suppress(DeformError):  # the desk has been closed
+        with contextlib.suppress(DeformError):  # the application has been closed
             self._later(after)
 
-    # -- in the desk's thread ------------------------------------------------------------------------------------------
+    # -- in the application's thread -------------------------------------------------------------------------------
 
     def _fail(self, text: str) -> None:
         self._found, self._left, self._facts = None, (), ""

@@ -22,8 +22,9 @@ from deformnb.document.json_format import from_json
 from deformnb.errors import Cancelled, DeformError, OtherVolumeError
 from deformnb.session.exports import EXPORTS, Frozen, Seen, export
 from deformnb.session.session import Session
+from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.studio.studio import last_step
-from deformnb.widgets.worker import Worker, close_all
+from deformnb.widgets.worker import Worker
 
 WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
           "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}
@@ -39,8 +40,8 @@ def suffix_of(kind: str) -> str:
     return _PAGE_SUFFIX if kind == "page" else EXPORTS[kind].suffixes[0]
 
 
-class DeskFiles:
-    """Writes files of a desk's session for its clients, one at a time.
+class ApplicationFiles:
+    """Writes files of an application's session for its clients, one at a time.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ class DeskFiles:
 
         editor, view = last_step(self._session, self._editor, self._live)
         try:
-            view.camera = dict(seen.camera)  # not of the desk's own view, which other clients look through
+            view.camera = dict(seen.camera)  # not of the application's own view, which other clients look through
             write_standalone(path, editor, view, title=self._session.volume.name, progress=self._progress)
         finally:
             close_all(editor)
@@ -144,7 +145,7 @@ class DeskFiles:
             self._say(share=min(1.0, float(share)))
 
     def _say(self, **news: Any) -> None:
-        with self._saying:  # the desk and the one that writes speak at once, and neither may take back the other's
+        with self._saying:  # two threads write here, and neither may take back what the other wrote
             self.state = {**self.state, **news}
         self._tell()
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from deformnb.app import IDLE_MINUTES
+from deformnb.app.application import Application
 from deformnb.app.bridge import Bridge
-from deformnb.app.desk import Desk
 from deformnb.app.page import build_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
@@ -45,11 +45,12 @@ def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES
     return checked_host(host)
 
 
-def app_server(desk: Desk, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES) -> PageServer:
-    """A server of the page with this desk; see :class:`~deformnb.widgets.web.server.PageServer`."""
+def app_server(app: Application, *, host: str = "127.0.0.1", port: int = 0,
+               idle: float = 60 * IDLE_MINUTES) -> PageServer:
+    """A server of the page with this application; see :class:`~deformnb.widgets.web.server.PageServer`."""
     def make(server: PageServer) -> Bridge:
-        bridge = Bridge(desk, server)
-        build_page(server.trame, desk)
+        bridge = Bridge(app, server)
+        build_page(server.trame, app)
         return bridge
 
     return PageServer(make, host=host, port=port, idle=idle)
@@ -82,16 +83,16 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
     host = check_app(host, port, side, idle)
     if not is_loopback(host):
         _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
-    desk = Desk(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
+    app = Application(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
     try:
-        server = app_server(desk, host=host, port=port, idle=60 * idle)
+        server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
             asyncio.run(server.run(lambda url: _announce(url, idle, stack if browser else None)))
     except OSError as error:
         raise DeformError(f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; "
                           "choose another --port.") from None
     finally:
-        desk.close()
+        app.close()
     _say(f"stopped: {server.reason}.")
 
 

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
-from deformnb.app.desk import Desk
+from deformnb.app.application import Application
 from deformnb.app.files import WANTED, suffix_of
-from deformnb.app.page_parts import (
+from deformnb.app.page_sections import (
     add_widget,
-    diagnostics_part,
-    history_part,
-    look_part,
-    points_part,
-    settings_part,
+    diagnostics_section,
+    history_section,
+    look_section,
+    points_section,
+    settings_section,
 )
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
-_TABS = (("settings", "Fit", settings_part), ("look", "Display", look_part), ("points", "Points", points_part),
-         ("diagnostics", "Diagnostics", diagnostics_part), ("history", "History", history_part))
+_TABS = (("settings", "Fit", settings_section), ("look", "Display", look_section), ("points", "Points", points_section),
+         ("diagnostics", "Diagnostics", diagnostics_section), ("history", "History", history_section))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
@@ -30,29 +30,29 @@ _THEME = "dnb_theme = dnb_theme === 'dark' ? 'light' : 'dark'"
 _SAVE = "utils.download(dnb_document, trigger('save'), 'application/json')"
 
 
-def build_page(server: Any, desk: Desk) -> None:
-    """Give trame's server the page of a desk.
+def build_page(server: Any, app: Application) -> None:
+    """Give trame's server the page of an application.
 
     Parameters
     ----------
     server : trame's, before it starts.
-    desk : whose controls and names are shown.
+    app : whose controls and names are shown.
     """
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import html
     from trame_vuetify.widgets import vuetify3 as v
 
-    name = desk.session.volume.name or "volume"
+    name = app.session.volume.name or "volume"
     server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css", "deformnb/widgets.css"],
                           "vue_use": ["deformnb_app"]})
     state = server.state
     state.trame__title = f"{name} - deformnb"
-    state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": desk.viewer, "dnb_sure": False,
-                  "dnb_tab": _TABS[0][0], "dnb_views": desk.volumes.views,
+    state.update({"dnb_theme": "light", "dnb_name": name, "dnb_viewer": app.viewer, "dnb_sure": False,
+                  "dnb_tab": _TABS[0][0], "dnb_views": app.volumes.views,
                   "dnb_document": f"{_plain(name)}-session.json"})
     state.trame__client_only = [*state.trame__client_only, "dnb_theme", "dnb_viewer", "dnb_sure", "dnb_tab",
                                 "trame_error_report_msg"]
-    shapes = " × ".join(str(n) for n in desk.session.volume.shape[::-1])
+    shapes = " × ".join(str(n) for n in app.session.volume.shape[::-1])
     with VAppLayout(server) as layout:
         layout.root.theme = ("dnb_theme",)
         with v.VAppBar(density="compact", flat=True, classes="dnb-app-bar"):
@@ -69,7 +69,7 @@ def build_page(server: Any, desk: Desk) -> None:
                 _volume(html)
                 _cut_off(v, html)
             with html.Aside(classes="dnb-app-panel", aria_label="Settings", __properties=["aria_label"]):
-                _drawer(v, html, desk)
+                _drawer(v, html, app)
         with v.VFooter(app=True, classes="dnb-app-foot", role="status", __properties=["role"]):
             html.Span("{{ facts }}")
             html.Span("{{ verdict }}", classes=("folded ? 'dnb-app-folded' : ''",))
@@ -158,14 +158,14 @@ def _writing(v: Any, html: Any) -> None:
             v.VBtn(title, v_if=(shown,), size="small", variant="text", color="primary", click=f"trigger('{name}')")
 
 
-def _drawer(v: Any, html: Any, desk: Desk) -> None:
+def _drawer(v: Any, html: Any, app: Application) -> None:
     with v.VTabs(v_model=("dnb_tab",), density="compact", grow=True, color="primary", classes="dnb-app-tabs"):
         for name, title, _ in _TABS:
             v.VTab(title, value=name, id=f"dnb-app-tab-{name}", __properties=["id"])
     for name, _, part in _TABS:
         with html.Div(v_if=(f"dnb_tab === '{name}'",), classes="dnb-app-part", role="tabpanel",
                       aria_labelledby=f"dnb-app-tab-{name}", __properties=["role", "aria_labelledby"]):
-            part(v, html, desk.parameters)
+            part(v, html, app.parameters)
 
 
 def _plain(name: str) -> str:

@@ -122,7 +122,7 @@ class RemoteView:
         self._loop.close(_LONGEST_WORK)  # a process that ends while VTK draws ends in a crash
 
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        with self._lock:  # the user of a client and a button of the desk are two threads
+        with self._lock:  # the user of a client and a button of the application are two threads
             camera = self._camera = change(self._camera)
             self.change("camera", lambda scene: self._turn(scene, camera))
 

@@ -1,4 +1,4 @@
-"""Volume display of a desk: rendered by each client itself, by VTK on the server, or both, as one view."""
+"""Volume display of an application: rendered by each client itself, by VTK on the server, or both, as one view."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _GLANCE = (0.12, -0.07)  # of the height of the view, as if the mouse had been d
 
 
 class Volumes:
-    """Volume display of a desk, in whatever way its clients can.
+    """Volume display of an application, in whatever way its clients can.
 
     A client that renders follows the pointer by itself. For one that gets pictures the editor's movements come to
     Python, which costs every client messages: so they come from the moment on that a client requests pictures.
@@ -35,7 +35,7 @@ class Volumes:
     ----------
     session : whose volume is shown.
     say : called with notes for people about the pictures, from any thread.
-    later : does something in the desk's thread.
+    later : does something in the application's thread.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Volumes:
 
     def _turned(self) -> None:
         """Somebody has turned the picture: other parts of the client must know from where it is seen."""
-        with contextlib.suppress(DeformError):  # the desk has been closed
+        with contextlib.suppress(DeformError):  # the application has been closed
             self._later(lambda: self.live.set_trait("camera", self.camera))
 
     def _show_remote(self) -> None:

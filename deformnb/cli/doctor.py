@@ -92,7 +92,7 @@ def _jax() -> Check:
     import jax
     import numpy as np
 
-    from deformnb.rbf.interpolant import fit_rbf
+    from deformnb.rbf.fitting import fit_rbf
     from deformnb.rbf.points import ControlPoints
 
     points = ControlPoints.from_arrays(np.eye(3, 2), np.diag([1.5, 1.0, 1.0])[:, :2])

@@ -23,11 +23,12 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
-from deformnb.rbf.fit_settings import ChosenSupport, FitSettings, lone_support
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.stages import Fit, check_stages
+from deformnb.rbf.support import ChosenSupport, lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Matrix3, Volume, as_grid, as_volume, voxel_checksum

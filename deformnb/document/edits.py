@@ -14,9 +14,9 @@ from typing import Any
 
 from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
-from deformnb.rbf.fit_settings import CHOOSE_SUPPORT
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import CHOOSE_SUPPORT
 from deformnb.rbf.trends import TRENDS, trend_named
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid

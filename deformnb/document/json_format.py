@@ -28,10 +28,10 @@ from deformnb.checks import LARGEST_COORDINATE, shown_value
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
-from deformnb.rbf.fit_settings import ChosenSupport
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.support import ChosenSupport
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import region_to_data, without_surrogates
-from deformnb.rbf.fit_settings import ChosenSupport
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
+from deformnb.rbf.support import ChosenSupport
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.volume import Grid
 

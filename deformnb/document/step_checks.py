@@ -20,11 +20,11 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidInterpolant, fit_rigid
 from deformnb.rbf.stages import MOST_STAGES, Staged
+from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 

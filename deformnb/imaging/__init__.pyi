@@ -1,9 +1,9 @@
 from .drawing import draw_pictures as draw_pictures
-from .movie import animation_frames as animation_frames
-from .movie import deformation_frames as deformation_frames
-from .movie import write_movie as write_movie
-from .picture import PROJECTIONS as PROJECTIONS
-from .picture import project as project
+from .movie_frames import animation_frames as animation_frames
+from .movie_frames import deformation_frames as deformation_frames
+from .movie_frames import write_movie as write_movie
+from .projection import PROJECTIONS as PROJECTIONS
+from .projection import project as project
 from .render import RENDERERS as RENDERERS
 from .render import image_places as image_places
 from .render import render_pair as render_pair

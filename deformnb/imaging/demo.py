@@ -17,7 +17,7 @@ from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, th
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points

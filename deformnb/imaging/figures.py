@@ -15,10 +15,10 @@ from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure, show_picture
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import warp_points

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Image, Progress
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
 from deformnb.volume.plane import Plane

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
-from deformnb.io import dicom, metaimage, nifti, nrrd, plain, tiff, vti
+from deformnb.io import dicom, metaimage, nifti, nrrd, raw, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
@@ -48,8 +48,8 @@ FORMATS: dict[str, Format] = {
     "nrrd": Format((".nrrd", ".nhdr"), nrrd.read_header, nrrd.write, "NRRD, attached or detached"),
     "metaimage": Format((".mha", ".mhd"), metaimage.read_header, metaimage.write, "MetaImage, attached or detached"),
     "vti": Format((".vti",), vti.read_header, vti.write, "VTK image data (XML)"),
-    "numpy": Format((".npy",), plain.read_npy_header, plain.write_npy, "NumPy array, with a side file .npy.json"),
-    "raw": Format((".raw",), plain.read_raw_header, plain.write_raw, "plain voxels with a side file .raw.json"),
+    "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json"),
+    "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json"),
     "tiff": Format(tiff.SUFFIXES, tiff.read_header, None, "TIFF stack, or a folder of slices"),
     "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
 }

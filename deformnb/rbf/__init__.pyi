@@ -13,8 +13,8 @@ from .fields import Identity as Identity
 from .fields import as_field as as_field
 from .fields import blend as blend
 from .fields import compose as compose
+from .fitting import fit_rbf as fit_rbf
 from .interpolant import RBFInterpolant as RBFInterpolant
-from .interpolant import fit_rbf as fit_rbf
 from .kernels import KERNELS as KERNELS
 from .points import ControlPoints as ControlPoints
 from .regions import AbstractRegion as AbstractRegion

@@ -87,7 +87,7 @@ class PreparedPoints:
         return len(self.targets)
 
 
-def _at_rest(points: ControlPoints) -> NDArray[np.float64]:
+def at_rest(points: ControlPoints) -> NDArray[np.float64]:
     """The active sources, which do not move during a drag; the targets if the sources coincide.
 
     Sources that coincide but for rounding would make spikes of the width of that rounding.
@@ -99,28 +99,8 @@ def _at_rest(points: ControlPoints) -> NDArray[np.float64]:
 
 def box_diagonal(points: ControlPoints) -> float | None:
     """The diagonal of the box of the active sources (of the targets if the sources coincide); None for one place."""
-    places = _at_rest(points)
+    places = at_rest(points)
     return float(np.linalg.norm(np.ptp(places, axis=0))) or None if len(places) else None
-
-
-def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float:
-    """The longest support that may be chosen for control points at several places: limited where they are thin.
-
-    A wide kernel extrapolates across a row of points (in space: across a flat set too) more wildly the more points
-    the row has; half of its length keeps the map beside it calm, and for smooth kernels a number of gaps.
-    """
-    places = _at_rest(points)
-    wide = int((spreads_of(places, places)[1] >= THIN).sum())
-    if wide == points.dim:
-        return np.inf
-    gaps = max(1.0, len(places) ** (1 / wide) - 1)
-    return (box_diagonal(points) or np.inf) * min(0.5, kernel.gaps / gaps)
-
-
-def usual_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float | None:
-    """The support of points that say nothing of it themselves: a fixed share of their box; None for one place."""
-    size = box_diagonal(points)
-    return size and min(kernel.shares[len(kernel.shares) // 2] * size, longest_support(points, kernel))
 
 
 def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend,
@@ -149,7 +129,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
 
 
 def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend) -> float:
-    radius = usual_support(active, kernel) if support is None else float(support)
+    radius = support
     if radius is None and len(active) and not np.isnan(own := float(active.radius[0])):
         radius = own
     if radius is None:

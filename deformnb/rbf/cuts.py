@@ -193,7 +193,7 @@ class Decoupled(AbstractField):
 
     Examples
     --------
-    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.fitting import fit_rbf
     >>> from deformnb.rbf.regions import Line
     >>> pull = ControlPoints.from_arrays([[2, 0], [8, 0]], [[1, 0], [9, 0]])  # both sides one away from the middle
     >>> cut = Line([(5, 9), (5, 0)])

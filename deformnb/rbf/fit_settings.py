@@ -7,41 +7,21 @@ parts and cuts. To copy, store or send settings go through :data:`SETTINGS`: a n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import box_diagonal, usual_support
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import choose_support
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.stages import Fit, check_stages, fit_points
+from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
 from deformnb.rbf.trends import trend_named
-from deformnb.volume.volume import Grid
-
-SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
-"""Supports by rule instead of by number: what each makes of a set of control points."""
-
-
-def lone_support(grid: Grid) -> float:
-    """The support radius of points that say nothing of it themselves, such as one point without trend.
-
-    A quarter of the volume's diagonal is a bump that one can see and grab.
-    """
-    return 0.25 * grid.diagonal
-
-
-class ChosenSupport(NamedTuple):
-    """A support radius in physical units, and the name of the kernel that it was chosen for."""
-
-    radius: float
-    kernel: str
 
 
 @dataclass(frozen=True)
@@ -86,7 +66,7 @@ class FitSettings:
         trend_named(self.trend)
         if not is_finite(self.strength):
             raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
-        _check_support(self.support)
+        check_support(self.support)
         if not (is_finite(self.smoothing) and self.smoothing >= 0):
             raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
         check_stages(self.stages, ())
@@ -99,7 +79,7 @@ class FitSettings:
         except TypeError:
             raise DeformError("the chosen support of a step must be a radius and the name of a kernel, got "
                               f"{given!r:.60}.") from None
-        _check_support(kept.radius)
+        check_support(kept.radius)
         return kept if self.support is None and kept.kernel == self.kernel else None
 
     @classmethod
@@ -194,14 +174,3 @@ class FitSettings:
 
 SETTINGS = tuple(field.name for field in fields(FitSettings))
 """Names of the settings of a fit."""
-
-CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support"})
-"""Settings that the chosen support depends on, besides the points."""
-
-
-def _check_support(support: Any) -> None:
-    if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
-        return
-    if not (is_finite(support) and support > 0):
-        raise DeformError("the support radius must be a positive length, None or one of "
-                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")

@@ -19,7 +19,7 @@ run-time number, so one compiled function serves every number of points up to it
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, NamedTuple, TypeAlias
@@ -33,13 +33,11 @@ from jax import lax
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import compiled, float64
-from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import PreparedPoints, box_diagonal, crossing_pairs, longest_support, prepare, torn_pairs
+from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.kernels import AbstractKernel, WendlandC2, kernel_named
-from deformnb.rbf.points import ControlPoints, as_control_points
-from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, Trend, complete, steadied, trend_named
+from deformnb.rbf.kernels import AbstractKernel, WendlandC2
+from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, complete, steadied
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
 _GROUP = 4  # centres per turn of the inner loop
@@ -348,137 +346,8 @@ class RBFInterpolant(AbstractField):
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales)
 
 
-def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
-            support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
-            previous: RBFInterpolant | None = None) -> RBFInterpolant:
-    """Fit the displacement of control points.
-
-    Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
-    components at once, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
-
-    Parameters
-    ----------
-    points : control points of dimension 2 or 3; inactive ones are left out.
-    kernel : a name of :data:`deformnb.rbf.kernels.KERNELS`, a kernel class, or a kernel with its support.
-    support : support radius R in physical units; default is that of ``previous``, if its kernel and its points are the
-        same, or else what :func:`choose_support` finds.
-    trend : a name of :data:`deformnb.rbf.trends.TRENDS`.
-    smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
-    previous : the fit before this one, while points are dragged: its support is kept, and its trend where the points
-        leave an angle open.
-
-    Returns
-    -------
-    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend.
-
-    Raises
-    ------
-    DeformError
-        Naming the points: same place but different displacements, coordinates that are not finite, too many points, a
-        kernel that needs a richer trend, a system too ill-conditioned to interpolate.
-
-    Examples
-    --------
-    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [12, 1], [0, 10]])
-    >>> fit = fit_rbf(points)
-    >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
-    True
-    """
-    points = as_control_points(points)
-    kind, radius = _resolve_kernel(kernel, support)
-    chosen = trend_named(trend)
-    _check_pairing(kind, chosen, smoothing)
-    if points.has_own_radii and kind.order > 0:
-        raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
-                          "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
-    if radius is None and previous is not None and previous.kernel is kind:
-        same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
-        radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
-    if radius is None:
-        radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
-    ready = prepare(points, kind, radius, chosen, smoothing)
-    if ready.count == 0:
-        return _identity(points.dim, ready, kind)
-    return _solve_prepared(ready, kind, smoothing, previous)
-
-
 MOST_LEFT_OUT = 512
 """Points of which a support is chosen at most: evenly taken from larger sets, for leaving out costs N^3 too."""
-
-
-def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[AbstractKernel] = "wendland_c2",
-                   trend: str = "affine", smoothing: float = 0.0, current: float | None = None) -> float | None:
-    """The support radius for sets of control points by which they predict each other best.
-
-    Of the kernel's candidates, which are shares of the diagonal of the points' box, the one with the least mean squared
-    leave-one-out error is found, and then the longest that is worse by no more than one standard error of the paired
-    differences ("one standard error rule"), if the map does not fold between the points. The choice belongs to the
-    moment when points are added or removed: chosen anew during a drag, the map would jump.
-
-    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held tells
-    nothing of how far it reaches, and the errors of so few with an affine trend are the same for every support. Points
-    in a row (in space: in a flat set too) get no more than half of it, see
-    :func:`~deformnb.rbf.conditioning.longest_support`.
-
-    Parameters
-    ----------
-    sets : of one dimension, fitted with the same support each on its own; inactive points are left out.
-    kernel, trend, smoothing : as for :func:`fit_rbf`.
-    current : the radius of the points before some were added or removed: it stays where it is worse by no more than one
-        standard error, so that the map stays as it is.
-
-    Returns
-    -------
-    The radius in physical units; None if all points are at one place.
-
-    Examples
-    --------
-    >>> square = [[0, 0], [40, 0], [0, 30], [40, 30]]
-    >>> choose_support([ControlPoints.from_arrays(square)])
-    50.0
-    """
-    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
-    used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
-    sizes = [size for points in used if (size := box_diagonal(points))]
-    if not sizes:
-        return None
-    limit = min(longest_support(points, kind) for points in used)
-    usual = min(kind.shares[len(kind.shares) // 2] * max(sizes), limit)
-    radii = [share * max(sizes) for share in kind.shares if share * max(sizes) <= limit]
-    telling = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
-    if len(radii) < 2 or not telling:
-        return usual
-    errors = {}
-    if current is not None and current <= limit:
-        radii.append(current)
-    for radius in radii:
-        with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself says what is wrong
-            errors[radius] = np.concatenate([_squared_errors(points, radius, kind, trend, smoothing)
-                                             for points in telling])
-    if not errors:
-        return usual
-    best = min(errors, key=lambda radius: float(errors[radius].mean()))
-    excess = {radius: squared - errors[best] for radius, squared in errors.items()}
-    alike = 1e-9 * float(errors[best].mean())  # what differs by rounding only is as good
-    near = [r for r, e in excess.items() if e.mean() <= e.std(ddof=1) / np.sqrt(len(e)) + alike]
-    for radius in sorted(near, key=lambda radius: (radius == current, radius), reverse=True):
-        with contextlib.suppress(DeformError):
-            options: dict[str, Any] = {"kernel": kind, "trend": trend, "smoothing": smoothing, "support": radius}
-            if not any(fit_rbf(points, **options).folds_between_points() for points in telling):
-                return radius
-    return max(near)
-
-
-def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str,
-                    smoothing: float) -> NDArray[np.float64]:
-    """Squared lengths of the leave-one-out errors of active points."""
-    if len(points) > MOST_LEFT_OUT:
-        points = points.take(np.linspace(0, len(points) - 1, MOST_LEFT_OUT).astype(int))
-    ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
-    is_shrunk = ready.trend == "affine" and ready.span.ridge.any()
-    errors = left_out((ready.targets - ready.origin) / radius, ready.displacements, kernel,
-                      "similarity" if is_shrunk else ready.trend, smoothing / ready.weights)
-    return np.asarray((errors**2).sum(axis=1))
 
 
 def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[AbstractKernel], trend: str,
@@ -544,41 +413,19 @@ def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
 
 
-def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
-                    support: float | None) -> tuple[type[AbstractKernel], float | None]:
-    if isinstance(kernel, AbstractKernel):
-        return type(kernel), kernel.support if support is None else support
-    kind = kernel if isinstance(kernel, type) else kernel_named(kernel)
-    if support is not None:
-        kind(support)  # checks it
-    return kind, support
-
-
-def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
-    if not (is_finite(smoothing) and smoothing >= 0):
-        raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(smoothing)}.")
-    if trend.order < kernel.order:
-        able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
-        raise DeformError(
-            f"the {kernel.name} kernel is not positive definite on its own and needs a trend of {able}; "
-            f"choose that, or a Wendland kernel for the trend {trend.name!r}."
-        )
-
-
-def _identity(dim: int, ready: PreparedPoints, kernel: type[AbstractKernel]) -> RBFInterpolant:
-    zero = np.zeros((CAPACITIES[0], dim))
-    return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
-                          ready.notes, ())
-
-
 def capacity(n: int) -> int:
     """The smallest of :data:`CAPACITIES` that holds n points."""
     return next(c for c in CAPACITIES if c >= n)
 
 
-def _solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
+def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
                     previous: RBFInterpolant | None) -> RBFInterpolant:
+    """Fit points that were checked; see :func:`~deformnb.rbf.fitting.fit_rbf`. Without points it is the identity."""
     n, dim = ready.targets.shape
+    if n == 0:
+        zero = np.zeros((CAPACITIES[0], dim))
+        return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
+                              ready.notes, ())
     size = capacity(n)
     x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
     x[:n] = (ready.targets - ready.origin) / ready.support

@@ -39,10 +39,12 @@ from scipy.spatial.transform import Rotation
 from deformnb._jax import compiled
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, in_blocks
-from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
+from deformnb.rbf.support import choose_support
 
 # Directions and lengths that differ by less are rounding of numbers written to a file with seven digits.
 _ROUNDING = 1e-6
@@ -462,7 +464,7 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
     ----------
     points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
         out.
-    parts : those that are switched on count; without any this is :func:`~deformnb.rbf.interpolant.fit_rbf`.
+    parts : those that are switched on count; without any this is :func:`~deformnb.rbf.fitting.fit_rbf`.
     kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
         weight "distance", which has no end, there is none.
 

@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import RBFInterpolant, choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.rigid import RigidInterpolant, RigidPart, fit_rigid
+from deformnb.rbf.support import choose_support
 
 MOST_STAGES = 64
 """Stages of a step at most; a drag cut in 64 parts turns by less than 6 degrees in each."""

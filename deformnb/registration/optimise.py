@@ -23,7 +23,8 @@ from deformnb._jax import float64
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import RBFInterpolant, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.stages import check_stages
 from deformnb.rbf.trends import Span, ridge_of, spreads_of
@@ -450,7 +451,7 @@ def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pict
     search : how far a target may go; default is the radius.
     map_now : the backward displacement now; default is the fit of the points.
     progress : called for every point with the finished share.
-    fit : kernel, support, trend and smoothing of :func:`~deformnb.rbf.interpolant.fit_rbf`.
+    fit : kernel, support, trend and smoothing of :func:`~deformnb.rbf.fitting.fit_rbf`.
     """
     pair = grey_pair(points, moving, fixed)
     chosen = tuple(points.ids if ids is None else dict.fromkeys(int(i) for i in ids))

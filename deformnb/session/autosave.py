@@ -28,8 +28,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.io.atomic import hold, sweep
-from deformnb.session.session import Session
-from deformnb.session.store import (
+from deformnb.session.autosave_store import (
     SavedSession,
     counted,
     delete,
@@ -44,6 +43,7 @@ from deformnb.session.store import (
     state_folder,
     write_session,
 )
+from deformnb.session.session import Session
 
 __all__ = ["Autosave", "SavedSession", "delete", "restore", "saved_sessions", "skip"]
 
@@ -72,7 +72,7 @@ class Autosave:
     Parameters
     ----------
     session : what is watched, as long as it lives; it is not kept alive.
-    folder : where to; default is :func:`~deformnb.session.store.state_folder`.
+    folder : where to; default is :func:`~deformnb.session.autosave_store.state_folder`.
     delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
     on_ready : called once the volume's checksum is known, with what identifies the volume.
     on_written : called with the facts of what was written.

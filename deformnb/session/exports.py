@@ -19,8 +19,8 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
-from deformnb.imaging.movie import Frames, animation_frames, deformation_frames, swing, write_movie
-from deformnb.imaging.picture import project
+from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
+from deformnb.imaging.projection import project
 from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.formats import write_volume

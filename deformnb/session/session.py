@@ -26,7 +26,7 @@ from deformnb.document.edits import complete_change, points_between, turned, unt
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
-from deformnb.imaging.picture import PROJECTIONS, project
+from deformnb.imaging.projection import PROJECTIONS, project
 from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_document, write_deformation
 from deformnb.io.headers import human_bytes, shown
@@ -70,7 +70,7 @@ class Session(traitlets.HasTraits):
     deformation : the document, observable; setting it is an edit that can be undone.
     index : the step that is edited.
     key : its set of control points that is edited, for the rule "interpolate".
-    method : projection of the picture, a name of :data:`~deformnb.imaging.picture.PROJECTIONS`.
+    method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
     depth : where a "slice" lies along the normal, from the middle of the volume.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.

@@ -12,7 +12,7 @@ from typing import Any
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import Reader
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import PROJECTIONS
+from deformnb.imaging.projection import PROJECTIONS
 from deformnb.volume.transfer import PRESETS, TransferFunction
 
 FIELD = "look"

@@ -108,7 +108,7 @@ def invert(field: AbstractField | HasField, lattice: Grid | Raster | Volume, *, 
     Examples
     --------
     >>> from deformnb.rbf.points import ControlPoints
-    >>> from deformnb.rbf.interpolant import fit_rbf
+    >>> from deformnb.rbf.fitting import fit_rbf
     >>> grown = fit_rbf(ControlPoints.from_arrays([[0, 0], [1, 0], [0, 1]], [[0, 0], [2, 0], [0, 2]]))  # twice as large
     >>> inverse = invert(grown, Raster((3, 3), (1.0, 1.0), (0.0, 0.0)))
     >>> inverse.field.displacement([[1.0, 0.0], [2.0, 1.5]]).round(5).tolist(), inverse.share

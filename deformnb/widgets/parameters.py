@@ -14,7 +14,7 @@ from typing import Any
 
 from deformnb.document.deformation import MODES
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import PROJECTIONS
+from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.kernels import KERNELS

@@ -21,7 +21,7 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, DisplacementField, Identity, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, fit_rigid

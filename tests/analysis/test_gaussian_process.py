@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from deformnb.analysis.gaussian_process import fit_system, process_scale, uncertainty
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS

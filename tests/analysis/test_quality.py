@@ -12,9 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from deformnb.analysis.quality import bending_energy, fit_quality
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
-from deformnb.rbf.interpolant import choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS
 
 PAIRS = [(k.name, t.name) for k in KERNELS.values() for t in TRENDS.values() if t.order >= k.order]

@@ -16,7 +16,7 @@ from deformnb.analysis.strain import stretches
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import extrude, replicate
 from deformnb.rbf.fields import Identity
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import warp_points

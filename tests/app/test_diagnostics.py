@@ -13,8 +13,8 @@ import pytest
 from driven_studio import a_volume
 from running_app import PATIENCE, RunningApp, connected
 
-from deformnb.app.desk import Desk
-from deformnb.app.diagnostics import DeskDiagnostics
+from deformnb.app.application import Application
+from deformnb.app.diagnostics import ApplicationDiagnostics
 from deformnb.document.step_checks import step_folds
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
@@ -22,138 +22,138 @@ from deformnb.session.session import Session
 
 
 @pytest.fixture
-def desk() -> Iterator[Desk]:
-    made = Desk(Session(a_volume()))
+def app() -> Iterator[Application]:
+    made = Application(Session(a_volume()))
     settled(made)
     yield made
     made.close()
 
 
-def settled(desk: Desk) -> dict[str, Any]:
+def settled(app: Application) -> dict[str, Any]:
     """What the page shows once nothing is being judged or shown any more."""
     for _ in range(3):  # a judgement may choose stages, which are judged in turn
-        desk.diagnostics._worker.call(lambda: None).result(PATIENCE)
-        _emptied(desk)
-    return desk.thread.call(desk.state).result(PATIENCE)
+        app.diagnostics._worker.call(lambda: None).result(PATIENCE)
+        _emptied(app)
+    return app.thread.call(app.state).result(PATIENCE)
 
 
-def _emptied(desk: Desk) -> None:
+def _emptied(app: Application) -> None:
     until = time.monotonic() + PATIENCE
-    while desk.diagnostics._worker.is_wanted and time.monotonic() < until:
+    while app.diagnostics._worker.is_wanted and time.monotonic() < until:
         time.sleep(0.01)
-    desk.diagnostics._worker.call(lambda: None).result(PATIENCE)
-    desk.thread.call(lambda: None).result(PATIENCE)
+    app.diagnostics._worker.call(lambda: None).result(PATIENCE)
+    app.thread.call(lambda: None).result(PATIENCE)
 
 
-def drag(desk: Desk, far: float) -> dict[str, Any]:
+def drag(app: Application, far: float) -> dict[str, Any]:
     """A point in the middle, dragged so far to the right."""
-    points = desk.session.points
+    points = app.session.points
     if len(points) == 4:
         points = points.add(points.target.mean(axis=0))
     made = points.move(points.ids[-1], points.source[-1] + np.array([far, far / 2]))
-    desk.thread.call(lambda: desk._try(lambda: desk.session.edit_points(made, "a drag"))).result(PATIENCE)
-    return settled(desk)
+    app.thread.call(lambda: app._try(lambda: app.session.edit_points(made, "a drag"))).result(PATIENCE)
+    return settled(app)
 
 
-def act(desk: Desk, name: str, *number: int) -> dict[str, Any]:
-    desk.thread.call(lambda: desk.act(name, *number)).result(PATIENCE)
-    return settled(desk)
+def act(app: Application, name: str, *number: int) -> dict[str, Any]:
+    app.thread.call(lambda: app.act(name, *number)).result(PATIENCE)
+    return settled(app)
 
 
-def put(desk: Desk, name: str, value: Any) -> dict[str, Any]:
-    desk.thread.call(lambda: desk.set(name, value)).result(PATIENCE)
-    return settled(desk)
+def put(app: Application, name: str, value: Any) -> dict[str, Any]:
+    app.thread.call(lambda: app.set(name, value)).result(PATIENCE)
+    return settled(app)
 
 
-def least(desk: Desk) -> float:
-    step, grid = desk.session.step, desk.session.volume.grid
+def least(app: Application) -> float:
+    step, grid = app.session.step, app.session.volume.grid
     return step_folds(step, grid).least
 
 
 FAR = 12.0  # of a drag that folds
 
 
-def test_outdated_diagnostics_are_not_shown(desk: Desk) -> None:
+def test_outdated_diagnostics_are_not_shown(app: Application) -> None:
     waiting: queue.Queue[Callable[[], None]] = queue.Queue()
     shown = []
-    diagnostics = DeskDiagnostics(desk.session, desk.editor, waiting.put, lambda: shown.append(desk.session.step))
+    diagnostics = ApplicationDiagnostics(app.session, app.editor, waiting.put, lambda: shown.append(app.session.step))
     diagnostics.soon()
     late = waiting.get(timeout=PATIENCE)
-    drag(desk, FAR)
+    drag(app, FAR)
     late()
     assert (shown, diagnostics.state()["diagnostics"]) == ([], "")
     diagnostics.soon()
     waiting.get(timeout=PATIENCE)()
-    assert shown == [desk.session.step]
+    assert shown == [app.session.step]
     assert diagnostics.state()["folded"]
     diagnostics.close()
 
 
-def test_the_figures_follow_the_edits(desk: Desk) -> None:
-    state = desk.state()
+def test_the_figures_follow_the_edits(app: Application) -> None:
+    state = app.state()
     assert state["verdict"].startswith("no folds \u00b7 round trip 0 ")
     assert "none; smallest det J 1" in state["diagnostics"]
     assert not state["folded"]
-    state = drag(desk, FAR)
-    assert least(desk) < 0
-    assert f"smallest det J {least(desk):.3g}" in state["diagnostics"]
+    state = drag(app, FAR)
+    assert least(app) < 0
+    assert f"smallest det J {least(app):.3g}" in state["diagnostics"]
     assert state["verdict"].startswith("folds ")
     assert state["folded"]
 
 
-def test_unfolding_keeps_the_points_and_can_be_undone(desk: Desk) -> None:
-    drag(desk, FAR)
-    points = desk.session.points
-    state = act(desk, "unfold")
-    assert least(desk) > 0
-    assert state["stages"] == desk.editor.stages == desk.session.step.stages > 1
+def test_unfolding_keeps_the_points_and_can_be_undone(app: Application) -> None:
+    drag(app, FAR)
+    points = app.session.points
+    state = act(app, "unfold")
+    assert least(app) > 0
+    assert state["stages"] == app.editor.stages == app.session.step.stages > 1
     assert state["notice"] == f"Done in {state['stages']} stages: nothing folds."
-    assert desk.session.points == points
+    assert app.session.points == points
     assert not state["folded"]
-    assert act(desk, "undo")["folded"]
-    state = put(desk, "stages", 16.0)
-    assert (state["stages"], type(desk.session.step.stages)) == (16, int)
+    assert act(app, "undo")["folded"]
+    state = put(app, "stages", 16.0)
+    assert (state["stages"], type(app.session.step.stages)) == (16, int)
     assert not state["folded"]
 
 
-def test_a_drag_is_taken_back_as_far_as_it_folds(desk: Desk) -> None:
-    drag(desk, 2.0)
-    state = drag(desk, FAR)
+def test_a_drag_is_taken_back_as_far_as_it_folds(app: Application) -> None:
+    drag(app, 2.0)
+    state = drag(app, FAR)
     assert state["folded"]
-    far = desk.session.points.target[4] - desk.session.points.source[4]
-    state = act(desk, "take_back")
+    far = app.session.points.target[4] - app.session.points.source[4]
+    state = act(app, "take_back")
     assert not state["folded"]
     assert state["undo"] == "largest safe drag"
-    way = desk.session.points.target[4] - desk.session.points.source[4]
+    way = app.session.points.target[4] - app.session.points.source[4]
     assert 2.0 < way[0] < far[0]
-    assert np.array_equal(desk.editor.points.target, desk.session.points.target)
+    assert np.array_equal(app.editor.points.target, app.session.points.target)
 
 
-def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(desk: Desk) -> None:
-    put(desk, "keep_free", True)
-    state = drag(desk, FAR)
+def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(app: Application) -> None:
+    put(app, "keep_free", True)
+    state = drag(app, FAR)
     assert not state["folded"]
-    assert state["stages"] == desk.editor.stages > 1
+    assert state["stages"] == app.editor.stages > 1
     assert state["undo"] == "a drag"
-    assert act(desk, "undo")["facts"].startswith("4 points, 0 moved")
+    assert act(app, "undo")["facts"].startswith("4 points, 0 moved")
 
 
-def test_switching_it_on_unfolds_what_folds(desk: Desk) -> None:
-    drag(desk, FAR)
-    assert not put(desk, "keep_free", True)["folded"]
-    assert desk.session.step.stages > 1
+def test_switching_it_on_unfolds_what_folds(app: Application) -> None:
+    drag(app, FAR)
+    assert not put(app, "keep_free", True)["folded"]
+    assert app.session.step.stages > 1
 
 
-def test_what_cannot_be_unfolded_is_said(desk: Desk) -> None:
-    middle = desk.session.points.target.mean(axis=0)
-    swapped = desk.session.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
-    desk.thread.call(lambda: desk._try(lambda: desk.session.edit_points(swapped))).result(PATIENCE)
-    state = act(desk, "unfold")
+def test_what_cannot_be_unfolded_is_said(app: Application) -> None:
+    middle = app.session.points.target.mean(axis=0)
+    swapped = app.session.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
+    app.thread.call(lambda: app._try(lambda: app.session.edit_points(swapped))).result(PATIENCE)
+    state = act(app, "unfold")
     assert "through one another" in state["error"]
     assert state["stages"] == 1
 
 
-def test_points_that_disagree_are_marked_and_found(desk: Desk) -> None:
+def test_points_that_disagree_are_marked_and_found(app: Application) -> None:
     rng = np.random.default_rng(0)
     cells = np.stack(np.meshgrid(np.arange(4) * 6.0 + 2, np.arange(3) * 5.0 + 2), axis=-1).reshape(-1, 2)
     source = cells + rng.uniform(-0.8, 0.8, cells.shape)
@@ -161,67 +161,67 @@ def test_points_that_disagree_are_marked_and_found(desk: Desk) -> None:
     target[[5, 6]] = target[[6, 5]]
     names = [f"<b>{k}</b>" for k in range(12)]
     points = ControlPoints.from_arrays(source, target, names=names, ids=range(20, 32))
-    desk.thread.call(lambda: desk._try(lambda: desk.session.edit_points(points))).result(PATIENCE)
-    state = settled(desk)
-    assert desk.editor.marked == [25, 26]
+    app.thread.call(lambda: app._try(lambda: app.session.edit_points(points))).result(PATIENCE)
+    state = settled(app)
+    assert app.editor.marked == [25, 26]
     assert state["suspects"] == [{"id": 25, "name": "point 25 (<b>5</b>)"}, {"id": 26, "name": "point 26 (<b>6</b>)"}]
     assert "<b>" not in state["diagnostics"]
     sent: list[Any] = []
-    desk.editor.send = lambda content, buffers=None: sent.append(content)  # type: ignore[method-assign]
-    act(desk, "look_at", 26)
-    assert desk.editor.selected == [26]
+    app.editor.send = lambda content, buffers=None: sent.append(content)  # type: ignore[method-assign]
+    act(app, "look_at", 26)
+    assert app.editor.selected == [26]
     assert sent == [{"type": "look", "id": 26}]
-    assert "99" in act(desk, "look_at", 99)["error"]
-    assert act(desk, "undo")["suspects"] == desk.editor.marked == []
+    assert "99" in act(app, "look_at", 99)["error"]
+    assert act(app, "undo")["suspects"] == app.editor.marked == []
 
 
-def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(desk: Desk) -> None:
-    assert settled(desk)["cut_off"] == ""
-    state = drag(desk, 40.0)
+def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(app: Application) -> None:
+    assert settled(app)["cut_off"] == ""
+    state = drag(app, 40.0)
     assert state["cut_off"].startswith("Tissue leaves the box at the ")
-    state = act(desk, "fit_box")
-    assert (state["cut_off"], desk.session.sides_left()) == ("", ())
-    assert "Tissue leaves" in act(desk, "own_box")["cut_off"]
-    assert act(desk, "reset")["cut_off"] == ""
+    state = act(app, "fit_box")
+    assert (state["cut_off"], app.session.sides_left()) == ("", ())
+    assert "Tissue leaves" in act(app, "own_box")["cut_off"]
+    assert act(app, "reset")["cut_off"] == ""
 
 
-def test_the_uncertainty_overlay_is_made_while_it_is_looked_at(desk: Desk) -> None:
-    drag(desk, 3.0)
-    assert desk.editor.uncertainty == b""
-    put(desk, "overlay", "uncertainty")
-    facts, before = desk.editor.uncertainty_facts, desk.editor.uncertainty
+def test_the_uncertainty_overlay_is_made_while_it_is_looked_at(app: Application) -> None:
+    drag(app, 3.0)
+    assert app.editor.uncertainty == b""
+    put(app, "overlay", "uncertainty")
+    facts, before = app.editor.uncertainty_facts, app.editor.uncertainty
     assert len(before) == facts["width"] * facts["height"] > 0
-    drag(desk, 5.0)
-    assert desk.editor.uncertainty != before
-    act(desk, "undo")
-    assert "nothing bends" in act(desk, "undo")["uncertainty_said"]
-    assert desk.editor.uncertainty == b""
+    drag(app, 5.0)
+    assert app.editor.uncertainty != before
+    act(app, "undo")
+    assert "nothing bends" in act(app, "undo")["uncertainty_said"]
+    assert app.editor.uncertainty == b""
 
 
-def test_one_goes_to_any_state_of_the_history(desk: Desk) -> None:
-    drag(desk, 2.0)
-    put(desk, "kernel", "gaussian")
-    act(desk, "undo")
-    state = put(desk, "kernel", "cubic")
+def test_one_goes_to_any_state_of_the_history(app: Application) -> None:
+    drag(app, 2.0)
+    put(app, "kernel", "gaussian")
+    act(app, "undo")
+    state = put(app, "kernel", "cubic")
     titles = [(row["title"], row["indent"], row["on"]) for row in state["states"]]
     assert titles == [("the beginning", 0, True), ("a drag", 0, True), ("change kernel", 1, False),
                       ("change kernel", 0, True)]
     other = state["states"][2]["id"]
-    state = act(desk, "go_to", other)
-    assert (state["kernel"], state["state_shown"], desk.editor.kernel) == ("gaussian", other, "gaussian")
+    state = act(app, "go_to", other)
+    assert (state["kernel"], state["state_shown"], app.editor.kernel) == ("gaussian", other, "gaussian")
     assert state["notice"] == "As it was after: change kernel"
-    state = act(desk, "go_to", state["states"][0]["id"])
+    state = act(app, "go_to", state["states"][0]["id"])
     assert state["facts"].startswith("4 points, 0 moved")
-    assert desk.editor.points == desk.session.points
-    assert act(desk, "go_to", 12345)["error"]
+    assert app.editor.points == app.session.points
+    assert act(app, "go_to", 12345)["error"]
 
 
-def test_what_fails_unexpectedly_is_said(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fails_unexpectedly_is_said(app: Application, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(keep_free: bool) -> Any:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(desk.diagnostics.fold_actions, "look", fail)
-    state = drag(desk, 2.0)
+    monkeypatch.setattr(app.diagnostics.fold_actions, "look", fail)
+    state = drag(app, 2.0)
     assert "could not be computed: ZeroDivisionError: by nothing" in state["notice"]
     assert (state["diagnostics"], state["verdict"]) == ("", "")
 
@@ -230,7 +230,7 @@ def test_what_fails_unexpectedly_is_said(desk: Desk, monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture(scope="module")
-def app() -> Iterator[RunningApp]:
+def running() -> Iterator[RunningApp]:
     with RunningApp(Session(a_volume())) as running:
         yield running
 
@@ -240,9 +240,9 @@ _TOOLS: dict[str, Any] = {
     "stop_at_folds": True, "show_grid": False, "show_radius": True, "selected": [2]}
 
 
-def test_what_the_tools_of_the_editor_set_reaches_python_and_other_pages(app: RunningApp) -> None:
+def test_what_the_tools_of_the_editor_set_reaches_python_and_other_pages(running: RunningApp) -> None:
     async def talk() -> Any:
-        async with connected(app) as mine, connected(app) as other:
+        async with connected(running) as mine, connected(running) as other:
             for name, value in _TOOLS.items():
                 await mine.call("deformnb.state", "editor", "mine", {name: value})
             seen: dict[str, Any] = {}
@@ -257,31 +257,31 @@ def test_what_the_tools_of_the_editor_set_reaches_python_and_other_pages(app: Ru
 
     seen, drawer = asyncio.run(talk())
     assert seen == _TOOLS
-    assert {name: getattr(app.desk.editor, name) for name in _TOOLS} == _TOOLS
+    assert {name: getattr(running.application.editor, name) for name in _TOOLS} == _TOOLS
     assert (drawer["overlay"], drawer["show_grid"], drawer["show_radius"]) == ("area", False, True)
 
 
 @pytest.mark.parametrize("call", [("go_to", [], {}), ("go_to", ["1"], {}), ("go_to", [True], {}), ("go_to", [1, 2], {}),
                                   ("go_to", [1.5], {}), ("go_to", [], {"state": 1}), ("undo", [1], {}),
                                   ("look_at", "1", {})])
-def test_actions_of_another_form_are_dropped(app: RunningApp, call: Any) -> None:
+def test_actions_of_another_form_are_dropped(running: RunningApp, call: Any) -> None:
     async def talk() -> Any:
-        async with connected(app) as page:
+        async with connected(running) as page:
             return await page.call("trame.trigger", *call)
 
     calls: list[Any] = []
-    act, app.desk.act = app.desk.act, lambda *given: calls.append(given)  # type: ignore[method-assign]
-    dropped = app.server.dropped
+    act, running.application.act = running.application.act, lambda *given: calls.append(given)  # type: ignore[method-assign]
+    dropped = running.server.dropped
     try:
         assert asyncio.run(talk()) is None
-        app.settled()
+        running.settled()
     finally:
-        app.desk.act = act  # type: ignore[method-assign]
+        running.application.act = act  # type: ignore[method-assign]
     assert calls == []
-    assert app.server.dropped == dropped + 1
+    assert running.server.dropped == dropped + 1
 
 
 @pytest.mark.parametrize("call", [lambda d: d.act("go_to"), lambda d: d.act("undo", 3), lambda d: d.act("close", 3)])
-def test_the_desk_wants_a_number_where_one_belongs(desk: Desk, call: Callable[[Desk], None]) -> None:
+def test_the_desk_wants_a_number_where_one_belongs(app: Application, call: Callable[[Application], None]) -> None:
     with pytest.raises(DeformError):
-        call(desk)
+        call(app)

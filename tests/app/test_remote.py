@@ -277,8 +277,8 @@ def test_vtk_sends_pictures_that_follow_the_session() -> None:
     voxels = np.zeros((16, 16, 32), np.uint8)
     voxels[5:11, 5:11, 13:19] = 255  # a cube in the middle
 
-    async def talk(app: RunningApp) -> tuple[Any, Any]:
-        async with connected(app) as page:
+    async def talk(running: RunningApp) -> tuple[Any, Any]:
+        async with connected(running) as page:
             def full(message: dict[str, Any]) -> bool:
                 meta = message.get("result", {}).get("meta") or {}
                 return message["id"].startswith("publish:trame.rca.topic.stream") and meta.get("full")
@@ -287,7 +287,7 @@ def test_vtk_sends_pictures_that_follow_the_session() -> None:
             await page.call("trame.rca.size", "volume", "page", {"w": 320, "h": 200, "p": 1})
             before = (await heard(page, full))["result"]["content"]
             page.heard.clear()
-            points = app.desk.session.points
+            points = running.application.session.points
             moved = points
             for k in range(len(points)):
                 moved = moved.move(int(points.ids[k]), points.target[k] + [6.0, 0.0])
@@ -295,9 +295,9 @@ def test_vtk_sends_pictures_that_follow_the_session() -> None:
             return before, (await heard(page, full))["result"]["content"]
 
     session = Session(Volume.from_array(voxels), view="+y", transfer="bone")
-    with RunningApp(session, viewer="vtk") as app:
+    with RunningApp(session, viewer="vtk") as running:
         before, after = (np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
-                         for data in asyncio.run(talk(app)))
+                         for data in asyncio.run(talk(running)))
 
     def middle(picture: Any) -> float:
         bright = picture > 100

@@ -19,7 +19,7 @@ import aiohttp
 import pytest
 from running_app import PATIENCE, RunningApp, connected, framed, status_of
 
-from deformnb.app.desk import Desk
+from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
@@ -36,16 +36,16 @@ from deformnb.widgets.web.server import PageServer
 
 
 @pytest.fixture(scope="module")
-def app() -> Iterator[RunningApp]:
+def running() -> Iterator[RunningApp]:
     with RunningApp(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y")) as running:
         yield running
 
 
-def _refused(app: RunningApp, **how: Any) -> int:
+def _refused(running: RunningApp, **how: Any) -> int:
     """Status with which a socket is refused; 0 if it is not."""
     async def attempt() -> int:
         try:
-            async with connected(app, secret=None, **how):
+            async with connected(running, secret=None, **how):
                 return 0
         except aiohttp.WSServerHandshakeError as error:
             return error.status
@@ -56,21 +56,21 @@ def _refused(app: RunningApp, **how: Any) -> int:
 # -- who is let in -----------------------------------------------------------------------------------------------------
 
 
-def test_it_listens_at_this_machine_only(app: RunningApp) -> None:
-    assert [site.name for site in app.server.trame._server.runner.sites] == [f"http://127.0.0.1:{app.server.port}"]
+def test_it_listens_at_this_machine_only(running: RunningApp) -> None:
+    assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://127.0.0.1:{running.server.port}"]
 
 
-def test_two_starts_have_different_passwords(app: RunningApp) -> None:
+def test_two_starts_have_different_passwords(running: RunningApp) -> None:
     with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as other:
-        assert len(app.server.token) >= 40
-        assert other.server.token != app.server.token
-        assert other.server.port != app.server.port
+        assert len(running.server.token) >= 40
+        assert other.server.token != running.server.token
+        assert other.server.port != running.server.port
 
 
 @pytest.mark.parametrize("secret", ["wslink-secret", "", "x" * 43, None, 7, {"secret": "wslink-secret"}, ["a"]])
-def test_other_passwords_are_refused(app: RunningApp, secret: Any) -> None:
+def test_other_passwords_are_refused(running: RunningApp, secret: Any) -> None:
     async def attempt() -> Any:
-        async with connected(app, secret=None) as page:
+        async with connected(running, secret=None) as page:
             entered = await page.login(secret)
             return entered, await page.call("trame.state.get")
 
@@ -79,22 +79,22 @@ def test_other_passwords_are_refused(app: RunningApp, secret: Any) -> None:
     assert answer["message"].startswith("Unauthorized")
 
 
-def test_without_a_password_nothing_is_told(app: RunningApp) -> None:
+def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
     async def attempt() -> list[Any]:
-        async with connected(app, secret=None) as page:
+        async with connected(running, secret=None) as page:
             return [await page.call(*call) for call in (
                 ("trame.state.get",), ("deformnb.open", "editor"), ("trame.trigger", "save", [], {}),
                 ("trame.state.update", [{"key": "strength", "value": 2.0}]))]
 
-    before = app.desk.session.deformation
+    before = running.application.session.deformation
     assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 4
-    app.settled()
-    assert app.desk.session.deformation is before
+    running.settled()
+    assert running.application.session.deformation is before
 
 
-def test_the_password_of_this_start_opens(app: RunningApp) -> None:
+def test_the_password_of_this_start_opens(running: RunningApp) -> None:
     async def attempt() -> Any:
-        async with connected(app) as page:
+        async with connected(running) as page:
             return await page.call("trame.state.get")
 
     assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
@@ -102,53 +102,53 @@ def test_the_password_of_this_start_opens(app: RunningApp) -> None:
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", None, "https://127.0.0.1:{port}",
                                     "http://127.0.0.1:1", "http://127.0.0.1:{port}.evil.example"])
-def test_sockets_of_foreign_pages_are_refused(app: RunningApp, origin: str | None) -> None:
-    assert _refused(app, origin=origin and origin.format(port=app.server.port)) == 403
+def test_sockets_of_foreign_pages_are_refused(running: RunningApp, origin: str | None) -> None:
+    assert _refused(running, origin=origin and origin.format(port=running.server.port)) == 403
 
 
-def test_sockets_under_a_foreign_name_are_refused(app: RunningApp) -> None:
-    assert _refused(app, host="evil.example") == 403
+def test_sockets_under_a_foreign_name_are_refused(running: RunningApp) -> None:
+    assert _refused(running, host="evil.example") == 403
     # As if a name had been turned into our address: the page's origin then fits its host.
-    name = f"evil.example:{app.server.port}"
-    assert _refused(app, host=name, origin=f"http://{name}") == 403
-    assert _refused(app) == 0
+    name = f"evil.example:{running.server.port}"
+    assert _refused(running, host=name, origin=f"http://{name}") == 403
+    assert _refused(running) == 0
 
 
-def test_a_page_at_localhost_is_our_own(app: RunningApp) -> None:
-    name = f"localhost:{app.server.port}"
-    assert _refused(app, host=name, origin=f"http://{name}") == 0
-    assert _refused(app, host=name) == 403  # a page of 127.0.0.1 has no business at localhost
+def test_a_page_at_localhost_is_our_own(running: RunningApp) -> None:
+    name = f"localhost:{running.server.port}"
+    assert _refused(running, host=name, origin=f"http://{name}") == 0
+    assert _refused(running, host=name) == 403  # a page of 127.0.0.1 has no business at localhost
 
 
 @pytest.mark.parametrize("path", ["/", "/index.html", "/deformnb/app.js", "/vue.global.js", "/nothing"])
-def test_requests_under_a_foreign_name_or_origin_are_refused(app: RunningApp, path: str) -> None:
-    with status_of(app, path, Host="evil.example") as (status, _, text):
+def test_requests_under_a_foreign_name_or_origin_are_refused(running: RunningApp, path: str) -> None:
+    with status_of(running, path, Host="evil.example") as (status, _, text):
         assert (status, "deformnb" in text) == (403, False)
-    with status_of(app, path, Origin="http://evil.example") as (status, _, _):
+    with status_of(running, path, Origin="http://evil.example") as (status, _, _):
         assert status == 403
-    with status_of(app, path) as (status, _, _):
+    with status_of(running, path) as (status, _, _):
         assert status == (404 if path == "/nothing" else 200)
 
 
-def test_pages_may_not_be_framed_or_load_from_elsewhere(app: RunningApp) -> None:
+def test_pages_may_not_be_framed_or_load_from_elsewhere(running: RunningApp) -> None:
     for path in ("/", "/vue.global.js"):
-        with status_of(app, path) as (_, headers, _):
+        with status_of(running, path) as (_, headers, _):
             policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
             assert policy["frame-ancestors"] == "'none'"
-            assert policy["connect-src"] == f"'self' ws://{app.name}"
+            assert policy["connect-src"] == f"'self' ws://{running.name}"
             assert policy["default-src"] == "'self'"
             assert headers["Referrer-Policy"] == "no-referrer"
 
 
-def test_only_a_classroom_of_pages_is_let_in(app: RunningApp) -> None:
+def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
     async def attempt() -> tuple[int, int]:
         entered = []
         try:
             for _ in range(MOST_PAGES):
-                entered.append(connected(app, secret=None))
+                entered.append(connected(running, secret=None))
                 await entered[-1].__aenter__()
             with pytest.raises(aiohttp.WSServerHandshakeError) as error:
-                await connected(app, secret=None).__aenter__()
+                await connected(running, secret=None).__aenter__()
             return len(entered), error.value.status
         finally:
             for page in entered:
@@ -198,29 +198,29 @@ def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socke
     ("HEAD", _HANDSHAKE, 405),
     ("POST", _HANDSHAKE, 405),
 ])
-def test_what_is_no_websocket_takes_no_place(app: RunningApp, method: str, headers: dict[str, str], status: int
+def test_what_is_no_websocket_takes_no_place(running: RunningApp, method: str, headers: dict[str, str], status: int
                                              ) -> None:
     for _ in range(MOST_PAGES + 1):
-        with _sent(app.name, _request(app.name, method=method, **headers)) as visitor:
+        with _sent(running.name, _request(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
-    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
-    test_the_password_of_this_start_opens(app)
+    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(running)
 
 
-def test_a_handshake_that_fails_takes_no_place(app: RunningApp, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_handshake_that_fails_takes_no_place(running: RunningApp, monkeypatch: pytest.MonkeyPatch) -> None:
     async def gone(*_: Any) -> None:
         raise ConnectionResetError("the page has gone meanwhile")
 
     with monkeypatch.context() as patch:
         patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
-        assert _refused(app) == 500
-    assert [dict(handler.connections) for handler in app.server._handlers] == [{}]
-    test_the_password_of_this_start_opens(app)
+        assert _refused(running) == 500
+    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(running)
 
 
-def test_many_refused_requests_become_few_lines(app: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+def test_many_refused_requests_become_few_lines(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(32):
-        with status_of(app, "/ws") as (status, _, _):
+        with status_of(running, "/ws") as (status, _, _):
             assert status == 403
     assert len([record for record in caplog.records if "a request was refused" in record.message]) <= 6
 
@@ -241,9 +241,9 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TRAME_DEFAULT_HOST", "0.0.0.0")
     monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
     monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as app:
-        assert [site.name for site in app.server.trame._server.runner.sites] == [f"http://{app.name}"]
-        test_other_passwords_are_refused(app, "known")
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as running:
+        assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://{running.name}"]
+        test_other_passwords_are_refused(running, "known")
     assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
 
 
@@ -257,9 +257,9 @@ _FORBIDDEN = (
 
 
 @pytest.mark.parametrize("call", _FORBIDDEN, ids=lambda call: call[0])
-def test_other_procedures_are_unknown(app: RunningApp, call: tuple[Any, ...]) -> None:
+def test_other_procedures_are_unknown(running: RunningApp, call: tuple[Any, ...]) -> None:
     async def attempt() -> Any:
-        async with connected(app) as page:
+        async with connected(running) as page:
             return await page.call(*call), await page.call("trame.state.get")
 
     answer, after = asyncio.run(attempt())
@@ -306,21 +306,25 @@ _BAD = (
 
 
 @pytest.mark.parametrize("call", _BAD, ids=lambda call: f"{call[0]}-{str(call[1:])[:40]}")
-def test_wrong_messages_change_nothing(app: RunningApp, call: tuple[Any, ...],
+def test_wrong_messages_change_nothing(running: RunningApp, call: tuple[Any, ...],
                                        caplog: pytest.LogCaptureFixture) -> None:
     async def attempt() -> Any:
-        async with connected(app) as page:
+        async with connected(running) as page:
             await page.call(*call)
-            app.settled()
+            running.settled()
             return (await page.call("trame.state.get"))["state"]
 
-    session = app.desk.session
+    session = running.application.session
     before = (session.deformation, session.view, session.method, session.transfer)
-    looks = (app.desk.live.projection, dict(app.desk.live.volume_info), app.desk.editor.image, app.desk.editor.kernel)
+    app = running.application
+
+    def looks() -> Any:
+        return app.live.projection, dict(app.live.volume_info), app.editor.image, app.editor.kernel
+
+    shown = looks()
     state = asyncio.run(attempt())
     assert (session.deformation, session.view, session.method, session.transfer) == before
-    assert looks == (app.desk.live.projection, dict(app.desk.live.volume_info), app.desk.editor.image,
-                     app.desk.editor.kernel)
+    assert looks() == shown
     assert (state["kernel"], state["strength"], state["error"]) == ("wendland_c2", 1.0, "")
     assert "<script>" not in state["trame__template_main"]
     assert "passwd" not in caplog.text
@@ -337,87 +341,87 @@ def test_wrong_messages_change_nothing(app: RunningApp, call: tuple[Any, ...],
       + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4:] for k in (4, 8)),  # a later piece, another size
 ], ids=range(14))
 @pytest.mark.parametrize("is_known", [True, False])
-def test_malformed_messages_are_dropped_and_the_page_goes_on(app: RunningApp, data: bytes, is_known: bool) -> None:
+def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp, data: bytes, is_known: bool) -> None:
     async def attempt() -> Any:
-        async with connected(app, secret="" if is_known else None) as page:
+        async with connected(running, secret="" if is_known else None) as page:
             await page.socket.send_bytes(data)
             if not is_known:
-                assert await page.login(app.server.token)
+                assert await page.login(running.server.token)
             return await page.call("trame.state.get")
 
-    before = app.server.dropped
+    before = running.server.dropped
     assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
-    assert app.server.dropped > before
+    assert running.server.dropped > before
 
 
-def test_text_is_no_message(app: RunningApp) -> None:
+def test_text_is_no_message(running: RunningApp) -> None:
     async def attempt() -> Any:
-        async with connected(app) as page:
+        async with connected(running) as page:
             await page.socket.send_str('{"method": "trame.state.get"}')
             return await page.call("trame.state.get")
 
     assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
 
 
-def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(app: RunningApp) -> None:
+def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
     async def attempt(method: str, size: int) -> tuple[int, Any]:
-        before = app.server.dropped
-        async with connected(app) as page:
+        before = running.server.dropped
+        async with connected(running) as page:
             try:  # the server may close the line while the message is still on its way
                 await page.send(method, "editor", {"type": "edit", "text": "x" * size})
                 known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
                 known = False
-            return app.server.dropped - before, known
+            return running.server.dropped - before, known
 
     assert asyncio.run(attempt("deformnb.message", LONGEST_OTHER + 1000)) == (0, True)
     assert asyncio.run(attempt("deformnb.message", LONGEST_MESSAGE + 1000)) == (1, True)
     assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
     assert asyncio.run(attempt("deformnb.message", 3_000_000))[1] is False  # closed before it was read whole
-    test_the_password_of_this_start_opens(app)
+    test_the_password_of_this_start_opens(running)
 
 
-def test_unauthenticated_clients_may_send_only_a_password(app: RunningApp) -> None:
+def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -> None:
     async def attempt() -> tuple[int, bool]:
-        before = app.server.dropped
-        async with connected(app, secret=None) as page:
-            await page.send("wslink.hello", {"secret": app.server.token + "x" * 1000}, system=True)
-            entered = await page.login(app.server.token)  # which is answered after the other was read
-            return app.server.dropped - before, entered
+        before = running.server.dropped
+        async with connected(running, secret=None) as page:
+            await page.send("wslink.hello", {"secret": running.server.token + "x" * 1000}, system=True)
+            entered = await page.login(running.server.token)  # which is answered after the other was read
+            return running.server.dropped - before, entered
 
     assert asyncio.run(attempt()) == (1, True)
 
 
-def test_a_flood_is_dropped_and_others_are_served(app: RunningApp) -> None:
+def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
-        async with connected(app) as noisy, connected(app) as calm:
-            before = app.server.dropped
+        async with connected(running) as noisy, connected(running) as calm:
+            before = running.server.dropped
             for value in range(100_000):  # a slow machine lets more of them through
                 await noisy.send("trame.state.update", [{"key": "strength", "value": value % 3}])
-                if app.server.dropped - before > 1000:
+                if running.server.dropped - before > 1000:
                     break
             answer = await calm.call("trame.state.get")
-            return app.server.dropped - before, answer
+            return running.server.dropped - before, answer
 
     dropped, answer = asyncio.run(attempt())
     assert dropped > 1000
     assert answer["state"]["kernel"] == "wendland_c2"
-    app.settled()
-    app.desk.thread.call(app.desk.session.reset).result(PATIENCE)
-    app.desk.thread.call(lambda: app.desk.set("strength", 1.0)).result(PATIENCE)
+    running.settled()
+    running.application.thread.call(running.application.session.reset).result(PATIENCE)
+    running.application.thread.call(lambda: running.application.set("strength", 1.0)).result(PATIENCE)
 
 
-def test_logs_hold_no_password(app: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
     async def attempt() -> None:
-        async with connected(app) as page:
+        async with connected(running) as page:
             await page.call("trame.state.get")
             await page.login("wslink-secret-wrong")
 
     with caplog.at_level(logging.DEBUG):
-        with status_of(app, f"/index.html?secret={app.server.token}") as (status, _, text):
-            assert (status, app.server.token in text) == (200, False)
+        with status_of(running, f"/index.html?secret={running.server.token}") as (status, _, text):
+            assert (status, running.server.token in text) == (200, False)
         asyncio.run(attempt())
-    assert app.server.token not in caplog.text
+    assert running.server.token not in caplog.text
 
 
 # -- its end -----------------------------------------------------------------------------------------------------------
@@ -430,25 +434,25 @@ def _is_open(port: int) -> bool:
 
 def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
     async def stay(seconds: float) -> None:
-        async with connected(app):
-            app.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
+        async with connected(running):
+            running.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
             await asyncio.sleep(seconds)
 
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as app:
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as running:
         asyncio.run(stay(2.5))
-        assert app.server.reason == ""  # a page was there
-        app.ended()
-        assert "no page was connected" in app.server.reason
-        assert not _is_open(app.server.port)
+        assert running.server.reason == ""  # a page was there
+        running.ended()
+        assert "no page was connected" in running.server.reason
+        assert not _is_open(running.server.port)
 
 
 def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
     session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
-    with RunningApp(session) as app:
-        assert app.server.idle == 4 * 60 * 60
-    with RunningApp(session, idle=0) as app:
+    with RunningApp(session) as running:
+        assert running.server.idle == 4 * 60 * 60
+    with RunningApp(session, idle=0) as running:
         time.sleep(1.5)  # it looks every second
-        assert app.server.reason == ""
+        assert running.server.reason == ""
 
 
 def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -470,14 +474,14 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
     monkeypatch.setattr("deformnb.widgets.web.guard.LOGIN_SECONDS", 0.2)
 
     async def loiter() -> int | None:
-        async with connected(app, secret=None) as page:
+        async with connected(running, secret=None) as page:
             await asyncio.wait_for(page.socket.receive(), PATIENCE)
             return page.socket.close_code
 
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as app:
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as running:
         assert asyncio.run(loiter()) == 1000  # shut by the server
-        app.ended()
-        assert "no page was connected" in app.server.reason
+        running.ended()
+        assert "no page was connected" in running.server.reason
 
 
 def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
@@ -534,11 +538,11 @@ def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
 
 
 def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
-    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = app_server(desk)
+    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = app_server(app)
     server.stop("asked early")
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
-    desk.close()
+    app.close()
     assert (server.reason, server.url) == ("asked early", "")
 
 
@@ -550,10 +554,10 @@ def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.Monke
         configured(server, root)
 
     monkeypatch.setattr(PageServer, "_configure", stop_first)
-    desk = Desk(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = app_server(desk)
+    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = app_server(app)
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
-    desk.close()
+    app.close()
     assert server.reason == "asked early"
 
 

@@ -130,11 +130,11 @@ class Tab:
     @property
     def camera(self) -> dict[str, Any]:
         """From where the volume is seen."""
-        return dict(self.app.desk.live.camera)
+        return dict(self.app.application.live.camera)
 
     def core(self) -> NDArray[np.float64]:
         """What the page should show of the volume: the core's own warp of what the session says, from the same side."""
-        session = self.app.desk.session
+        session = self.app.application.session
         view = LiveView(session.volume, transfer=session.transfer, background="dark")
         view.show_deformation(session.field(), output=finer(session.volume.grid))
         view.camera = self.camera

@@ -10,7 +10,7 @@ import numpy as np
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume

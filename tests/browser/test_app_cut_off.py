@@ -25,7 +25,7 @@ def app() -> Iterator[RunningApp]:
 @pytest.mark.nightly
 def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app: RunningApp) -> None:
     tab = Tab(browser, app, size=(1000, 640))
-    session = app.desk.session
+    session = app.application.session
     line = tab.page.locator(".dnb-app-cut")
     assert line.get_attribute("role") == "status"
     assert not line.is_visible()
@@ -34,7 +34,7 @@ def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app
     moved = session.points
     for name in moved.ids:
         moved = moved.move(name, moved.target[moved.index(name)] + [far, 0.0])
-    app.desk.thread.call(lambda: app.desk._try(lambda: session.edit_points(moved, "a drag"))).result(30)
+    app.application.thread.call(lambda: app.application._try(lambda: session.edit_points(moved, "a drag"))).result(30)
     line.wait_for(state="visible", timeout=PATIENCE)
     assert "Tissue leaves the box at the " in line.inner_text()
     box, half = line.bounding_box(), tab.page.locator(".dnb-app-half").nth(1).bounding_box()

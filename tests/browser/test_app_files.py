@@ -39,7 +39,7 @@ def test_the_deformed_volume_goes_to_the_downloads_of_the_page_that_asked(tab: T
     assert waiting.value.suggested_filename == "cube_deformed.nii.gz"
     path = tmp_path / "cube.nii.gz"
     waiting.value.save_as(path)
-    session = tab.app.desk.session
+    session = tab.app.application.session
     np.testing.assert_array_equal(read_volume(path).values, session.result().values)
     assert (read_volume(path).values != session.volume.values).any()
     said = ".dnb-app-file"
@@ -57,7 +57,7 @@ def test_a_saved_session_is_opened_again(tab: Tab, tmp_path: Path) -> None:
     tab.says("1 moved")
     with tab.page.expect_download() as waiting:
         tab.page.get_by_role("button", name="Save").click()
-    path, before = tmp_path / "session.json", tab.app.desk.session.points
+    path, before = tmp_path / "session.json", tab.app.application.session.points
     waiting.value.save_as(path)
     tab.page.get_by_role("button", name="Undeformed again").click()
     tab.says("0 moved")
@@ -66,7 +66,7 @@ def test_a_saved_session_is_opened_again(tab: Tab, tmp_path: Path) -> None:
             tab.page.get_by_role("button", name="Open a session file").click()
         choosing.value.set_files(path)
         tab.says("5 points, 1 moved")
-        assert tab.app.desk.session.points == before
+        assert tab.app.application.session.points == before
         tab.page.get_by_role("button", name="Undo: ").click()
         tab.says("0 moved")
     long = tmp_path / "long.json"
@@ -76,4 +76,4 @@ def test_a_saved_session_is_opened_again(tab: Tab, tmp_path: Path) -> None:
     choosing.value.set_files(long)
     tab.says("too long", ".dnb-app-error")
     tab.app.settled()
-    assert not tab.app.desk.session.points.displacement.any()
+    assert not tab.app.application.session.points.displacement.any()

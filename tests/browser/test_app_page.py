@@ -16,7 +16,7 @@ from driven_studio import crash
 from numpy.typing import NDArray
 from running_app import RunningApp
 
-from deformnb.app.desk import Desk
+from deformnb.app.application import Application
 from deformnb.datasets import PHANTOMS
 from deformnb.document.json_format import from_json
 from deformnb.rbf.points import ControlPoints
@@ -29,16 +29,16 @@ pytestmark = pytest.mark.needs_browser
 def fresh(app: RunningApp) -> RunningApp:
     """The application as it was at the start."""
     def begin() -> None:
-        session = app.desk.session
+        session = app.application.session
         session.deformation = type(session.deformation)()
         session._history = type(session._history)()
         session.edit_step(0)
         session.set_view("+y")
         session.method = "mip"
-        app.desk.live.shows = "deformed"
-        app.desk.act("front")
+        app.application.live.shows = "deformed"
+        app.application.act("front")
 
-    app.desk.thread.call(begin).result(30)
+    app.application.thread.call(begin).result(30)
     return app
 
 
@@ -74,7 +74,8 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
         moved = _middle(after) - _middle(before)
         assert moved[0] > 0.03  # to the right
         assert moved[1] < -0.01  # and up
-    np.testing.assert_allclose(tab.app.desk.session.points.displacement[4] < 0, [True, False])  # backward: b is down
+    backward = tab.app.application.session.points.displacement[4]
+    np.testing.assert_allclose(backward < 0, [True, False])  # b points down
     tab.page.get_by_role("button", name="Undo: ").click()
     tab.says("0 moved")
     _alike(tab.picture(), flat)
@@ -92,7 +93,7 @@ def test_the_volume_follows_while_the_mouse_is_down(tab: Tab) -> None:
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
     eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
-    assert not tab.app.desk.session.points.displacement.any()  # Python has not heard of it
+    assert not tab.app.application.session.points.displacement.any()  # Python has not heard of it
     tab.page.mouse.up()
     tab.says("1 moved")
 
@@ -175,14 +176,14 @@ def test_strength_goes_beyond_and_back_by_the_keyboard(tab: Tab) -> None:
     tab.app.settled()
     tab.page.wait_for_function("document.querySelector('.dnb-editor').deformnb.model.get('settings').strength === -1")
     eventually(lambda: once - _middle(tab.volume())[0] > 0.03)
-    assert tab.app.desk.session.step.strength == -1.0
+    assert tab.app.application.session.step.strength == -1.0
 
 
 def test_one_drag_of_a_slider_is_one_edit_however_slow_it_is(tab: Tab, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1e6
     monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     thumb = tab.page.get_by_role("slider", name="Strength")
-    mouse, session = tab.page.mouse, tab.app.desk.session
+    mouse, session = tab.page.mouse, tab.app.application.session
     for toward in (-20, 25):
         thumb.scroll_into_view_if_needed()
         box = resting(thumb)
@@ -211,7 +212,7 @@ def test_a_menu_changes_the_kernel(tab: Tab) -> None:
     tab.page.get_by_role("option", name="Thin-plate spline").click()
     settings = "document.querySelector('.dnb-editor').deformnb.model.get('settings')"
     tab.page.wait_for_function(f"{settings}.kernel === 'thin_plate'", timeout=PATIENCE)
-    assert tab.app.desk.session.step.kernel == "thin_plate"
+    assert tab.app.application.session.step.kernel == "thin_plate"
     tab.page.get_by_role("button", name="Undo: change kernel").click()
     tab.page.wait_for_function("document.querySelector('.dnb-app-panel').innerText.includes('Wendland C2')")
 
@@ -238,10 +239,10 @@ def test_a_formula_that_is_wrong_is_said_and_stays_to_be_corrected(tab: Tab) -> 
     formula.press("Enter")
     tab.says("the curve", ".dnb-app-inline")
     assert formula.input_value() == "__import__('os')"
-    assert tab.app.desk.session.step.curve == "z"
+    assert tab.app.application.session.step.curve == "z"
     formula.fill("sin(pi*z)")
     formula.press("Enter")
-    eventually(lambda: tab.app.desk.session.step.curve == "sin(pi*z)")
+    eventually(lambda: tab.app.application.session.step.curve == "sin(pi*z)")
     assert "the curve" not in tab.page.locator(".dnb-curve-editor").inner_text()
 
 
@@ -311,10 +312,10 @@ def test_everything_is_reached_by_tab(tab: Tab) -> None:
 def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:
     tab = Tab(browser, fresh)
     tab.close()
-    points = fresh.desk.session.points
+    points = fresh.application.session.points
     moved = ControlPoints.from_arrays(points.source, points.source + np.array([3.0, 0.0]))
-    fresh.desk.thread.call(lambda: fresh.desk.session.edit_points(moved)).result(30)
-    fresh.desk.thread.call(fresh.desk._show).result(30)
+    fresh.application.thread.call(lambda: fresh.application.session.edit_points(moved)).result(30)
+    fresh.application.thread.call(fresh.application._show).result(30)
     tab = Tab(browser, fresh)
     tab.says("4 points")
     assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
@@ -324,7 +325,7 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
 
 def test_what_was_lost_is_offered_and_restored(browser: Any) -> None:
     volume = PHANTOMS["bar"].make((12, 12, 24))
-    lost = Desk(Session(volume, view="+y"))
+    lost = Application(Session(volume, view="+y"))
     lost.session.edit_points(lost.session.points.add([10.0, 5.0], [12.0, 7.0]))
     wanted = lost.session.points
     crash(lost.recovery.autosave)
@@ -338,5 +339,5 @@ def test_what_was_lost_is_offered_and_restored(browser: Any) -> None:
         bar.get_by_role("button", name="Restore").click()
         bar.wait_for(state="detached", timeout=60_000)
         app.settled()
-        assert app.desk.session.points == wanted
+        assert app.application.session.points == wanted
         page.close()

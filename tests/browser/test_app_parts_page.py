@@ -19,10 +19,10 @@ pytestmark = pytest.mark.needs_browser
 @pytest.fixture
 def tab(browser: Any, app: RunningApp) -> Iterator[Tab]:
     def begin() -> None:
-        app.desk.session.deformation, app.desk.session.transfer = Deformation(), "bone"
-        app.desk.act("front")
+        app.application.session.deformation, app.application.session.transfer = Deformation(), "bone"
+        app.application.act("front")
 
-    app.desk.thread.call(begin).result(30)
+    app.application.thread.call(begin).result(30)
     opened = Tab(browser, app, size=(1000, 760))
     yield opened
     opened.close()
@@ -57,14 +57,14 @@ def changes(tab: Tab, before: Any, least: int = 150) -> Any:
 
 
 def test_the_volume_follows_the_curve_and_the_edit_comes_at_the_end(tab: Tab) -> None:
-    session = tab.app.desk.session
+    session = tab.app.application.session
 
     def bend() -> None:
         session.edit_points(session.points.move(0, session.points.target[0] + [6.0, 4.0]))
         session.change(extrusion="modulate", curve="1")
-        tab.app.desk.act("beside")
+        tab.app.application.act("beside")
 
-    tab.app.desk.thread.call(bend).result(30)
+    tab.app.application.thread.call(bend).result(30)
     tab.page.locator(".dnb-curve-editor [data-node='0']").wait_for()
     document, before = session.deformation, tab.volume()
     hold(tab, ".dnb-curve-editor [data-node='0'] .dnb-cv-dot", 0, 40)
@@ -78,7 +78,7 @@ def test_the_volume_follows_the_curve_and_the_edit_comes_at_the_end(tab: Tab) ->
 
 
 def test_opacities_are_dragged_and_the_volume_shows_it_at_once(tab: Tab) -> None:
-    session = tab.app.desk.session
+    session = tab.app.application.session
     before = tab.volume()
     go_to(tab, "Display")
     hold(tab, ".dnb-transfer-editor [data-node='2'] .dnb-cv-dot", 0, 300)
@@ -93,10 +93,10 @@ def test_a_drag_whose_page_is_loaded_again_leaves_nothing_behind(tab: Tab) -> No
     go_to(tab, "Display")
     hold(tab, ".dnb-transfer-editor [data-node='2'] .dnb-cv-dot", 0, 300)
     changes(tab, before)
-    eventually(lambda: tab.app.desk.volumes._transfer != tab.app.desk.session.transfer_function)
+    eventually(lambda: tab.app.application.volumes._transfer != tab.app.application.session.transfer_function)
     tab.page.reload()
     tab.drawn()
-    eventually(lambda: tab.app.desk.volumes._transfer == tab.app.desk.session.transfer_function)
+    eventually(lambda: tab.app.application.volumes._transfer == tab.app.application.session.transfer_function)
     eventually(lambda: (np.abs(tab.volume() - before) > 25).sum() < 20)
 
 
@@ -105,9 +105,9 @@ def test_a_cut_opens_the_volume_and_comes_back(tab: Tab) -> None:
     go_to(tab, "Display")
     tab.page.get_by_role("button", name="Open towards me").click()
     changes(tab, before)
-    eventually(lambda: 0.5 in np.ptp(tab.app.desk.live.clip, axis=1))
+    eventually(lambda: 0.5 in np.ptp(tab.app.application.live.clip, axis=1))
     tab.page.get_by_role("button", name="Show all", exact=True).click()
-    eventually(lambda: tab.app.desk.live.clip == ((0.0, 1.0),) * 3)
+    eventually(lambda: tab.app.application.live.clip == ((0.0, 1.0),) * 3)
     assert (np.abs(tab.volume() - before) > 25).sum() < 20
 
 
@@ -117,7 +117,7 @@ def test_a_point_is_named_and_moved_in_the_table(tab: Tab) -> None:
     cell.dblclick()
     tab.page.keyboard.type("nose")
     tab.page.keyboard.press("Enter")
-    eventually(lambda: tab.app.desk.session.points.names[1] == "nose")
+    eventually(lambda: tab.app.application.session.points.names[1] == "nose")
     tab.says("nose", ".dnb-editor")
     x, y = tab.point(2)
     tab.page.mouse.click(x, y)
@@ -127,7 +127,7 @@ def test_a_point_is_named_and_moved_in_the_table(tab: Tab) -> None:
 
 @pytest.mark.nightly
 def test_a_step_is_added_and_left_for_the_first_one(tab: Tab) -> None:
-    session = tab.app.desk.session
+    session = tab.app.application.session
     go_to(tab, "Points")
     tab.page.get_by_role("button", name="Add step").click()
     tab.says("step 2 of 2")

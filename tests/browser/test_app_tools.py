@@ -20,14 +20,14 @@ EDITOR = "document.querySelector('.dnb-editor').deformnb"
 @pytest.fixture
 def tab(browser: Any, app: RunningApp) -> Iterator[Tab]:
     def begin() -> None:
-        session, editor = app.desk.session, app.desk.editor
+        session, editor = app.application.session, app.application.editor
         session.deformation = Deformation()
         session._history = type(session._history)()
         for name in ("mirror", "snap", "stop_at_folds", "brush_radius", "show_grid", "show_radius", "overlay"):
             setattr(editor, name, editor.traits()[name].default())
-        app.desk.act("front")
+        app.application.act("front")
 
-    app.desk.thread.call(begin).result(30)
+    app.application.thread.call(begin).result(30)
     opened = Tab(browser, app, size=(1000, 640))
     opened.page.locator(".dnb-ed-stage").focus()
     yield opened
@@ -59,7 +59,7 @@ def test_keys_are_listed_within_the_picture(tab: Tab) -> None:
 
 
 def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
-    editor = tab.app.desk.editor
+    editor = tab.app.application.editor
     tab.page.locator("[data-command=more]").click()
     tab.page.get_by_role("menuitemcheckbox", name="Mirror", exact=True).click()
     eventually(lambda: editor.mirror["on"])
@@ -84,11 +84,11 @@ def test_helpers_of_the_toolbar_reach_python_and_the_drawer(tab: Tab) -> None:
 
 
 def test_a_brush_pushes_and_a_locked_point_stays(tab: Tab) -> None:
-    session = tab.app.desk.session
+    session = tab.app.application.session
     tab.page.keyboard.press("s")
     radius = tab.page.evaluate(f"{EDITOR}.brush.radius")
     tab.page.keyboard.press("]")
-    eventually(lambda: tab.app.desk.editor.brush_radius > radius)
+    eventually(lambda: tab.app.application.editor.brush_radius > radius)
     stroke(tab, 24, 0)
     eventually(lambda: "smudge 1" in session.points.names)
     assert (session.points.target - session.points.source)[4:, 0].max() > 0
@@ -113,7 +113,7 @@ def test_a_node_of_the_grid_becomes_a_point_where_it_is_dragged(tab: Tab) -> Non
     tab.page.wait_for_function(f"{EDITOR}.gridNodes.isOn && {EDITOR}.gridNodes.made")
     stroke(tab, 30, 12)  # in the middle of 16 cells is a node
     tab.says("5 points, 1 moved")
-    way = (tab.app.desk.session.points.target - tab.app.desk.session.points.source)[4]
+    way = (tab.app.application.session.points.target - tab.app.application.session.points.source)[4]
     assert way == pytest.approx(np.array([30, 12]) / tab.page.evaluate(f"{EDITOR}.view.k"), rel=0.05)
     tab.page.get_by_label("Drag grid").uncheck()
     tab.page.wait_for_function(f"!{EDITOR}.gridNodes.isOn")
@@ -121,9 +121,9 @@ def test_a_node_of_the_grid_becomes_a_point_where_it_is_dragged(tab: Tab) -> Non
 
 @pytest.mark.nightly
 def test_a_drag_that_folds_is_told_unfolded_and_gone_back_behind(tab: Tab) -> None:
-    session, page = tab.app.desk.session, tab.page
+    session, page = tab.app.application.session, tab.page
     support = page.evaluate(f"0.4 * ({EDITOR}.box[1] - {EDITOR}.box[0])")
-    tab.app.desk.thread.call(lambda: tab.app.desk.set("support", round(support, 1))).result(30)
+    tab.app.application.thread.call(lambda: tab.app.application.set("support", round(support, 1))).result(30)
     tab.add_in_the_middle()
     tab.drag(4, 90, 20)
     tab.says("folds ")

@@ -61,8 +61,8 @@ class PictureTab(Tab):
 
     @property
     def camera(self) -> dict[str, Any]:
-        assert self.app.desk.volumes.remote is not None
-        return self.app.desk.volumes.remote.camera
+        assert self.app.application.volumes.remote is not None
+        return self.app.application.volumes.remote.camera
 
     volume = shown
 
@@ -83,12 +83,12 @@ def app() -> Iterator[RunningApp]:
 @pytest.fixture
 def tab(browser: Any, app: RunningApp) -> Iterator[PictureTab]:
     def begin() -> None:
-        app.desk.session.deformation = type(app.desk.session.deformation)()
-        app.desk.set("shows", "deformed")
-        app.desk.set("show_folds", True)
-        app.desk.act("front")
+        app.application.session.deformation = type(app.application.session.deformation)()
+        app.application.set("shows", "deformed")
+        app.application.set("show_folds", True)
+        app.application.act("front")
 
-    app.desk.thread.call(begin).result(30)
+    app.application.thread.call(begin).result(30)
     opened = PictureTab(browser, app)
     yield opened
     opened.close()
@@ -119,7 +119,7 @@ def test_pictures_follow_while_the_mouse_is_down_and_undo_brings_them_back(tab: 
         tab.page.mouse.move(x + 20 * k, y, steps=4)
         eventually(lambda: middle(tab.shown()) > places[-1] + 0.006)  # the hand has not let go
         places.append(middle(tab.shown()))
-    assert not tab.app.desk.session.points.displacement.any()
+    assert not tab.app.application.session.points.displacement.any()
     tab.page.mouse.up()
     tab.says("1 moved")
     after = tab.follows(before)
@@ -159,7 +159,7 @@ def test_a_hand_on_the_picture_turns_it_and_the_cube_looks_from_a_side(tab: Pict
     eventually(lambda: np.dot(tab.seen()["camera"]["direction"], first) < 0.9)
     rest(tab)
     tab.page.locator(".dnb-face[data-view='-x']").dispatch_event("click")
-    wanted = tab.app.desk.volumes.views["-x"]["direction"]
+    wanted = tab.app.application.volumes.views["-x"]["direction"]
     eventually(lambda: np.allclose(tab.seen()["camera"]["direction"], wanted))
     rest(tab)
     assert tab.page.locator(".dnb-letter.dnb-top").first.inner_text() == "S"
@@ -169,7 +169,7 @@ def test_a_hand_on_the_picture_turns_it_and_the_cube_looks_from_a_side(tab: Pict
 def test_a_fold_is_red_and_said_over_the_picture(tab: PictureTab) -> None:
     tab.add_in_the_middle()
     low, high = tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.box.slice(0, 2)")
-    tab.app.desk.thread.call(lambda: tab.app.desk.set("support", round(0.4 * (high - low), 1))).result(30)
+    tab.app.application.thread.call(lambda: tab.app.application.set("support", round(0.4 * (high - low), 1))).result(30)
     tab.drag(4, 90, 20)
     tab.says("folds ")
     badge = tab.page.locator(".dnb-app-over .dnb-badge")
@@ -183,7 +183,7 @@ def test_before_and_after_stand_side_by_side(tab: PictureTab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 60, 0)
     tab.says("1 moved")
-    tab.app.desk.thread.call(lambda: tab.app.desk.set("shows", "side_by_side")).result(30)
+    tab.app.application.thread.call(lambda: tab.app.application.set("shows", "side_by_side")).result(30)
     eventually(lambda: tab.page.locator(".dnb-app-over .dnb-caption:visible").all_inner_texts()
                == ["original", "deformed"])
     eventually(lambda: tab.seen()["full"])
@@ -199,7 +199,7 @@ def test_before_and_after_stand_side_by_side(tab: PictureTab) -> None:
 @pytest.mark.nightly
 def test_a_page_without_webgl2_gets_pictures_by_itself(browser: Any) -> None:
     with RunningApp(Session(cube(), view="+y", transfer="bone")) as app:
-        app.desk.thread.call(lambda: app.desk.act("front")).result(30)
+        app.application.thread.call(lambda: app.application.act("front")).result(30)
         tab = PictureTab(browser, app, init=_BLIND)
         assert tab.page.locator(".dnb-canvas").count() == 0
         before = rest(tab)

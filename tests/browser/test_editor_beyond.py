@@ -10,7 +10,7 @@ import pytest
 from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture

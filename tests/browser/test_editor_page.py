@@ -9,7 +9,7 @@ import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.document.deformation import Deformation
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import VIEWS, Picture
 from deformnb.volume.volume import Grid, Volume

@@ -17,7 +17,7 @@ from browser.hosts import Host, Lab, Notebook, Voila, quiet, resting, running, t
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
 from deformnb.warping.warper import warp_picture

@@ -12,7 +12,7 @@ import pytest
 from browser.live_page import LivePage
 
 from deformnb.document.deformation import Deformation, Step
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import CUT_RULES, Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line

@@ -14,7 +14,7 @@ from PIL import Image
 
 from deformnb.analysis.extent import grown
 from deformnb.document.deformation import Deformation, Step
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction

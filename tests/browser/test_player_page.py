@@ -10,7 +10,7 @@ from browser.live_page import LivePage
 
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume

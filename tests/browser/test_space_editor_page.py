@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume

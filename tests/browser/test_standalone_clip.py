@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume

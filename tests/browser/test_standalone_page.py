@@ -16,7 +16,7 @@ from PIL import Image
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line

@@ -16,11 +16,12 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.fields import Composed, Identity, compose
-from deformnb.rbf.interpolant import choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.volume import Grid, Volume

@@ -13,7 +13,7 @@ import pytest
 from deformnb.datasets import PHANTOMS, abdomen_labels, load
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.figures import picture_field
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line

@@ -14,7 +14,7 @@ from deformnb.datasets import PHANTOMS, load, thompson_map, thompson_pairs
 from deformnb.document.deformation import Deformation
 from deformnb.imaging.demo import field_of_view, subject_box
 from deformnb.imaging.figures import picture_field
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Volume
 from deformnb.warping.points import warp_points

@@ -15,10 +15,10 @@ import pytest
 from deformnb.datasets import PHANTOMS, knee_labels
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.figures import picture_field
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.io import read_volume
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.volume.clip import Part, checked_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane

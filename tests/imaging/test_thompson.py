@@ -17,11 +17,11 @@ from imaging.test_figures import at, near, pixels
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, TARGET
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.imaging.thompson import area_map, draw_grids, magnified, make_grids
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import Identity
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Picture, Plane, Raster

@@ -10,7 +10,7 @@ from js.test_rbf import as_json, scattered
 from scripts import run_script
 
 from deformnb.rbf.conditioning import box_diagonal
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid

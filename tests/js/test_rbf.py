@@ -12,11 +12,12 @@ import pytest
 from scripts import run_script
 
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import box_diagonal, usual_support
+from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import choose_support, usual_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Raster
 

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import LARGEST_SET, SAME_PLACE, box_diagonal, longest_support, usual_support
-from deformnb.rbf.interpolant import RBFInterpolant, fit_rbf
+from deformnb.rbf.conditioning import LARGEST_SET, SAME_PLACE, box_diagonal
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import longest_support, usual_support
 from deformnb.rbf.trends import TRENDS
 
 ROW = np.array([0.0, 20, 45, 60, 100])

@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, decoupled_fits, sides_of
 from deformnb.rbf.extrusion import extrude, modulate
 from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.volume.plane import Plane, Raster

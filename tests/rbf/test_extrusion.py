@@ -20,7 +20,7 @@ from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import CURVE_KNOTS, EXTRUSIONS, Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.volume import Grid

@@ -17,7 +17,7 @@ from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion, interpolate, modulate
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import IDENTITY, Grid

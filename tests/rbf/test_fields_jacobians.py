@@ -18,7 +18,7 @@ from warping.test_warper import Wave
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, Composed, DisplacementField, Identity, in_blocks
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import WEIGHTS, RigidPart, fit_rigid
 from deformnb.volume.plane import Plane, Raster

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -17,13 +15,10 @@ import skimage.transform
 from scipy.spatial.transform import Rotation
 
 from deformnb._jax import float64
-from deformnb.analysis.quality import fit_quality
-from deformnb.datasets.darcy import thompson_grids
 from deformnb.errors import DeformError
-from deformnb.io.landmarks import read_landmarks
 from deformnb.rbf import interpolant as rbf
-from deformnb.rbf.conditioning import box_diagonal
-from deformnb.rbf.interpolant import FOLDS, POOR, RBFInterpolant, choose_support, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS, WendlandC2
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS, Span
@@ -489,91 +484,3 @@ def test_the_jacobian_of_smooth_kernels_is_finite_and_right_at_a_control_point(k
     differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)],
                            axis=-1)
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=1e-5)
-
-
-# ---- the support that points choose ----------------------------------------------------------------------------------
-
-
-def left_out_by_fits(points: ControlPoints, kernel: str, support: float, trend: str) -> np.ndarray:
-    """What each point's displacement misses by in the fit of all others: one fit for each."""
-    errors = []
-    for k in points.ids:
-        rest = fit_rbf(points.remove(k), kernel=kernel, support=support, trend=trend)
-        errors.append(points.displacement[points.index(k)] - rest.displacement(points.target[points.index(k)]))
-    return np.array(errors)
-
-
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("kernel", [name for name, kind in KERNELS.items() if len(kind.shares) > 1])
-@pytest.mark.parametrize("trend", ["affine", "translation"])
-def test_the_chosen_support_is_the_longest_within_one_standard_error_of_the_best(kernel: str, trend: str) -> None:
-    rng = np.random.default_rng(2)
-    source = rng.uniform(0, 100, (20, 2))
-    bend = np.stack([8 * np.sin(source[:, 1] / 15), 6 * np.cos(source[:, 0] / 20)], axis=1)
-    points = ControlPoints.from_arrays(source + bend, source)
-    size = box_diagonal(points)
-    squares = {share * size: (left_out_by_fits(points, kernel, share * size, trend) ** 2).sum(axis=1)
-               for share in KERNELS[kernel].shares}
-    best = min(squares, key=lambda radius: squares[radius].mean())
-    excess = {radius: square - squares[best] for radius, square in squares.items()}
-    near = [r for r, e in excess.items() if e.mean() <= e.std(ddof=1) / np.sqrt(len(e))]
-    calm = [r for r in near if not fit_rbf(points, kernel=kernel, support=r, trend=trend).folds_between_points()]
-    assert choose_support([points], kernel=kernel, trend=trend) == pytest.approx(max(calm or near))
-    assert fit_rbf(points, kernel=kernel, trend=trend).support == pytest.approx(max(calm or near))
-
-
-def test_without_a_drag_or_with_few_points_the_support_is_a_share_of_the_box() -> None:
-    corners = ControlPoints.from_arrays([[0, 0], [40, 0], [0, 30], [40, 30], [20, 15]])
-    assert choose_support([corners]) == 50.0
-    assert choose_support([corners.take([0, 1, 2]).move(1, [44, 3])]) == 50.0
-    assert choose_support([corners.take([0, 1, 3]).move(1, [44, 3])], kernel="gaussian") == 12.5
-    assert choose_support([ControlPoints.from_arrays([[0, 0], [50, 0], [100, 0]])]) == 50.0  # half of a row
-    assert choose_support([corners.take([0])]) is None
-    assert choose_support([ControlPoints.empty(2)]) is None
-
-
-def test_the_previous_fit_keeps_its_support_while_a_point_is_dragged() -> None:
-    rng = np.random.default_rng(0)
-    source = rng.uniform(0, 100, (9, 2))
-    points = ControlPoints.from_arrays(source, source + rng.normal(0, 6, source.shape))
-    first = fit_rbf(points)
-    dragged = points.move(3, [250.0, -90.0])
-    assert fit_rbf(dragged, previous=first).support == first.support != fit_rbf(dragged).support
-
-
-@pytest.mark.sampled(5)
-@pytest.mark.parametrize(("pair", "most"), [((373, 374), 1.0), ((377, 378), 1.2), ((377, 379), 1.0), ((377, 380), 1.1),
-                                            ((381, 382), 1.0)])
-def test_the_default_predicts_thompsons_nodes_about_as_well_as_a_thin_plate(pair: tuple[int, int], most: float) -> None:
-    """Diodon was missed by 28 pixels where a thin plate misses it by 9, with the diagonal as support."""
-    source, target = (thompson_grids()[figure].nodes.reshape(-1, 2) for figure in pair)
-    points = ControlPoints.from_arrays(source, target)
-    errors = [fit_quality(points, kernel=kernel, support=fit_rbf(points, kernel=kernel).support).root_mean_square
-              for kernel in ("wendland_c2", "thin_plate")]
-    assert errors[0] <= most * errors[1]
-    assert not fit_rbf(points).folds_between_points()
-
-
-def test_the_default_predicts_landmarks_of_mice_as_well_as_a_thin_plate(real_data: Callable[[str], Path]) -> None:
-    names = ("landmarks/slicer_mouse_A_J.mrk.json", "landmarks/slicer_mouse_CAST_EIJ.mrk.json")
-    first, other = (read_landmarks(real_data(name)) for name in names)
-    points = ControlPoints.from_arrays(first.points, other.points)
-    errors = {}
-    for kernel in ("wendland_c2", "thin_plate", "wendland_c0", "wendland_c4", "gaussian", "multiquadric"):
-        fit = fit_rbf(points, kernel=kernel)
-        errors[kernel] = fit_quality(points, kernel=kernel, support=fit.support).root_mean_square
-        assert FOLDS in fit.notes or np.linalg.det(np.eye(3) + fit.jacobian(points.target)).min() > 0
-    assert POOR in fit_rbf(points).notes  # the affine map alone predicts them better: they are noisy
-    assert max(errors.values()) == errors["thin_plate"]
-
-
-def test_a_map_that_folds_between_its_points_says_so_and_what_helps() -> None:
-    square = np.array([[0, 0], [90, 0], [0, 90], [90, 90], [40, 45], [50, 45]], dtype=float)
-    points = ControlPoints.from_arrays(square)
-    assert fit_rbf(points).notes == ()
-    torn = points.move(4, [80.0, 45.0]).move(5, [45.0, 45.0])
-    fit = fit_rbf(torn, support=60.0)
-    places = np.stack(np.meshgrid(np.linspace(0, 90, 61), np.linspace(0, 90, 61)), axis=-1)
-    assert np.linalg.det(np.eye(2) + fit.jacobian(places)).min() < 0
-    assert FOLDS in fit.notes
-    assert "larger support radius" in FOLDS

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon

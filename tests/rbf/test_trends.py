@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import RBFInterpolant, fit_rbf
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS, complete, nearest_rotation, ridge_of, trend_named
 

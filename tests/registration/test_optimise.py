@@ -15,8 +15,8 @@ from scipy import ndimage
 
 import deformnb as dn
 from deformnb.errors import Cancelled, DeformError
-from deformnb.imaging.picture import project
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.imaging.projection import project
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration.optimise import fit_targets, snap_to_match
 from deformnb.volume.plane import Picture

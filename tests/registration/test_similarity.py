@@ -11,7 +11,7 @@ from matched import deformed, lattice_points, picture, texture
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration import similarity as likeness
 from deformnb.registration.optimise import GreyImage, MultiscaleFit, first_scene

@@ -16,7 +16,7 @@ from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError, FileChangedError, OtherVolumeError, VolumeFileError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS

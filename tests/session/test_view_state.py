@@ -16,7 +16,7 @@ from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import from_json, to_json
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import PROJECTIONS
+from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.session.view_state import MOST_NODES, Look, without_look

@@ -22,7 +22,7 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, DisplacementField, Identity, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, fit_rigid
 from deformnb.rbf.stages import fit_points

@@ -19,7 +19,7 @@ from deformnb.rbf import interpolant
 from deformnb.rbf.cuts import CUT_RULES, Decoupled, sides_of
 from deformnb.rbf.extrusion import extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace
 from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid

@@ -18,7 +18,7 @@ from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import from_json
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume

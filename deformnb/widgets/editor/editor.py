@@ -24,8 +24,8 @@ from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture

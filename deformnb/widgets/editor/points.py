@@ -28,8 +28,9 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
-from deformnb.rbf.fit_settings import CHOOSE_SUPPORT, SETTINGS, FitSettings
+from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import CHOOSE_SUPPORT
 from deformnb.widgets.protocol import (
     EditMessage,
     HistoryMessage,

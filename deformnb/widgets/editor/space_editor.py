@@ -24,18 +24,19 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, compose
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
-from deformnb.widgets.worker import Worker, close_earlier_of_this_cell
+from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
 

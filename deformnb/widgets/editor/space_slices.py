@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.analysis.folds import Folds, folds_of
 from deformnb.document.deformation import Step
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels

@@ -14,8 +14,8 @@ const VIEW = ["view/live_view.css", "view/volume_view.css", "editor/editor.css",
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
-  editor: ["editor/editor.js", "editor/editor.css", "editor/hand.css", "editor/grid_nodes.css"],
-  space_editor: ["space_editor/editor.js", "editor/editor.css", "editor/hand.css", "space_editor/editor.css"],
+  editor: ["editor/editor.js", "editor/editor.css", "editor/tools.css", "editor/grid_nodes.css"],
+  space_editor: ["space_editor/editor.js", "editor/editor.css", "editor/tools.css", "space_editor/editor.css"],
   live_view: ["view/live_view.js", ...VIEW],
   volume_view: ["view/volume_view.js", ...VIEW],
   curve_editor: ["inputs/curve_editor.js", "inputs/curve_editor.css"],

@@ -16,8 +16,8 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.clip_controls import ClipControls

@@ -16,16 +16,17 @@ import numpy as np
 
 from deformnb._weak import weakly
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fit_settings import lone_support
+from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.studio.controls import button, row
-from deformnb.widgets.studio.labels import JOINING, edit_label
+from deformnb.widgets.studio.history_labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioWords, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
-from deformnb.widgets.worker import Worker, parts_of_another
+from deformnb.widgets.worker import Worker
 
 _HALF, _WHOLE = "1 1 320px", "1 1 100%"
 _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other

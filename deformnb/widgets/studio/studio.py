@@ -31,6 +31,13 @@ from deformnb.session.inputs import as_deformation, as_volume, best_view, source
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.cell_widgets import (
+    close_all,
+    close_earlier_of_this_cell,
+    closed_on_failure,
+    leave_to_another,
+    parts_of_another,
+)
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
@@ -44,14 +51,7 @@ from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png, with_png
-from deformnb.widgets.worker import (
-    Worker,
-    close_all,
-    close_earlier_of_this_cell,
-    closed_on_failure,
-    leave_to_another,
-    parts_of_another,
-)
+from deformnb.widgets.worker import Worker
 
 WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
            "something: draw a cut across it, then drag a point on either side of the cut apart.")
@@ -223,7 +223,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     deformation : to go on with; a :class:`~deformnb.document.deformation.Deformation` or the path of a saved one.
     side : where the first picture is taken from, one of :data:`VIEWS`; default is the side that shows
         most of the subject.
-    method : projection of the picture, a name of :data:`~deformnb.imaging.picture.PROJECTIONS`.
+    method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
     transfer : colours and opacities of the volume: a transfer function, or the name of a preset. Both are by default as
         the deformation was saved, or else "mip" and "specimen".
     view : "live" renders in the browser, "vtk" in Python; or a view of your own.

@@ -18,9 +18,9 @@ import traitlets
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.synced import PageComm
 from deformnb.widgets.view.volume_view import VolumeView
-from deformnb.widgets.worker import parts_of_another
 
 _PLAYED_MS = 60.0  # how often Python hears of the time that a player has come to: its pictures are no faster
 

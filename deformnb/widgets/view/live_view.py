@@ -39,6 +39,7 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.packed_volume import (
     PackedVolume,
     Pieces,
@@ -54,7 +55,6 @@ from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_
 from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
 from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
-from deformnb.widgets.worker import close_earlier_of_this_cell
 
 if TYPE_CHECKING:
     from deformnb.widgets.view.fallback import ServerRenderer

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.imaging.render import gl_status
 from deformnb.rbf.fields import AbstractField

@@ -32,6 +32,7 @@ from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
@@ -40,7 +41,6 @@ from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import METHODS, make_scene, with_png
 from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
-from deformnb.widgets.worker import close_earlier_of_this_cell
 
 LARGEST = 4096
 """Pixels along a side of a picture at most."""

@@ -15,7 +15,7 @@ from PIL import Image
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.fields import Identity
 from deformnb.rbf.points import ControlPoints

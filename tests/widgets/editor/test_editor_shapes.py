@@ -14,7 +14,7 @@ from scripts import run_script
 
 from deformnb.document.json_format import cut_to_data, part_to_data
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints

@@ -19,7 +19,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import Identity, compose
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace
 from deformnb.rbf.rigid import RigidMotion, RigidPart

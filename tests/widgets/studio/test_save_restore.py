@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 from driven_studio import a_drag, a_volume, act, crash, drag, panel, wait_for
 
-from deformnb.app.desk import Desk
+from deformnb.app.application import Application
 from deformnb.session.autosave import saved_sessions
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
-from deformnb.widgets import Studio
-from deformnb.widgets import worker as cell_widgets
+from deformnb.widgets import Studio, cell_widgets
 
 
 def studio_of(volume: Volume | None = None, **options: Any) -> Studio:
@@ -149,17 +148,17 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
 
 
 def test_the_application_offers_it_too(lost: Any) -> None:
-    desk = Desk(Session(a_volume(), view="+y"))
-    assert desk.recovery.wait()
-    assert desk.state()["lost"].endswith("was not saved (5 points, 1 step).")
-    desk.act("restore")
-    assert desk.session.deformation.steps == lost
-    assert desk.editor.points == lost[0].points
-    assert desk.state()["lost"] == ""
-    desk.recovery.autosave.flush()
-    desk.close()
+    app = Application(Session(a_volume(), view="+y"))
+    assert app.recovery.wait()
+    assert app.state()["lost"].endswith("was not saved (5 points, 1 step).")
+    app.act("restore")
+    assert app.session.deformation.steps == lost
+    assert app.editor.points == lost[0].points
+    assert app.state()["lost"] == ""
+    app.recovery.autosave.flush()
+    app.close()
     assert saved_sessions(a_volume()) == []  # no crash
-    again = Desk(Session(a_volume(), view="+y"))
+    again = Application(Session(a_volume(), view="+y"))
     assert again.recovery.wait()
     assert again.state()["lost"] == ""
     assert [row["title"] for row in again.state()["states"]] == [

@@ -18,13 +18,13 @@ from numpy.testing import assert_array_equal
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
-from deformnb.imaging.picture import PROJECTIONS
+from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import VIEWS
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS, SIDES
-from deformnb.widgets.worker import close_earlier_of_this_cell
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 
 
 @pytest.fixture
@@ -423,7 +423,7 @@ def _instances() -> dict[str, Any]:
 
 def test_a_cell_that_runs_again_closes_its_studios(monkeypatch: pytest.MonkeyPatch) -> None:
     run = ["cell", "1"]
-    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
     closed: list[str] = []
 
     class Shown:

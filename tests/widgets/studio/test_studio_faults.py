@@ -44,7 +44,7 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(wrong: dict[str, Any], tmp_path: Path,
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     run = ["cell", "1"]
-    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
     good = Studio(a_volume(), folder=tmp_path)
     good.wait()
     gc.collect()
@@ -92,7 +92,7 @@ def test_others_still_hear_of_widgets(tmp_path: Path) -> None:
 
 def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = ["cell", "1"]
-    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
     view = LiveView(a_volume())
     first = Studio(a_volume(), folder=tmp_path, view=view)
     run[1] = "2"

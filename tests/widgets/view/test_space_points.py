@@ -15,7 +15,7 @@ from scripts import run_script
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.extrusion import extrude, interpolate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
-from deformnb.rbf.interpolant import fit_rbf
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume

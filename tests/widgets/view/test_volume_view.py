@@ -391,7 +391,7 @@ def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: p
 @pytest.mark.skipif(importlib.util.find_spec("trame_rca") is None, reason="trame-rca is not installed")
 def test_the_servers_of_a_view_end_with_it_whoever_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
     run = ["cell", "1"]
-    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: tuple(run))
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
     before, ports = threading.active_count(), []
     for number in range(3):
         run[1] = str(number)

@@ -7,7 +7,7 @@ import { APP_PAGE, callPython } from "./session.js";
 
 const LONGEST_SESSION = 500000; // bytes that Python takes
 
-/** @typedef {{key?: string, page?: string, name?: string}} WrittenFile the state of DeskFiles in Python */
+/** @typedef {{key?: string, page?: string, name?: string}} WrittenFile the state of ApplicationFiles in Python */
 
 /**
  * @typedef {object} Files

@@ -11,7 +11,7 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
-import { helpPanel } from "../ui/key_help.js";
+import { helpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { DrawRate, EditorDrawing, initialize } from "./drawing.js";

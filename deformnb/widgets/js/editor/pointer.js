@@ -1,9 +1,9 @@
-// Pointers, the wheel and keys of the editor, turned into calls of its tools. The keys are listed in ui/key_help.js.
+// Pointers, the wheel and keys of the editor, turned into calls of its tools. The keys are listed in ui/keys.js.
 
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfHand, withRims } from "../maths/points.js";
 import { SLACK, treeOf } from "../ui/dom.js";
-import { commandOf, EDITOR_KEYS } from "../ui/key_help.js";
+import { commandOf, EDITOR_KEYS } from "../ui/keys.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "./handles.js";
 
 /** @import { EditorPage } from "./editor.js" */

@@ -1,4 +1,4 @@
-// The fit of control points on a picture, equal to deformnb.rbf.interpolant.fit_rbf for dimension 2. All arithmetic is
+// The fit of control points on a picture, equal to deformnb.rbf.fitting.fit_rbf for dimension 2. All arithmetic is
 // in float64, as in the package; a test compares the two for every kernel and trend.
 
 import {

@@ -12,7 +12,7 @@ import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
-import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
+import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
 import { SpacePointTools } from "./point_tools.js";

@@ -9,7 +9,7 @@ import { shownLength } from "../maths/numbers.js";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfHand } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
 import { SLACK, targetOf, treeOf } from "../ui/dom.js";
-import { commandOf, SPACE_EDITOR_KEYS } from "../ui/key_help.js";
+import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { LINES } from "./pane.js";
 
 /**

@@ -12,7 +12,8 @@
 // it.
 
 import { LONGEST_EDIT } from "../maths/constants.js";
-import { cleanPoints, cleanShapes, History, nextId, samePoints, sameShapes } from "../maths/points.js";
+import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.js";
+import { History } from "./history.js";
 
 /** @import { Bus, Model, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 

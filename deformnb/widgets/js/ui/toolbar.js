@@ -1,8 +1,8 @@
 // The buttons over the picture, and the menu of those that are rarely used.
 
-/** @import { KeyTable } from "./key_help.js" */
+/** @import { KeyTable } from "./keys.js" */
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.js";
-import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./key_help.js";
+import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.js";
 
 /**
  * A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ...

@@ -9,7 +9,7 @@ import {
 } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
-import { StillPicture } from "./pictures.js";
+import { StillPicture } from "./server_view.js";
 import { TimeLink } from "./playback.js";
 import { PointerControls } from "./pointer.js";
 import { FrameLoop } from "./render_loop.js";

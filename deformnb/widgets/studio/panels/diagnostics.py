@@ -16,6 +16,7 @@ from deformnb._weak import weakly
 from deformnb.document.step_checks import LEAST
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, row, widget_of
 from deformnb.widgets.studio.diagnostics import (
@@ -26,7 +27,7 @@ from deformnb.widgets.studio.diagnostics import (
     point_name,
     suspects_of,
 )
-from deformnb.widgets.worker import Worker, close_all
+from deformnb.widgets.worker import Worker
 
 _WAITING = "<i>Computing diagnostics ...</i>"
 

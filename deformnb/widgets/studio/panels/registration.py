@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
-from deformnb.imaging.picture import project
+from deformnb.imaging.projection import project
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fit_settings import lone_support
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import lone_support
 from deformnb.registration.optimise import Fitted, GreyImage, Pictured, fit_targets, snap_to_match
 from deformnb.registration.outlines import fit_outline, outline, slide
 from deformnb.registration.similarity import MEASURES

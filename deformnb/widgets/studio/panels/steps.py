@@ -14,13 +14,13 @@ import numpy as np
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.session.autosave import Recovery
+from deformnb.session.autosave_store import SavedSession
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
-from deformnb.session.store import SavedSession
 from deformnb.widgets.camera import SIDES
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, prose, row, widget_of
-from deformnb.widgets.studio.labels import go_to, history_rows
+from deformnb.widgets.studio.history_labels import go_to, history_rows
 
 """Labels of the compositions of steps."""
 

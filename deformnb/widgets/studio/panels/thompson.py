@@ -27,7 +27,7 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
-from deformnb.widgets.studio.labels import edit_label
+from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.files import plain_name
 from deformnb.widgets.worker import Worker
 

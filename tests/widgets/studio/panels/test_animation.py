@@ -30,7 +30,7 @@ def bar() -> Volume:
     return Volume((200 * inside).astype(np.uint8), GRID, "bar")
 
 
-class Desk:
+class Bench:
     """A panel with its session and a view, as the studio holds them."""
 
     def __init__(self, folder: Path, view: Any = None) -> None:
@@ -77,100 +77,100 @@ def everything(widget: Any) -> Iterator[Any]:
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(tmp_path)
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path)
     yield made
     made.panel.close()
 
 
-def test_key_frames_are_added_chosen_updated_moved_and_removed(desk: Desk) -> None:
-    assert desk.panel.items.rows == []
-    assert desk.panel.player.duration == 0
-    desk.press("Add key frame")
-    desk.drag((22.0, 16.0))
-    desk.press("Add key frame")
-    assert desk.titles == ["0 s", "1 s"]
-    assert [row["facts"][1] for row in desk.panel.items.rows] == ["", "as it is now"]
-    assert (desk.panel.items.chosen, desk.panel.player.duration, desk.panel.player.marks) == (1, 1.0, [0.0, 1.0])
+def test_key_frames_are_added_chosen_updated_moved_and_removed(bench: Bench) -> None:
+    assert bench.panel.items.rows == []
+    assert bench.panel.player.duration == 0
+    bench.press("Add key frame")
+    bench.drag((22.0, 16.0))
+    bench.press("Add key frame")
+    assert bench.titles == ["0 s", "1 s"]
+    assert [row["facts"][1] for row in bench.panel.items.rows] == ["", "as it is now"]
+    assert (bench.panel.items.chosen, bench.panel.player.duration, bench.panel.player.marks) == (1, 1.0, [0.0, 1.0])
 
-    desk.act("choose", 0)
-    assert desk.session.points.target[3].tolist() == [28.0, 7.5]
-    assert (desk.panel.items.chosen, desk.panel.player.time) == (0, 0.0)
-    desk.drag((28.0, 8.5))
-    assert [row["facts"][1] for row in desk.panel.items.rows] == ["", ""]
-    desk.press("Update")
-    assert desk.session.deformation.keyframes[0].steps[0].points.target[3].tolist() == [28.0, 8.5]
+    bench.act("choose", 0)
+    assert bench.session.points.target[3].tolist() == [28.0, 7.5]
+    assert (bench.panel.items.chosen, bench.panel.player.time) == (0, 0.0)
+    bench.drag((28.0, 8.5))
+    assert [row["facts"][1] for row in bench.panel.items.rows] == ["", ""]
+    bench.press("Update")
+    assert bench.session.deformation.keyframes[0].steps[0].points.target[3].tolist() == [28.0, 8.5]
 
-    desk.panel._time.value = 3.0
-    assert desk.times == [1.0, 3.0]
-    assert (desk.panel.items.chosen, desk.panel._time.value) == (1, 3.0)
-    desk.panel._time.value = 1.0  # there is one already
-    assert "at 1 s already" in desk.said[-1]
-    assert (desk.times, desk.panel._time.value) == ([1.0, 3.0], 3.0)
-    desk.act("double", 0)
-    assert desk.times == [1.0, 3.0, 4.0]
-    assert desk.panel.items.chosen == 2
-    desk.act("remove", 1)
-    assert desk.times == [1.0, 4.0]
+    bench.panel._time.value = 3.0
+    assert bench.times == [1.0, 3.0]
+    assert (bench.panel.items.chosen, bench.panel._time.value) == (1, 3.0)
+    bench.panel._time.value = 1.0  # there is one already
+    assert "at 1 s already" in bench.said[-1]
+    assert (bench.times, bench.panel._time.value) == ([1.0, 3.0], 3.0)
+    bench.act("double", 0)
+    assert bench.times == [1.0, 3.0, 4.0]
+    assert bench.panel.items.chosen == 2
+    bench.act("remove", 1)
+    assert bench.times == [1.0, 4.0]
     for _ in range(2):
-        desk.session.undo()
-    assert desk.times == [1.0, 3.0]
-    assert desk.session.history["redo"] == "repeat a key frame"
+        bench.session.undo()
+    assert bench.times == [1.0, 3.0]
+    assert bench.session.history["redo"] == "repeat a key frame"
 
 
-def test_a_key_frame_comes_where_the_player_rests_between_two(desk: Desk) -> None:
-    desk.press("Add key frame")
-    desk.drag((22.0, 16.0))
-    desk.press("Add key frame")
-    desk.panel.player.time = 0.4
-    desk.press("Edit this moment")
-    assert desk.session.points.target[3] == pytest.approx([25.9, 11.1], abs=0.5)
-    assert desk.session.history["undo"] == "go to a moment"
-    desk.press("Add key frame")
-    assert desk.times == [0.0, 0.4, 1.0]
-    desk.press("Add key frame")  # it stands on a key frame now: after the last
-    assert desk.times == [0.0, 0.4, 1.0, 2.0]
+def test_a_key_frame_comes_where_the_player_rests_between_two(bench: Bench) -> None:
+    bench.press("Add key frame")
+    bench.drag((22.0, 16.0))
+    bench.press("Add key frame")
+    bench.panel.player.time = 0.4
+    bench.press("Edit this moment")
+    assert bench.session.points.target[3] == pytest.approx([25.9, 11.1], abs=0.5)
+    assert bench.session.history["undo"] == "go to a moment"
+    bench.press("Add key frame")
+    assert bench.times == [0.0, 0.4, 1.0]
+    bench.press("Add key frame")  # it stands on a key frame now: after the last
+    assert bench.times == [0.0, 0.4, 1.0, 2.0]
 
 
-def test_the_view_goes_through_the_moments_and_comes_back_to_the_document(desk: Desk) -> None:
-    desk.press("Add key frame")
-    desk.drag((22.0, 16.0))
-    desk.press("Add key frame")
-    desk.panel.player.time = 0.5
-    desk.panel.playback.wait()
-    maps = desk.view.moments
+def test_the_view_goes_through_the_moments_and_comes_back_to_the_document(bench: Bench) -> None:
+    bench.press("Add key frame")
+    bench.drag((22.0, 16.0))
+    bench.press("Add key frame")
+    bench.panel.player.time = 0.5
+    bench.panel.playback.wait()
+    maps = bench.view.moments
     assert maps is not None
     assert len(maps) >= 4
-    desk.panel.player.time = 0.7
-    desk.panel.playback.wait()
-    assert desk.view.moments is maps  # nothing is made or sent again
-    middle = desk.view.still((64, 48)).astype(int)
-    desk.view.show_deformation(desk.session.deformation)  # as the studio does after an edit
-    assert desk.view.moments is None
-    assert np.abs(desk.view.still((64, 48)).astype(int) - middle).max() > 20
-    desk.panel._easing.value = "smooth"
-    desk.panel.playback.wait()
-    assert desk.view.moments is not None
-    assert desk.view.moments is not maps
+    bench.panel.player.time = 0.7
+    bench.panel.playback.wait()
+    assert bench.view.moments is maps  # nothing is made or sent again
+    middle = bench.view.still((64, 48)).astype(int)
+    bench.view.show_deformation(bench.session.deformation)  # as the studio does after an edit
+    assert bench.view.moments is None
+    assert np.abs(bench.view.still((64, 48)).astype(int) - middle).max() > 20
+    bench.panel._easing.value = "smooth"
+    bench.panel.playback.wait()
+    assert bench.view.moments is not None
+    assert bench.view.moments is not maps
 
 
-def test_an_edit_stops_the_player_and_is_not_hidden_by_it(desk: Desk) -> None:
-    desk.press("Add key frame")
-    desk.drag((22.0, 16.0))
-    desk.press("Add key frame")
-    desk.panel.player.is_playing = True
-    desk.panel.playback.wait()
-    assert desk.view.moments is not None
-    desk.drag((20.0, 14.0))
-    assert not desk.panel.player.is_playing
-    desk.view.show_deformation(desk.session.deformation)
-    desk.panel.player.time = 0.33  # what the page says a little later: where it has stopped
-    desk.panel.playback.wait()
-    assert desk.view.moments is None
-    desk.panel._quiet_until = 0.0
-    desk.panel.player.time = 0.5
-    desk.panel.playback.wait()
-    assert desk.view.moments is not None
+def test_an_edit_stops_the_player_and_is_not_hidden_by_it(bench: Bench) -> None:
+    bench.press("Add key frame")
+    bench.drag((22.0, 16.0))
+    bench.press("Add key frame")
+    bench.panel.player.is_playing = True
+    bench.panel.playback.wait()
+    assert bench.view.moments is not None
+    bench.drag((20.0, 14.0))
+    assert not bench.panel.player.is_playing
+    bench.view.show_deformation(bench.session.deformation)
+    bench.panel.player.time = 0.33  # what the page says a little later: where it has stopped
+    bench.panel.playback.wait()
+    assert bench.view.moments is None
+    bench.panel._quiet_until = 0.0
+    bench.panel.player.time = 0.5
+    bench.panel.playback.wait()
+    assert bench.view.moments is not None
 
 
 def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
@@ -183,57 +183,58 @@ def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
             self.shown.append(field)
 
     view = DrawnByPython()
-    desk = Desk(tmp_path, view)
-    desk.press("Add key frame")
-    desk.drag((22.0, 16.0))
-    desk.press("Add key frame")
-    assert desk.panel.player.sync_ms == 60
+    bench = Bench(tmp_path, view)
+    bench.press("Add key frame")
+    bench.drag((22.0, 16.0))
+    bench.press("Add key frame")
+    assert bench.panel.player.sync_ms == 60
     for time in (0.25, 1.0):
-        desk.panel.player.time = time
-        desk.panel.playback.wait()
-        target = Animation(desk.session.deformation).at(time).steps[0].points.target[3]
-        plane = desk.session.plane
+        bench.panel.player.time = time
+        bench.panel.playback.wait()
+        target = Animation(bench.session.deformation).at(time).steps[0].points.target[3]
+        plane = bench.session.plane
         place = plane.from_plane([*target, 0.0])
         found = plane.to_plane(place + view.shown[-1].displacement(place))[:2]
         assert found == pytest.approx([28.0, 7.5], abs=0.3)  # where the point was taken
-    desk.panel.close()
+    bench.panel.close()
 
 
-def test_moments_that_are_no_maps_are_shown_one_by_one(desk: Desk) -> None:
-    desk.session.change(cuts=(Cut(Line([(15.0, -5.0), (15.0, 30.0)])),))
-    desk.press("Add key frame")
-    desk.drag((24.0, 9.0))
-    desk.press("Add key frame")
+def test_moments_that_are_no_maps_are_shown_one_by_one(bench: Bench) -> None:
+    bench.session.change(cuts=(Cut(Line([(15.0, -5.0), (15.0, 30.0)])),))
+    bench.press("Add key frame")
+    bench.drag((24.0, 9.0))
+    bench.press("Add key frame")
     shown: list[Any] = []
 
     def show(field: Any, *, output: Any = None) -> None:
         shown.append(field)
 
-    desk.view.show_deformation = show
-    desk.panel.player.time = 0.5
-    desk.panel.playback.wait()
-    assert desk.view.moments is None
+    bench.view.show_deformation = show
+    bench.panel.player.time = 0.5
+    bench.panel.playback.wait()
+    assert bench.view.moments is None
     assert shown[-1].has_cuts
-    assert desk.said == []
+    assert bench.said == []
 
 
 @pytest.mark.parametrize(("kind", "name"), [(".gif", "swim.gif"), ("", "swim")])
-def test_a_movie_is_written(desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, name: str) -> None:
+def test_a_movie_is_written(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str,
+                            name: str) -> None:
     monkeypatch.setattr("deformnb.session.exports._FRAME", (48, 36))
-    movie = desk.panel.movie
+    movie = bench.panel.movie
     assert movie.write.disabled
-    desk.press("Add key frame")
-    desk.drag((22.0, 12.0))
-    desk.press("Add key frame")
+    bench.press("Add key frame")
+    bench.drag((22.0, 12.0))
+    bench.press("Add key frame")
     movie.name.value = "swim.mp4"
     movie.kind.value = kind or ".gif"
     movie.kind.value = kind
     assert movie.name.value == name
     movie.fps.value = 4
-    desk.panel.player.loop = "loop"
-    desk.press("Write movie")
+    bench.panel.player.loop = "loop"
+    bench.press("Write movie")
     movie.wait()
-    assert desk.said == []
+    assert bench.said == []
     assert movie.said.value == f"Wrote {name}."
     if kind:
         from PIL import Image
@@ -245,44 +246,44 @@ def test_a_movie_is_written(desk: Desk, tmp_path: Path, monkeypatch: pytest.Monk
     assert not movie.write.disabled
 
 
-def test_a_movie_is_stopped_and_nothing_is_left(desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_movie_is_stopped_and_nothing_is_left(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun = threading.Event()
 
     def slow(*_given: Any, **_options: Any) -> Iterator[np.ndarray]:
         for _ in range(1000):
             yield np.zeros((12, 16, 3), np.uint8)
             begun.set()
-            desk.panel.movie._stop.wait(0.05)
+            bench.panel.movie._stop.wait(0.05)
 
     monkeypatch.setattr(animation_panel, "movie_frames", slow)
-    desk.press("Add key frame")
-    desk.panel.movie.kind.value = ".gif"
-    desk.press("Write movie")
-    assert desk.panel.movie.write.disabled
+    bench.press("Add key frame")
+    bench.panel.movie.kind.value = ".gif"
+    bench.press("Write movie")
+    assert bench.panel.movie.write.disabled
     assert begun.wait(30)
-    desk.press("Cancel")
-    desk.panel.movie.wait()
-    assert desk.panel.movie.said.value == "Stopped; animation.gif was not written."
+    bench.press("Cancel")
+    bench.panel.movie.wait()
+    assert bench.panel.movie.said.value == "Stopped; animation.gif was not written."
     assert list(tmp_path.iterdir()) == []
-    desk.panel.movie.name.value = "../out.gif"
-    desk.press("Write movie")
-    assert "no plain file name" in desk.said[-1]
+    bench.panel.movie.name.value = "../out.gif"
+    bench.press("Write movie")
+    assert "no plain file name" in bench.said[-1]
 
 
-def test_how_an_animation_is_played_is_kept_with_its_document(desk: Desk) -> None:
-    desk.panel.player.loop = "swing"  # nothing to keep it with yet
-    assert desk.session.history["undo"] == ""
-    desk.press("Add key frame")
-    desk.drag((22.0, 12.0))
-    desk.press("Add key frame")
-    desk.panel._easing.value = "smooth"
-    desk.panel.player.loop = "loop"
-    document = desk.session.deformation
+def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> None:
+    bench.panel.player.loop = "swing"  # nothing to keep it with yet
+    assert bench.session.history["undo"] == ""
+    bench.press("Add key frame")
+    bench.drag((22.0, 12.0))
+    bench.press("Add key frame")
+    bench.panel._easing.value = "smooth"
+    bench.panel.player.loop = "loop"
+    document = bench.session.deformation
     assert (document.easing, document.loop) == ("smooth", "loop")
     assert Animation(document).easing == "smooth"
-    desk.session.undo()
-    desk.panel.refresh()
-    assert desk.panel.player.loop == "once"
-    desk.session.undo()
-    desk.panel.refresh()
-    assert desk.panel._easing.value == "linear"
+    bench.session.undo()
+    bench.panel.refresh()
+    assert bench.panel.player.loop == "once"
+    bench.session.undo()
+    bench.panel.refresh()
+    assert bench.panel._easing.value == "linear"

@@ -20,7 +20,7 @@ from deformnb.widgets.inputs.points_table import PointsTable
 from deformnb.widgets.studio.panels.points import PointsPanel
 
 
-class Desk:
+class Bench:
     """A panel with its session, an editor, and a page that is played by hand."""
 
     def __init__(self, in_space: bool = False) -> None:
@@ -70,8 +70,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Desk:
-    made = Desk()
+def bench() -> Bench:
+    made = Bench()
     made.says("seen", value=True)
     return made
 
@@ -80,105 +80,105 @@ def desk() -> Desk:
 
 
 def test_points_go_to_a_table_that_is_seen_and_to_no_other() -> None:
-    desk = Desk()
-    assert desk.table.ids == []
-    desk.says("seen", value=True)
-    assert desk.table.ids == [0, 1, 2, 3]
-    assert desk.table.names == ["corner"] * 4
-    before = desk.table.numbers
-    desk.says("seen", value=False)
-    desk.session.edit_points(desk.points.move(0, [1.0, 2.0]))
-    assert desk.table.numbers == before
-    desk.says("seen", value=True)
-    assert_array_equal(desk.rows()[0, 2:4], [1.0, 2.0])
+    bench = Bench()
+    assert bench.table.ids == []
+    bench.says("seen", value=True)
+    assert bench.table.ids == [0, 1, 2, 3]
+    assert bench.table.names == ["corner"] * 4
+    before = bench.table.numbers
+    bench.says("seen", value=False)
+    bench.session.edit_points(bench.points.move(0, [1.0, 2.0]))
+    assert bench.table.numbers == before
+    bench.says("seen", value=True)
+    assert_array_equal(bench.rows()[0, 2:4], [1.0, 2.0])
 
 
-def test_a_table_that_two_pages_see_goes_on_when_one_is_closed(desk: Desk) -> None:
-    desk.says("seen", view="other", value=True)
-    desk.says("seen", view="other", value=False)
-    assert desk.table.is_seen
-    desk.says("seen", value=False)
-    assert not desk.table.is_seen
+def test_a_table_that_two_pages_see_goes_on_when_one_is_closed(bench: Bench) -> None:
+    bench.says("seen", view="other", value=True)
+    bench.says("seen", view="other", value=False)
+    assert bench.table.is_seen
+    bench.says("seen", value=False)
+    assert not bench.table.is_seen
 
 
-def test_numbers_are_source_target_weight_radius_and_error(desk: Desk) -> None:
+def test_numbers_are_source_target_weight_radius_and_error(bench: Bench) -> None:
     points = ControlPoints.from_arrays([[1, 2], [3, 4]], [[5, 6], [7, 8]], weight=[1, 2], radius=[np.nan, 9],
                                        active=[True, False], locked=[False, True])
-    desk.table.show(points, np.array([0.5, np.nan]), [0])
-    assert_array_equal(desk.rows(), [[1, 2, 5, 6, 1, np.nan, 0.5], [3, 4, 7, 8, 2, 9, np.nan]])
-    assert list(desk.table.flags) == [1 + 4, 2]
+    bench.table.show(points, np.array([0.5, np.nan]), [0])
+    assert_array_equal(bench.rows(), [[1, 2, 5, 6, 1, np.nan, 0.5], [3, 4, 7, 8, 2, 9, np.nan]])
+    assert list(bench.table.flags) == [1 + 4, 2]
 
 
-def test_a_refresh_without_other_points_sends_nothing(desk: Desk) -> None:
-    desk.think()
+def test_a_refresh_without_other_points_sends_nothing(bench: Bench) -> None:
+    bench.think()
     told: list[str] = []
-    desk.table.observe(lambda change: told.append(change["name"]))
+    bench.table.observe(lambda change: told.append(change["name"]))
     for k in range(5):
-        desk.session.change(strength=1 + k / 10)
-        desk.panel.refresh()
+        bench.session.change(strength=1 + k / 10)
+        bench.panel.refresh()
     assert told == []
 
 
-def test_errors_and_suspects_come_from_the_worker(desk: Desk) -> None:
+def test_errors_and_suspects_come_from_the_worker(bench: Bench) -> None:
     place = np.stack(np.meshgrid(np.linspace(1, 14, 5), np.linspace(1, 14, 5)), axis=-1).reshape(-1, 2)
     target = place + np.array([0.2, 0.0])
     target[12] += [0.0, 2.2]
-    desk.session.edit_points(ControlPoints.from_arrays(place, target))
-    assert np.isnan(desk.rows()[:, -1]).all()
-    desk.think()
-    errors = desk.rows()[:, -1]
+    bench.session.edit_points(ControlPoints.from_arrays(place, target))
+    assert np.isnan(bench.rows()[:, -1]).all()
+    bench.think()
+    errors = bench.rows()[:, -1]
     assert np.isfinite(errors).all()
     assert errors.argmax() == 12
     assert errors[12] > 1.5
-    assert list(np.flatnonzero(np.frombuffer(desk.table.flags, np.uint8) & 4)) == [12]
+    assert list(np.flatnonzero(np.frombuffer(bench.table.flags, np.uint8) & 4)) == [12]
 
 
 @pytest.mark.nightly
-def test_errors_stay_until_the_next_ones_are_there_and_go_with_the_step(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
-    desk.think()
-    before = desk.rows()[:, -1]
-    desk.session.edit_points(desk.points.move(4, [11.0, 8.0]).add([5.0, 3.0]))
-    assert_array_equal(desk.rows()[:, -1], [*before, np.nan])
-    desk.think()
-    assert np.isfinite(desk.rows()[:, -1]).all()
-    assert desk.rows()[4, -1] > before[4] + 1
-    desk.session.change(kernel="gaussian")  # the points are the same, the errors are not
-    kept = desk.rows()[:, -1]
-    desk.think()
-    assert (desk.rows()[:, -1] != kept).any()
-    desk.session.add_step()
-    assert np.isnan(desk.rows()[:, -1]).all()
+def test_errors_stay_until_the_next_ones_are_there_and_go_with_the_step(bench: Bench) -> None:
+    bench.session.edit_points(bench.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
+    bench.think()
+    before = bench.rows()[:, -1]
+    bench.session.edit_points(bench.points.move(4, [11.0, 8.0]).add([5.0, 3.0]))
+    assert_array_equal(bench.rows()[:, -1], [*before, np.nan])
+    bench.think()
+    assert np.isfinite(bench.rows()[:, -1]).all()
+    assert bench.rows()[4, -1] > before[4] + 1
+    bench.session.change(kernel="gaussian")  # the points are the same, the errors are not
+    kept = bench.rows()[:, -1]
+    bench.think()
+    assert (bench.rows()[:, -1] != kept).any()
+    bench.session.add_step()
+    assert np.isnan(bench.rows()[:, -1]).all()
 
 
-def test_points_that_cannot_be_judged_are_shown_without_errors(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.remove(0, 1, 2, 3))
-    desk.think()
-    assert desk.table.ids == []
+def test_points_that_cannot_be_judged_are_shown_without_errors(bench: Bench) -> None:
+    bench.session.edit_points(bench.points.remove(0, 1, 2, 3))
+    bench.think()
+    assert bench.table.ids == []
 
 
 # ---- cells -----------------------------------------------------------------------------------------------------------
 
 
-def test_each_cell_writes_its_part_of_the_point(desk: Desk) -> None:
-    assert desk.cell(2, "name", "  nose ")
-    assert desk.cell(2, "target", "9.5", 0)
-    assert desk.cell(2, "target", "10,25", 1)  # as half of the world writes it
-    assert desk.cell(1, "source", "14", 0)
-    assert desk.cell(1, "weight", "2.5")
-    assert desk.cell(1, "radius", "30")
-    assert desk.cell(3, "active", False)
-    assert desk.cell(3, "locked", True)
-    points = desk.points
+def test_each_cell_writes_its_part_of_the_point(bench: Bench) -> None:
+    assert bench.cell(2, "name", "  nose ")
+    assert bench.cell(2, "target", "9.5", 0)
+    assert bench.cell(2, "target", "10,25", 1)  # as half of the world writes it
+    assert bench.cell(1, "source", "14", 0)
+    assert bench.cell(1, "weight", "2.5")
+    assert bench.cell(1, "radius", "30")
+    assert bench.cell(3, "active", False)
+    assert bench.cell(3, "locked", True)
+    points = bench.points
     assert points.names[2] == "nose"
     assert points.target[2].tolist() == [9.5, 10.25]
     assert points.source[1, 0] == 14
     assert (points.weight[1], points.radius[1]) == (2.5, 30)
     assert (bool(points.active[3]), bool(points.locked[3])) == (False, True)
-    assert desk.session.history["undo"] == 'lock "corner"'
-    assert desk.cell(1, "radius", "")
-    assert np.isnan(desk.points.radius[1])
-    assert desk.guard.errors == []
+    assert bench.session.history["undo"] == 'lock "corner"'
+    assert bench.cell(1, "radius", "")
+    assert np.isnan(bench.points.radius[1])
+    assert bench.guard.errors == []
 
 
 @pytest.mark.parametrize(("field", "text", "words"), [
@@ -187,113 +187,113 @@ def test_each_cell_writes_its_part_of_the_point(desk: Desk) -> None:
     ("weight", "heavy", "the weight of .* must be a number, got 'heavy'"), ("radius", "0", "positive length"),
     ("target", "1,2,3", "must be a number"),
 ])
-def test_what_is_refused_is_said_and_the_old_value_stays(desk: Desk, field: str, text: str, words: str) -> None:
-    before = desk.points
-    assert not desk.cell(2, field, text)
-    assert len(desk.guard.errors) == 1
+def test_what_is_refused_is_said_and_the_old_value_stays(bench: Bench, field: str, text: str, words: str) -> None:
+    before = bench.points
+    assert not bench.cell(2, field, text)
+    assert len(bench.guard.errors) == 1
     import re
-    assert re.search(words, desk.guard.errors[0])
-    assert desk.points is before
+    assert re.search(words, bench.guard.errors[0])
+    assert bench.points is before
 
 
-def test_a_locked_point_is_not_moved_and_not_deleted(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.move(0, [1.0, 1.0]).edit(0, locked=True))
-    before = desk.points
-    assert not desk.cell(0, "target", "3")
-    assert not desk.cell(0, "source", "3")
-    assert not desk.says("reset", [0])["ok"]
-    assert not desk.says("remove", [0])["ok"]
-    assert not desk.says("paste", value="id,source_a,source_b\n0,5,5\n")["ok"]
-    assert all("locked" in error for error in desk.guard.errors)
-    assert desk.points is before
-    assert desk.cell(0, "name", "held")
-    assert desk.says("remove", [0, 1])["ok"]  # what is free goes
-    assert desk.points.ids == (0, 2, 3)
+def test_a_locked_point_is_not_moved_and_not_deleted(bench: Bench) -> None:
+    bench.session.edit_points(bench.points.move(0, [1.0, 1.0]).edit(0, locked=True))
+    before = bench.points
+    assert not bench.cell(0, "target", "3")
+    assert not bench.cell(0, "source", "3")
+    assert not bench.says("reset", [0])["ok"]
+    assert not bench.says("remove", [0])["ok"]
+    assert not bench.says("paste", value="id,source_a,source_b\n0,5,5\n")["ok"]
+    assert all("locked" in error for error in bench.guard.errors)
+    assert bench.points is before
+    assert bench.cell(0, "name", "held")
+    assert bench.says("remove", [0, 1])["ok"]  # what is free goes
+    assert bench.points.ids == (0, 2, 3)
 
 
-def test_a_point_that_is_gone_is_said(desk: Desk) -> None:
-    assert not desk.cell(17, "name", "nobody")
-    assert desk.guard.errors == ["there is no control point 17 any more."]
-    assert desk.says("remove", [17])["ok"]  # nothing is left to do
+def test_a_point_that_is_gone_is_said(bench: Bench) -> None:
+    assert not bench.cell(17, "name", "nobody")
+    assert bench.guard.errors == ["there is no control point 17 any more."]
+    assert bench.says("remove", [17])["ok"]  # nothing is left to do
 
 
 # ---- commands --------------------------------------------------------------------------------------------------------
 
 
-def test_commands_act_on_all_that_is_chosen(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.move(1, [9.0, 1.0]).move(2, [9.0, 9.0]))
-    desk.says("reset", [1, 3])
-    assert_array_equal(desk.points.displacement.any(axis=1), [False, False, True, False])
-    desk.says("lock", [1, 2])
-    assert desk.points.locked.tolist() == [False, True, True, False]
-    desk.says("lock", [0, 1])
-    assert desk.points.locked.tolist() == [True, True, True, False]
-    desk.says("lock", [0, 1])
-    assert desk.points.locked.tolist() == [False, False, True, False]
-    desk.says("switch", [0, 3])
-    assert desk.points.active.tolist() == [False, True, True, False]
-    desk.says("switch", [0, 1])
-    assert desk.points.active.tolist() == [False, False, True, False]
-    desk.says("remove", [0, 1])
-    assert desk.points.ids == (2, 3)
-    assert desk.says("undo")["text"] == "Undone: remove 2 points"
-    assert desk.says("redo")["text"] == "Done again: remove 2 points"
-    assert desk.says("redo")["text"] == ""
+def test_commands_act_on_all_that_is_chosen(bench: Bench) -> None:
+    bench.session.edit_points(bench.points.move(1, [9.0, 1.0]).move(2, [9.0, 9.0]))
+    bench.says("reset", [1, 3])
+    assert_array_equal(bench.points.displacement.any(axis=1), [False, False, True, False])
+    bench.says("lock", [1, 2])
+    assert bench.points.locked.tolist() == [False, True, True, False]
+    bench.says("lock", [0, 1])
+    assert bench.points.locked.tolist() == [True, True, True, False]
+    bench.says("lock", [0, 1])
+    assert bench.points.locked.tolist() == [False, False, True, False]
+    bench.says("switch", [0, 3])
+    assert bench.points.active.tolist() == [False, True, True, False]
+    bench.says("switch", [0, 1])
+    assert bench.points.active.tolist() == [False, False, True, False]
+    bench.says("remove", [0, 1])
+    assert bench.points.ids == (2, 3)
+    assert bench.says("undo")["text"] == "Undone: remove 2 points"
+    assert bench.says("redo")["text"] == "Done again: remove 2 points"
+    assert bench.says("redo")["text"] == ""
 
 
-def test_a_point_that_is_added_takes_hold_of_what_is_seen_there(desk: Desk) -> None:
-    desk.session.edit_points(desk.points.add([8.0, 8.0], [10.0, 8.0]))
-    fit = desk.editor.fit()
-    answer = desk.says("add", value="9, 7.5")
+def test_a_point_that_is_added_takes_hold_of_what_is_seen_there(bench: Bench) -> None:
+    bench.session.edit_points(bench.points.add([8.0, 8.0], [10.0, 8.0]))
+    fit = bench.editor.fit()
+    answer = bench.says("add", value="9, 7.5")
     assert answer == {**answer, "ok": True, "text": "Point 5 added."}
-    assert_array_equal(desk.points.target[-1], [9.0, 7.5])
-    assert_allclose(desk.points.displacement[-1], fit.displacement([9.0, 7.5]), atol=1e-12)
-    assert desk.editor.selected == [5]
-    assert not desk.says("add", value="9")["ok"]
-    assert not desk.says("add", value="9, nan")["ok"]
-    assert desk.guard.errors == ["a new point needs 2 numbers, a, b; got 1.",
+    assert_array_equal(bench.points.target[-1], [9.0, 7.5])
+    assert_allclose(bench.points.displacement[-1], fit.displacement([9.0, 7.5]), atol=1e-12)
+    assert bench.editor.selected == [5]
+    assert not bench.says("add", value="9")["ok"]
+    assert not bench.says("add", value="9, nan")["ok"]
+    assert bench.guard.errors == ["a new point needs 2 numbers, a, b; got 1.",
                                  "b of the new point must be a number, got 'nan'."]
 
 
-def test_rows_are_pasted(desk: Desk) -> None:
-    answer = desk.says("paste", value="id,name,source_a,source_b,target_a,target_b\n0,,,,1,1\n,fin,5,6,7,8\n")
+def test_rows_are_pasted(bench: Bench) -> None:
+    answer = bench.says("paste", value="id,name,source_a,source_b,target_a,target_b\n0,,,,1,1\n,fin,5,6,7,8\n")
     assert answer["text"] == "1 points added, 1 changed."
-    assert desk.points.target[0].tolist() == [1, 1]
-    assert desk.points.names[-1] == "fin"
-    desk.session.undo()
-    assert len(desk.points) == 4
-    assert not desk.says("paste", value="nonsense")["ok"]
+    assert bench.points.target[0].tolist() == [1, 1]
+    assert bench.points.names[-1] == "fin"
+    bench.session.undo()
+    assert len(bench.points) == 4
+    assert not bench.says("paste", value="nonsense")["ok"]
 
 
-def test_the_selection_goes_both_ways(desk: Desk) -> None:
-    desk.editor.selected = [2]
-    assert desk.table.selected == [2]
-    desk.table.set_state({"selected": [1, 3]})
-    assert desk.editor.selected == [1, 3]
+def test_the_selection_goes_both_ways(bench: Bench) -> None:
+    bench.editor.selected = [2]
+    assert bench.table.selected == [2]
+    bench.table.set_state({"selected": [1, 3]})
+    assert bench.editor.selected == [1, 3]
 
 
-def test_a_point_is_looked_at_on_a_picture(desk: Desk) -> None:
+def test_a_point_is_looked_at_on_a_picture(bench: Bench) -> None:
     sent: list[Any] = []
-    desk.editor.send = lambda content, buffers=None: sent.append(content)
-    assert desk.says("look", [2])["ok"]
+    bench.editor.send = lambda content, buffers=None: sent.append(content)
+    assert bench.says("look", [2])["ok"]
     assert sent == [{"type": "look", "id": 2}]
-    assert desk.editor.selected == [2]
+    assert bench.editor.selected == [2]
 
 
 def test_a_point_in_space_is_written_and_looked_at() -> None:
-    desk = Desk(in_space=True)
+    bench = Bench(in_space=True)
     try:
-        desk.says("seen", value=True)
-        assert desk.table.dim == 3
-        assert desk.cell(5, "target", "4.5", 2)
-        assert desk.points.target[5, 2] == 4.5
-        assert_array_equal(desk.rows()[5, 3:6], desk.points.target[5])
-        assert desk.says("add", value="3 4 5")["ok"]
-        desk.says("look", [5])
-        assert list(desk.editor.cursor) == desk.points.target[5].tolist()
-        assert not desk.says("cell", [0], field="target", axis=3, value="1")["ok"]
+        bench.says("seen", value=True)
+        assert bench.table.dim == 3
+        assert bench.cell(5, "target", "4.5", 2)
+        assert bench.points.target[5, 2] == 4.5
+        assert_array_equal(bench.rows()[5, 3:6], bench.points.target[5])
+        assert bench.says("add", value="3 4 5")["ok"]
+        bench.says("look", [5])
+        assert list(bench.editor.cursor) == bench.points.target[5].tolist()
+        assert not bench.says("cell", [0], field="target", axis=3, value="1")["ok"]
     finally:
-        desk.editor.close()
+        bench.editor.close()
 
 
 # ---- what a page may say ---------------------------------------------------------------------------------------------
@@ -306,21 +306,21 @@ def test_a_point_in_space_is_written_and_looked_at() -> None:
     {"field": "active", "value": "true"}, {"field": "locked", "value": 1}, {"what": "remove", "field": "name"},
     {"what": "seen", "value": 1}, {"what": "paste", "field": "", "value": b"1"},
 ])
-def test_what_is_wrong_is_dropped_and_answered(desk: Desk, wrong: dict[str, Any], caplog: Any) -> None:
-    before = desk.points
+def test_what_is_wrong_is_dropped_and_answered(bench: Bench, wrong: dict[str, Any], caplog: Any) -> None:
+    before = bench.points
     message = {"what": "cell", "ids": [0], "field": "name", "axis": 0, "value": "x", **wrong}
-    assert not desk.says(**message)["ok"]
-    assert desk.points is before
+    assert not bench.says(**message)["ok"]
+    assert bench.points is before
     assert "dropped" in caplog.text
 
 
 @pytest.mark.parametrize("wrong", [{"type": "do"}, {"view": 5}, {"view": "x" * 50}, {"seq": "1"}, {"seq": None}])
-def test_what_cannot_be_answered_is_dropped(desk: Desk, wrong: dict[str, Any], caplog: Any) -> None:
-    count = len(desk.sent)
+def test_what_cannot_be_answered_is_dropped(bench: Bench, wrong: dict[str, Any], caplog: Any) -> None:
+    count = len(bench.sent)
     message = {"type": "act", "view": "page", "seq": 9, "what": "undo", "ids": [], "value": None, **wrong}
-    desk.table._handle_custom_msg(message, [])
-    desk.table._handle_custom_msg("nonsense", [])
-    assert len(desk.sent) == count
+    bench.table._handle_custom_msg(message, [])
+    bench.table._handle_custom_msg("nonsense", [])
+    assert len(bench.sent) == count
     assert "dropped" in caplog.text
 
 
@@ -331,7 +331,7 @@ def test_a_page_owns_its_selection_and_nothing_else(state: Any) -> None:
     assert (table.ids, table.selected) == ([], [])
 
 
-def test_a_failing_callback_ends_nothing(desk: Desk, caplog: Any) -> None:
-    desk.table.on_act(lambda act: 1 / 0)  # type: ignore[arg-type, return-value]
-    assert not desk.says("undo")["ok"]
+def test_a_failing_callback_ends_nothing(bench: Bench, caplog: Any) -> None:
+    bench.table.on_act(lambda act: 1 / 0)  # type: ignore[arg-type, return-value]
+    assert not bench.says("undo")["ok"]
     assert "ZeroDivisionError" in caplog.text

@@ -17,8 +17,9 @@ from PIL import Image
 from widgets.studio.panels.test_steps_history import Guarded
 
 import deformnb as dn
-from deformnb.document.deformation import Deformation, lone_support
+from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
@@ -48,7 +49,7 @@ TRUE = _document()
 TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
 
 
-class Desk:
+class Bench:
     """A panel with a session and an editor that follows it, as a studio wires them."""
 
     def __init__(self, folder: Path, target: Volume | None = None, volume: Volume = VOLUME) -> None:
@@ -89,42 +90,42 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(tmp_path, TARGET)
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(tmp_path, TARGET)
     yield made
     made.panel.close()
 
 
 def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
-    desk = Desk(tmp_path)
-    assert desk.panel.choice.value == NO_TARGET
-    assert all(made.disabled for made in desk.panel.buttons.values())
-    assert "Choose what the volume shall look like" in desk.said
-    desk.panel.close()
+    bench = Bench(tmp_path)
+    assert bench.panel.choice.value == NO_TARGET
+    assert all(made.disabled for made in bench.panel.buttons.values())
+    assert "Choose what the volume shall look like" in bench.said
+    bench.panel.close()
 
 
-def test_fit_all_points_finds_them_again_as_one_edit(desk: Desk) -> None:
-    before = desk.session.points
-    assert desk.misses().max() > 3
-    desk.press("Fit all points")
-    assert desk.misses().max() < 0.5
-    assert desk.session.history["undo"] == "fit all points"
-    assert "Likeness" in desk.said
-    assert "5 points moved" in desk.said
-    desk.session.undo()
-    assert desk.session.points == before
-    assert not desk.guard.errors
+def test_fit_all_points_finds_them_again_as_one_edit(bench: Bench) -> None:
+    before = bench.session.points
+    assert bench.misses().max() > 3
+    bench.press("Fit all points")
+    assert bench.misses().max() < 0.5
+    assert bench.session.history["undo"] == "fit all points"
+    assert "Likeness" in bench.said
+    assert "5 points moved" in bench.said
+    bench.session.undo()
+    assert bench.session.points == before
+    assert not bench.guard.errors
 
 
-def test_selected_points_snap_and_what_was_left_is_named(desk: Desk) -> None:
-    desk.press("Snap selected points")
-    assert "no point is selected" in desk.guard.errors.pop()
-    desk.editor.selected = [0, 6]
-    desk.press("Snap selected points")
-    assert "1 of 2 points snapped" in desk.said
-    assert "Left because it is locked: 0 (corner)." in desk.said
-    assert desk.misses()[6] < 1 < 2 < desk.misses()[7]
-    assert desk.session.history["undo"] == "snap selected points"
+def test_selected_points_snap_and_what_was_left_is_named(bench: Bench) -> None:
+    bench.press("Snap selected points")
+    assert "no point is selected" in bench.guard.errors.pop()
+    bench.editor.selected = [0, 6]
+    bench.press("Snap selected points")
+    assert "1 of 2 points snapped" in bench.said
+    assert "Left because it is locked: 0 (corner)." in bench.said
+    assert bench.misses()[6] < 1 < 2 < bench.misses()[7]
+    assert bench.session.history["undo"] == "snap selected points"
 
 
 def _round(width: float, height: float) -> Volume:
@@ -133,88 +134,88 @@ def _round(width: float, height: float) -> Volume:
 
 
 def test_points_are_put_on_the_outline_and_slide_there(tmp_path: Path) -> None:
-    desk = Desk(tmp_path, _round(20, 12), _round(15, 15))
-    desk.panel.count.value = 8
-    desk.press("Points along the outline")
-    points = desk.session.points
+    bench = Bench(tmp_path, _round(20, 12), _round(15, 15))
+    bench.panel.count.value = 8
+    bench.press("Points along the outline")
+    points = bench.session.points
     assert [name for name in points.names if name.startswith("outline")] == [f"outline {k}" for k in range(1, 9)]
-    assert "8 points put on the outline" in desk.said
-    desk.press("Slide along the outline")
-    assert "8 points slid" in desk.said
-    assert (desk.session.points.target[:9] == points.target[:9]).all()
-    found = desk.session.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
+    assert "8 points put on the outline" in bench.said
+    bench.press("Slide along the outline")
+    assert "8 points slid" in bench.said
+    assert (bench.session.points.target[:9] == points.target[:9]).all()
+    found = bench.session.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
     assert np.abs(np.hypot(found[:, 0] / 19.0, found[:, 1] / 11.4) - 1).max() < 0.1
-    desk.panel.close()
+    bench.panel.close()
 
 
-def test_sliding_without_points_on_the_outline_is_refused(desk: Desk) -> None:
-    desk.press("Slide along the outline")
-    assert "no point is on the outline yet" in desk.guard.errors[0]
+def test_sliding_without_points_on_the_outline_is_refused(bench: Bench) -> None:
+    bench.press("Slide along the outline")
+    assert "no point is on the outline yet" in bench.guard.errors[0]
 
 
-def test_an_edit_meanwhile_wins(desk: Desk) -> None:
+def test_an_edit_meanwhile_wins(bench: Bench) -> None:
     begun, edited = threading.Event(), threading.Event()
-    progress = desk.panel._progress
+    progress = bench.panel._progress
 
     def slow(share: float) -> None:
         begun.set()
         edited.wait(30)
         progress(share)
 
-    desk.panel._progress = slow  # type: ignore[method-assign]
-    desk.panel.buttons["Fit all points"].click()
+    bench.panel._progress = slow  # type: ignore[method-assign]
+    bench.panel.buttons["Fit all points"].click()
     assert begun.wait(60)
-    moved = desk.session.points.move(8, [20.0, 20.0])
-    desk.session.edit_points(moved)
+    moved = bench.session.points.move(8, [20.0, 20.0])
+    bench.session.edit_points(moved)
     edited.set()
-    desk.wait()
-    assert desk.session.points == moved
-    assert "overtaken" in desk.said
+    bench.wait()
+    assert bench.session.points == moved
+    assert "overtaken" in bench.said
 
 
-def test_stop_leaves_everything_as_it_was(desk: Desk) -> None:
-    before = desk.session.deformation
-    progress = desk.panel._progress
-    desk.panel._progress = lambda share: (desk.panel.stop.click(), progress(share))[1]  # type: ignore[method-assign]
-    desk.press("Fit all points")
-    assert desk.said.endswith("Stopped; nothing was changed.</div>")
-    assert desk.session.deformation is before
-    assert not desk.panel.buttons["Fit all points"].disabled
+def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:
+    before = bench.session.deformation
+    progress = bench.panel._progress
+    bench.panel._progress = lambda share: (bench.panel.stop.click(), progress(share))[1]  # type: ignore[method-assign]
+    bench.press("Fit all points")
+    assert bench.said.endswith("Stopped; nothing was changed.</div>")
+    assert bench.session.deformation is before
+    assert not bench.panel.buttons["Fit all points"].disabled
 
 
-def test_what_the_fit_does_not_know_is_refused(desk: Desk) -> None:
-    desk.session.change(strength=0.5)
-    desk.press("Fit all points")
-    assert "set Strength to 1" in desk.guard.errors.pop()
-    desk.session.change(strength=1.0, cuts=(dn.Cut(dn.Line([(10.0, 10.0), (30.0, 12.0)])),))
-    desk.press("Fit all points")
-    assert "cuts and rigid parts" in desk.guard.errors.pop()
+def test_what_the_fit_does_not_know_is_refused(bench: Bench) -> None:
+    bench.session.change(strength=0.5)
+    bench.press("Fit all points")
+    assert "set Strength to 1" in bench.guard.errors.pop()
+    bench.session.change(strength=1.0, cuts=(dn.Cut(dn.Line([(10.0, 10.0), (30.0, 12.0)])),))
+    bench.press("Fit all points")
+    assert "cuts and rigid parts" in bench.guard.errors.pop()
 
 
 def test_a_volume_and_a_session_of_the_folder_can_be_chosen(tmp_path: Path) -> None:
     dn.write_volume(TARGET, tmp_path / "bent.nrrd")
     dn.write_deformation(TRUE, tmp_path / "bent.json")
     (tmp_path / "notes.txt").write_text("no volume")
-    desk = Desk(tmp_path)
-    assert [key for _, key in desk.panel.choice.options] == [NO_TARGET, "bent.json", "bent.nrrd"]
+    bench = Bench(tmp_path)
+    assert [key for _, key in bench.panel.choice.options] == [NO_TARGET, "bent.json", "bent.nrrd"]
     for key in ("bent.json", "bent.nrrd"):
-        desk.choose(key)
-        assert not desk.panel.buttons["Fit all points"].disabled
-        assert (desk.panel.target.volume.values == TARGET.values).all()  # type: ignore[union-attr]
+        bench.choose(key)
+        assert not bench.panel.buttons["Fit all points"].disabled
+        assert (bench.panel.target.volume.values == TARGET.values).all()  # type: ignore[union-attr]
     (tmp_path / "bent.json").unlink()
     (tmp_path / "broken.nrrd").write_bytes(b"NRRD0004\nnonsense")
-    desk.panel.refresh()
-    assert [key for _, key in desk.panel.choice.options] == [NO_TARGET, "bent.nrrd", "broken.nrrd"]
-    desk.choose("broken.nrrd")
-    assert desk.panel.choice.value == "bent.nrrd"  # what cannot be read is not chosen
-    assert len(desk.guard.errors) == 1
+    bench.panel.refresh()
+    assert [key for _, key in bench.panel.choice.options] == [NO_TARGET, "bent.nrrd", "broken.nrrd"]
+    bench.choose("broken.nrrd")
+    assert bench.panel.choice.value == "bent.nrrd"  # what cannot be read is not chosen
+    assert len(bench.guard.errors) == 1
     (tmp_path / "bent.nrrd").unlink()
-    desk.panel.refresh()
-    assert desk.panel.choice.value == "bent.nrrd"  # and is still there to be fitted to
-    assert desk.panel.choice.options[-1] == ("bent.nrrd (no longer in the folder)", "bent.nrrd")
-    desk.choose(NO_TARGET)
-    assert desk.panel.buttons["Fit all points"].disabled
-    desk.panel.close()
+    bench.panel.refresh()
+    assert bench.panel.choice.value == "bent.nrrd"  # and is still there to be fitted to
+    assert bench.panel.choice.options[-1] == ("bent.nrrd (no longer in the folder)", "bent.nrrd")
+    bench.choose(NO_TARGET)
+    assert bench.panel.buttons["Fit all points"].disabled
+    bench.panel.close()
 
 
 def test_a_target_elsewhere_in_space_is_laid_middle_on_middle(tmp_path: Path) -> None:
@@ -226,30 +227,30 @@ def test_a_target_elsewhere_in_space_is_laid_middle_on_middle(tmp_path: Path) ->
     assert np.allclose(fixed.raster.origin, moving.raster.origin)  # type: ignore[union-attr]
 
 
-def test_the_preview_shows_both_pictures(desk: Desk) -> None:
-    wait_for(lambda: len(desk.panel.preview.value) > 0)
-    first = desk.panel.preview.value
+def test_the_preview_shows_both_pictures(bench: Bench) -> None:
+    wait_for(lambda: len(bench.panel.preview.value) > 0)
+    first = bench.panel.preview.value
     shown = np.asarray(Image.open(io.BytesIO(first)))
     assert shown.shape == (260, 526, 3)
     assert (shown[..., 0] == shown[..., 2]).all()  # magenta
-    desk.panel.blend.value = 1.0
-    wait_for(lambda: desk.panel.preview.value != first)
-    wait_for(lambda: not desk.panel._thread.is_wanted)
-    second = np.asarray(Image.open(io.BytesIO(desk.panel.preview.value)))
+    bench.panel.blend.value = 1.0
+    wait_for(lambda: bench.panel.preview.value != first)
+    wait_for(lambda: not bench.panel._thread.is_wanted)
+    second = np.asarray(Image.open(io.BytesIO(bench.panel.preview.value)))
     assert (second[:, 266:] == shown[:, 266:]).all()
     assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now
 
 
-def test_the_target_is_laid_over_the_editor_on_request(desk: Desk) -> None:
-    wait_for(lambda: len(desk.panel.preview.value) > 0)
-    assert desk.editor.ghost == b""
-    desk.panel.over.value = 0.4
-    wait_for(lambda: desk.editor.ghost_opacity == 0.4)
-    laid = np.asarray(Image.open(io.BytesIO(desk.editor.ghost)))
-    fixed = desk.panel.target.pair()[1].grey()  # type: ignore[union-attr]
+def test_the_target_is_laid_over_the_editor_on_request(bench: Bench) -> None:
+    wait_for(lambda: len(bench.panel.preview.value) > 0)
+    assert bench.editor.ghost == b""
+    bench.panel.over.value = 0.4
+    wait_for(lambda: bench.editor.ghost_opacity == 0.4)
+    laid = np.asarray(Image.open(io.BytesIO(bench.editor.ghost)))
+    fixed = bench.panel.target.pair()[1].grey()  # type: ignore[union-attr]
     assert np.abs(laid[..., 0] - 255.0 * fixed).max() <= 1
-    desk.choose(NO_TARGET)
-    assert desk.editor.ghost_opacity == 0
+    bench.choose(NO_TARGET)
+    assert bench.editor.ghost_opacity == 0
 
 
 def test_green_over_magenta() -> None:

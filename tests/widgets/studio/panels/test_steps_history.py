@@ -13,7 +13,7 @@ from deformnb.errors import DeformError
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.studio.labels import tree_rows
+from deformnb.widgets.studio.history_labels import tree_rows
 from deformnb.widgets.studio.panels.steps import HistoryPanel
 
 
@@ -110,7 +110,7 @@ def test_branches_of_branches_end_somewhere_and_none_is_lost() -> None:
 
 
 def test_the_oldest_state_tells_that_there_was_more() -> None:
-    from deformnb.widgets.studio.labels import _row
+    from deformnb.widgets.studio.history_labels import _row
 
     assert "no longer kept" in _row(HistoryNode(5, None, "bend", 0.0, False, True), 0, True)["title"]
 

@@ -21,7 +21,7 @@ from PIL import Image, features
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe
 from deformnb.errors import Cancelled, DeformError, MissingPackageError, VolumeFileError
-from deformnb.imaging.movie import animation_frames, deformation_frames, orbit, swing, write_movie
+from deformnb.imaging.movie_frames import animation_frames, deformation_frames, orbit, swing, write_movie
 from deformnb.imaging.render import render_pair, render_volume
 from deformnb.io import movies
 from deformnb.rbf.points import ControlPoints

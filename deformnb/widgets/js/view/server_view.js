@@ -19,7 +19,7 @@ const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of th
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-export class PicturesPage {
+export class ServerViewPage {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -289,7 +289,7 @@ export class StillPicture {
   constructor(page, why) {
     this.page = page;
     this.why = why;
-    /** @type {PicturesPage | null} */
+    /** @type {ServerViewPage | null} */
     this.pictures = null; // as soon as Python draws
     /** @type {(() => void) | null} */
     this.after = null; // called when a picture is shown
@@ -335,7 +335,7 @@ export class StillPicture {
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
     page.root.hidden = true;
-    this.pictures = new PicturesPage(part, page.host);
+    this.pictures = new ServerViewPage(part, page.host);
     this.pictures.say(this.why);
     opened(this.pictures);
     this.#shown();

@@ -1,7 +1,7 @@
 """Model of the application: a session with the widgets that show it, and no server.
 
-Everything here is called in one thread, the desk's own (:attr:`Desk.thread`), so that an edit that takes a second
-never keeps the server from answering.
+Everything here is called in one thread, the application's own (:attr:`Application.thread`), so that an edit that takes
+a second never keeps the server from answering.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from deformnb.app.diagnostics import DeskDiagnostics
-from deformnb.app.files import DeskFiles
-from deformnb.app.parts import DeskParts
+from deformnb.app.diagnostics import ApplicationDiagnostics
+from deformnb.app.files import ApplicationFiles
+from deformnb.app.panel_widgets import PanelWidgets
 from deformnb.app.volumes import Volumes, facing, nearly_facing
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
-from deformnb.rbf.fit_settings import lone_support
+from deformnb.rbf.support import lone_support
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.volume.transfer import TransferFunction
 from deformnb.widgets.inputs.base import is_whole
 from deformnb.widgets.parameters import Number, parameters
 from deformnb.widgets.studio.editors import looks_alike, make_editor, picture_key, show_step
-from deformnb.widgets.studio.labels import JOINING, edit_label, go_to, history_rows
+from deformnb.widgets.studio.history_labels import JOINING, edit_label, go_to, history_rows
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
@@ -44,7 +44,7 @@ _LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_grid", "drag_grid", "show_radius", "overlay")
 
 
-class Desk:
+class Application:
     """A session, its picture and its volume.
 
     Parameters
@@ -60,18 +60,18 @@ class Desk:
     Examples
     --------
     >>> from deformnb.datasets.phantoms import PHANTOMS
-    >>> desk = Desk(Session(PHANTOMS["bar"].make((12, 8, 16)), view="+y"))
-    >>> desk.set("kernel", "gaussian")
-    >>> desk.state()["kernel"], desk.state()["undo"]
+    >>> app = Application(Session(PHANTOMS["bar"].make((12, 8, 16)), view="+y"))
+    >>> app.set("kernel", "gaussian")
+    >>> app.state()["kernel"], app.state()["undo"]
     ('gaussian', 'change kernel')
-    >>> desk.close()
+    >>> app.close()
     """
 
     def __init__(self, session: Session, viewer: str = "live") -> None:
         self.session, self.viewer = session, viewer
         known = parameters(session.volume.grid.diagonal)
         self.parameters = {name: known[name] for name in known if name not in _NOT_OFFERED}
-        self.thread = Worker("deformnb-desk")
+        self.thread = Worker("deformnb-application")
         self.error = ""
         self.milliseconds = 0.0
         self.changed: Callable[[], None] = lambda: None
@@ -94,9 +94,9 @@ class Desk:
         self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
-        self.parts = DeskParts(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
-        self.diagnostics = DeskDiagnostics(session, self.editor, self.thread.call, self._diagnostics_changed)
-        self.files = DeskFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
+        self.parts = PanelWidgets(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
+        self.diagnostics = ApplicationDiagnostics(session, self.editor, self.thread.call, self._diagnostics_changed)
+        self.files = ApplicationFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
         self.recovery = Recovery(session, self._told, self._tell)
         self.thread.latest("warm up", session.warm_up)
         self._show()
@@ -173,7 +173,7 @@ class Desk:
         self._try(actions[name])
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file for a client; see :class:`~deformnb.app.files.DeskFiles`."""
+        """Begin to write a file for a client; see :class:`~deformnb.app.files.ApplicationFiles`."""
         before = self.milliseconds
         self._try(lambda: self.files.write(kind, page))
         self.milliseconds = before  # it is no edit

@@ -64,7 +64,7 @@ def add_action(v: Any, name: str, **more: Any) -> None:
 
 
 def add_widget(name: str, shown_if: str | None = None) -> None:
-    """A widget of :data:`~deformnb.app.parts.WIDGETS`, where ``shown_if`` holds in the client."""
+    """A widget of :data:`~deformnb.app.panel_widgets.WIDGETS`, where ``shown_if`` holds in the client."""
     from trame_client.widgets.core import AbstractElement
 
     shown = {"v_if": (shown_if,)} if shown_if else {}
@@ -72,7 +72,7 @@ def add_widget(name: str, shown_if: str | None = None) -> None:
     part._attr_names += ["name", "source", "theme"]
 
 
-def settings_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def settings_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the deformation."""
     for title, names in _GROUPS:
         html.H2(title, classes="dnb-app-group")
@@ -89,7 +89,7 @@ def settings_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> 
     html.Div(HINTS["interpolate"], v_if=("extrusion === 'interpolate'",), classes="dnb-app-words")
 
 
-def look_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def look_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])
@@ -99,7 +99,7 @@ def look_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None
     add_widget("clip")
 
 
-def points_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def points_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """The steps, and the points of the one being edited, one below the other."""
     html.H2("Steps", classes="dnb-app-group")
     add_widget("steps")
@@ -110,7 +110,7 @@ def points_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> No
     add_widget("points")
 
 
-def diagnostics_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def diagnostics_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Figures of the map, possible outliers, and buttons that make it fold-free."""
     add_control(v, html, "overlay", controls["overlay"])
     html.Div("{{ uncertainty_said }}", v_if=("uncertainty_said",), classes="dnb-app-words")
@@ -134,7 +134,7 @@ def diagnostics_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) 
         add_control(v, html, "show_folds", controls["show_folds"])
 
 
-def history_part(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def history_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """All states that can be gone to."""
     with html.Div(classes="dnb-app-states"), html.Button(raw_attrs=_STATE):
         html.Span("{{ s.mark }}", classes="dnb-app-mark", raw_attrs=['aria-hidden="true"'])

@@ -31,7 +31,7 @@ def heard(name: str) -> set[str]:
 
 def told(table: str) -> set[str]:
     main = f"() => keyRows({table}).flatMap(([, , about]) => about?.keys ?? [])"
-    keys = set(run_script(("ui/key_help.js",), main, None))
+    keys = set(run_script(("ui/keys.js",), main, None))
     return {part.split("+")[-1] or "+" for part in keys}
 
 
@@ -48,7 +48,7 @@ def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -
 @pytest.mark.parametrize("table", ["EDITOR_KEYS", "SPACE_EDITOR_KEYS"])
 def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     main = f"() => keyRows({table}).map(([shown, what, about]) => [shown, what, about ?? {{}}])"
-    rows = run_script(("ui/key_help.js",), main, None)
+    rows = run_script(("ui/keys.js",), main, None)
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)

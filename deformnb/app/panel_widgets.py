@@ -36,7 +36,7 @@ WIDGETS: dict[str, type[Any]] = {
 _LOW = 84  # CSS pixels of the curve's plot: beside it a projector has room for the other settings
 
 
-class DeskParts:
+class PanelWidgets:
     """The widgets beside picture and volume.
 
     Parameters

@@ -10,9 +10,9 @@ import numpy as np
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Recovery
+from deformnb.session.autosave_store import SavedSession, counted
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
-from deformnb.session.store import SavedSession, counted
 
 JOINING = ("nudge", "turn", "scale")
 """Kinds of edits that keys do: held down they are one step of the history."""

@@ -17,12 +17,11 @@ import pytest
 from deformnb.errors import DeformError
 from deformnb.session.autosave import restore, saved_sessions
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets import Studio
-from deformnb.widgets import worker as cell_widgets
+from deformnb.widgets import Studio, cell_widgets
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.volume_view import VolumeView
-from deformnb.widgets.worker import parts_of_another
 
 GRID = Grid((8, 10, 12))
 
@@ -52,7 +51,7 @@ class Cell:
 @pytest.fixture
 def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
     running = Cell()
-    monkeypatch.setattr("deformnb.widgets.worker._cell_and_run", lambda: (running.name, str(running.count)))
+    monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: (running.name, str(running.count)))
     monkeypatch.setattr(cell_widgets, "_SHOWN", defaultdict(cell_widgets._SHOWN.default_factory))
     return running
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
-from deformnb.imaging import picture as module
-from deformnb.imaging.picture import PROJECTIONS, plane_lattice, project
+from deformnb.imaging import projection as module
+from deformnb.imaging.projection import PROJECTIONS, plane_lattice, project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import VIEWS, Picture, Plane, Raster
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset

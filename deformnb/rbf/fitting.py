@@ -1,0 +1,84 @@
+"""The fit of the displacement of control points: Eqs. 3-4 and 9 of the paper."""
+
+from __future__ import annotations
+
+from deformnb.checks import is_finite, shown_value
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import prepare
+from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
+from deformnb.rbf.kernels import AbstractKernel, kernel_named
+from deformnb.rbf.points import ControlPoints, as_control_points
+from deformnb.rbf.support import choose_support
+from deformnb.rbf.trends import TRENDS, Trend, trend_named
+
+
+def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+            support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
+            previous: RBFInterpolant | None = None) -> RBFInterpolant:
+    """Fit the displacement of control points.
+
+    Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
+    components at once, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
+
+    Parameters
+    ----------
+    points : control points of dimension 2 or 3; inactive ones are left out.
+    kernel : a name of :data:`deformnb.rbf.kernels.KERNELS`, a kernel class, or a kernel with its support.
+    support : support radius R in physical units; default is that of ``previous``, if its kernel and its points are the
+        same, or else what :func:`~deformnb.rbf.support.choose_support` finds.
+    trend : a name of :data:`deformnb.rbf.trends.TRENDS`.
+    smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
+    previous : the fit before this one, while points are dragged: its support is kept, and its trend where the points
+        leave an angle open.
+
+    Returns
+    -------
+    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend.
+
+    Raises
+    ------
+    DeformError
+        Naming the points: same place but different displacements, coordinates that are not finite, too many points, a
+        kernel that needs a richer trend, a system too ill-conditioned to interpolate.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [12, 1], [0, 10]])
+    >>> fit = fit_rbf(points)
+    >>> bool(abs(fit.displacement([12.0, 1.0]) - [-2.0, -1.0]).max() < 1e-12)
+    True
+    """
+    points = as_control_points(points)
+    kind, radius = _resolve_kernel(kernel, support)
+    chosen = trend_named(trend)
+    _check_pairing(kind, chosen, smoothing)
+    if points.has_own_radii and kind.order > 0:
+        raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
+                          "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
+    if radius is None and previous is not None and previous.kernel is kind:
+        same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
+        radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
+    if radius is None:
+        radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
+    return solve_prepared(prepare(points, kind, radius, chosen, smoothing), kind, smoothing, previous)
+
+
+def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
+                    support: float | None) -> tuple[type[AbstractKernel], float | None]:
+    if isinstance(kernel, AbstractKernel):
+        return type(kernel), kernel.support if support is None else support
+    kind = kernel if isinstance(kernel, type) else kernel_named(kernel)
+    if support is not None:
+        kind(support)  # checks it
+    return kind, support
+
+
+def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
+    if not (is_finite(smoothing) and smoothing >= 0):
+        raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(smoothing)}.")
+    if trend.order < kernel.order:
+        able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
+        raise DeformError(
+            f"the {kernel.name} kernel is not positive definite on its own and needs a trend of {able}; "
+            f"choose that, or a Wendland kernel for the trend {trend.name!r}."
+        )

@@ -1,0 +1,134 @@
+"""The widgets of a notebook's cell: a cell that runs again closes the widgets that it showed before.
+
+ipywidgets keeps every widget until it is closed. A studio or a view that is made again with each run of its cell would
+leave its volume, its threads, its windows and its servers behind each time.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import weakref
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import ipywidgets as ipw
+
+_LOG = logging.getLogger(__name__)
+
+_MAKING = threading.RLock()  # ipywidgets tells one listener of what is made
+
+# By the cell's id and the name of the class, for anywidget makes a class of each widget: the run they were made in, and
+# the widgets of that run.
+_SHOWN: dict[tuple[str, str], tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
+
+_IS_PART = ContextVar("_IS_PART", default=False)
+
+
+@contextmanager
+def parts_of_another() -> Iterator[None]:
+    """Context in which new widgets belong to a widget that closes them, and not to the cell that runs."""
+    before = _IS_PART.set(True)
+    try:
+        yield
+    finally:
+        _IS_PART.reset(before)
+
+
+def leave_to_another(widget: Any) -> None:
+    """A widget that a cell has made belongs to another one from now on, which closes it."""
+    for cell, (run, shown) in _SHOWN.items():
+        _SHOWN[cell] = (run, [reference for reference in shown if reference() is not widget])
+
+
+def close_earlier_of_this_cell(widget: Any) -> None:
+    """Close the widgets of this class that earlier runs of the running cell have made, and remember this one.
+
+    Call it when nothing can fail any more: who cannot have a new widget keeps the one of before.
+    """
+    place = None if _IS_PART.get() else _cell_and_run()
+    if place is None:
+        return
+    kind = type(widget)
+    cell, run = (place[0], f"{kind.__module__}.{kind.__qualname__}"), place[1]
+    last_run, shown = _SHOWN[cell]
+    if run != last_run:
+        for reference in shown:
+            earlier = reference()
+            if earlier is not None:
+                if hasattr(earlier, "hand_on"):
+                    earlier.hand_on(widget)
+                earlier.close()
+        shown = []
+    _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
+
+
+def _cell_and_run() -> tuple[str, str] | None:
+    """Ids of the cell that runs and of its run, where the front end sends them."""
+    ipython = sys.modules.get("IPython")  # whoever runs cells has it; nobody else needs it
+    shell = ipython.get_ipython() if ipython is not None else None
+    parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}
+    cell = (parent.get("metadata") or {}).get("cellId")
+    run = (parent.get("header") or {}).get("msg_id")
+    return (cell, run) if isinstance(cell, str) and isinstance(run, str) else None
+
+
+@contextmanager
+def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
+    """Close the widgets that this thread makes meanwhile, should it end with an error: nobody else could.
+
+    Parameters
+    ----------
+    end : called before that.
+    """
+    made: list[Any] = []
+    thread = threading.get_ident()
+    with _MAKING:
+        before = getattr(ipw.Widget, "_widget_construction_callback", None)
+
+        def remember(widget: Any) -> None:
+            if threading.get_ident() == thread:
+                made.append(widget)
+            if before is not None:
+                before(widget)
+        ipw.Widget.on_widget_constructed(remember)
+        try:
+            yield
+        except BaseException:
+            for close in [end, *(widget.close for widget in reversed(made))]:
+                _try(close)
+            raise
+        finally:
+            ipw.Widget.on_widget_constructed(before)
+
+
+def _try(close: Callable[[], None]) -> None:
+    try:
+        close()
+    except Exception:  # of half a widget; the error that matters is on its way
+        _LOG.exception("a widget that was not finished could not be closed")
+
+
+def close_all(widget: Any) -> None:
+    """Close a widget and all that it is made of: children, layouts, styles."""
+    parts: dict[int, Any] = {}
+    _collect(widget, parts)
+    for part in parts.values():
+        if part is not widget:
+            part.close()
+    ipw.Widget.close(widget)
+
+
+def _collect(widget: Any, parts: dict[int, Any]) -> None:
+    if not isinstance(widget, ipw.Widget) or id(widget) in parts:
+        return
+    parts[id(widget)] = widget
+    for child in getattr(widget, "children", ()):
+        _collect(child, parts)
+    for name in ("layout", "style"):
+        if widget.has_trait(name):
+            _collect(getattr(widget, name), parts)
