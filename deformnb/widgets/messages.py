@@ -90,7 +90,7 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind("act", TO_PYTHON, "RestoreBar", "A button was pressed",
                 {"what": "which", "version": "of what it showed"}),
     MessageKind("done", TO_FRONT_END, "RestoreBar", "It was done or refused"),
-    MessageKind("save", TO_PYTHON, "SaveButton", "The button was pressed"),
+    MessageKind("save", TO_PYTHON, "StudioHead", "The button was pressed"),
     # The live view, which draws in the front end
     MessageKind("hello", TO_PYTHON, _LIVE, "A front end has opened",
                 {**_VIEW, "largest": "side of the largest 3D texture", "renderer": "name of the GPU",

@@ -161,6 +161,7 @@ class EditedPoints(SyncedWidget):
     lone_support = traitlets.Float(1.0, help="support radius where the points say nothing of it").tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
+    fill = traitlets.Bool(False, help="take the size of the box around it instead of a height").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
     waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)

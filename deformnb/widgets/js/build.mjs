@@ -27,7 +27,7 @@ const WIDGETS = {
   clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],
   file_transfer: ["inputs/file_transfer.js", "inputs/file_transfer.css"],
   restore_bar: ["inputs/restore_bar.js", "inputs/restore_bar.css"],
-  save_button: ["inputs/save_button.js", "inputs/save_button.css"],
+  studio_head: ["studio/head.js", "studio/studio.css"],
 };
 
 // Scripts of pages without Jupyter, which nothing imports.

@@ -212,24 +212,29 @@ class Panel:
         """Stop what the panel does on its own."""
 
 
-class PicturePanel(Panel):
-    """Picture panel: side, projection, slice."""
+def _bare(name: str) -> Any:
+    """The widget for a parameter without its label, for a row over a picture that says what it is."""
+    made = widget_of(name, layout=ipw.Layout(width="auto"))
+    made.description = ""
+    return made
 
-    title = "Picture"
+
+class PicturePanel(Panel):
+    """Row over the picture: side, projection, slice."""
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
         density = widget_of("density")
         traitlets.link((editor, "density"), (density, "value"))
-        self._side = side = widget_of("view")
+        self._side = side = _bare("view")
         side.options = [*side.options, _OBLIQUE]
         self.add(side, lambda: session.view or "", lambda view: session.set_view(view) if view else None)
-        method = self.add(widget_of("method"), lambda: session.method, lambda value: session.set_trait("method", value))
+        method = self.add(_bare("method"), lambda: session.method, lambda value: session.set_trait("method", value))
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
         self._on_picture = [method, density]  # three pictures of a step in space have controls of their own
-        self.box = ipw.VBox([row(side, method), row(density, self._depth)])
+        self.box = row(side, method, self._depth)
         self.refresh()
 
     def _held_depth(self) -> float:
@@ -243,8 +248,7 @@ class PicturePanel(Panel):
         in_space = self.session.step.plane is None
         for widget in self._on_picture:
             widget.layout.display = "none" if in_space else ""
-        self._depth.layout.display = "none" if in_space else ""
-        self._depth.layout.visibility = "visible" if self.session.method == "slice" else "hidden"
+        self._depth.layout.display = "" if self.session.method == "slice" and not in_space else "none"
         elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
@@ -289,31 +293,37 @@ class LookPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
-        menus = []
-        if view.has_trait("projection"):
-            menus.append(self.add(widget_of("projection"), lambda: view.projection,
-                                  lambda value: view.set_trait("projection", value)))
         self.clip = ClipControls(view if view.has_trait("clip") else None)
         colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
         inside = ipw.VBox([ipw.HTML("<b>Clipping</b>"), self.clip],
                           layout=ipw.Layout(flex="1 1 270px", min_width="0"))
         beside = ipw.HBox([colours, inside], layout=ipw.Layout(
             flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
-        self.box = ipw.VBox([row(*menus), beside])
+        self.box = ipw.VBox([beside])
 
     def close(self) -> None:
         self.clip.close()
 
 
-def strip(session: Session, guard: Guard, view: Any) -> tuple[Panel, Any]:
-    """Controls that are always visible: strength, display mode of the view, reset."""
-    panel = Panel(session, guard)
-    strength = widget_of("strength", layout=ipw.Layout(flex="1 1 220px", min_width="180px"))
-    panel.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
-              lambda value: session.change(kind="strength", slides=True, strength=float(value)))
-    shows = widget_of("shows", layout=ipw.Layout(width="190px"))
-    shows.style.description_width = "44px"
-    panel.add(shows, lambda: view.shows, lambda value: setattr(view, "shows", value))
-    reset = action_button("reset", lambda: guard(session.reset))
-    panel.box = ipw.HBox([strength, shows, reset], layout=ipw.Layout(flex_flow="row wrap", align_items="center"))
-    return panel, panel.box
+class StrengthPanel(Panel):
+    """Strength of the step, and the button that puts all back."""
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        strength = widget_of("strength", layout=wide())
+        self.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
+                 lambda value: session.change(kind="strength", slides=True, strength=float(value)))
+        self.box = row(strength, action_button("reset", lambda: guard(session.reset)))
+
+
+class VolumePanel(Panel):
+    """Row over the volume: whether the deformed volume is shown, the original, or both."""
+
+    def __init__(self, session: Session, guard: Guard, view: Any) -> None:
+        super().__init__(session, guard)
+        shows = self.add(_bare("shows"), lambda: view.shows, lambda value: setattr(view, "shows", value))
+        menus = [shows]
+        if view.has_trait("projection"):
+            menus.append(self.add(_bare("projection"), lambda: view.projection,
+                                  lambda value: view.set_trait("projection", value)))
+        self.box = row(*menus)

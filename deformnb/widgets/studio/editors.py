@@ -95,6 +95,7 @@ class StudioEditors:
         self.box = ipw.Box([self.plane], layout=ipw.Layout(flex=_HALF, min_width="0"))
         self.beside = ipw.Box([], layout=ipw.Layout(flex=_HALF, min_width="0"))
         self.plane.layout.width = "100%"
+        self.plane.fill, self.plane.theme = True, "dark"
         if session.step.plane is None:
             self.show_picture(self.make_picture())
 

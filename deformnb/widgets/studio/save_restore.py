@@ -1,33 +1,22 @@
-"""Save button and restore bar of the studio.
+"""Restore bar of the studio: edits that were lost when a kernel died are offered again.
 
 The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
 now. Python sends its offer and the time of the last autosave. The front end requests one of three actions:
 ``{"type": "act", "what": "restore", "version": 3}``; a request for an earlier offer is dropped.
-
-The button "Save", which Ctrl+S presses anywhere in the studio, writes the session into one file of its own. The front
-end sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S is unchanged where it works; in the
-editor it never did, for the keys there are the editor's.
 """
 
 from __future__ import annotations
 
 import logging
-import re
 import weakref
 from collections.abc import Callable
-from dataclasses import replace
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import traitlets
 
-from deformnb._weak import weakly
-from deformnb.document.deformation import Deformation
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -119,104 +108,3 @@ def _weakly_shown(bar: RestoreBar) -> Callable[[], None]:
             found.show()
 
     return show
-
-
-_LOG = logging.getLogger(__name__)
-
-
-class SaveButton(SyncedWidget):
-    """Saves a session where it was saved or opened last, or else in a new file.
-
-    Parameters
-    ----------
-    session : what is saved.
-    guard : does it and shows what went wrong.
-    say : shows a text.
-    folder : of a new file; one that is there is never written over.
-    run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
-
-    Attributes
-    ----------
-    unsaved : whether the document is another than the one in the file.
-    tip : the tooltip of the button.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from deformnb.datasets import PHANTOMS
-    >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
-    >>> button = SaveButton(session, lambda action: action() is None, print, tempfile.mkdtemp())
-    >>> session.change(trend="none")
-    >>> button.unsaved
-    True
-    >>> button.press()
-    Saved bar_phantom.json.
-    >>> button.unsaved
-    False
-    >>> button.close()
-    """
-
-    _esm = bundle("save_button.js")
-    _css = bundle("save_button.css")
-
-    unsaved = traitlets.Bool(False).tag(sync=True)
-    tip = traitlets.Unicode("").tag(sync=True)
-
-    def __init__(self, session: Session, guard: Guard, say: Callable[[str], None], folder: str | PathLike[str] = ".",
-                 run: Callable[[Callable[[], None]], Any] | None = None) -> None:
-        super().__init__()
-        self._session, self._guard, self._say, self._folder = session, guard, say, Path(folder)
-        self._run = run or (lambda work: work())
-        self._first = _bare(session.deformation)
-        self._heard = weakly(self, SaveButton._look, lambda button: button.comm is not None)
-        session.observe(self._heard, ["deformation", "saved", "file"])
-        self.on_msg(self._received)
-        self._look()
-
-    def press(self) -> None:
-        """Save now."""
-        self._run(self._press)
-
-    def _press(self) -> None:
-        self._guard(self._save)
-
-    def _save(self) -> None:
-        path = self._session.file or self._new_file()
-        self._session.save(path)
-        self._look()
-        self._say(f"Saved {path.name}.")
-
-    def _new_file(self) -> Path:
-        stem = re.sub(r"[^\w-]+", "_", self._session.volume.name).strip("_")[:40] or "deformed"
-        names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
-        return next(path for path in (self._folder / name for name in names) if not path.exists())
-
-    def _look(self, _change: Any = None) -> None:
-        saved = self._session.saved
-        self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
-        file = self._session.file
-        self.tip = f"Save the session {'in ' + file.name if file else 'in a new file'} (Ctrl+S)"
-
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        if isinstance(content, dict) and content.get("type") == "save":
-            try:
-                self.press()
-            except Exception:  # it must not end the conversation with the front end
-                _LOG.exception("the session could not be saved")
-        else:
-            _LOG.warning("a message to the button of saving was dropped: %.200r", content)
-
-    def set_state(self, sync_data: Any) -> None:
-        """The front end owns nothing here."""
-
-    def close(self) -> None:
-        """End, and stop observing the session."""
-        if hasattr(self, "_heard"):
-            self._session.unobserve(self._heard, ["deformation", "saved", "file"])
-            del self._heard
-        super().close()
-
-
-def _bare(document: Deformation) -> Deformation:
-    """A document without its volume, which a saved one names and one that is edited does not."""
-    return replace(document, volume=None)

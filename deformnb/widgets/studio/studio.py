@@ -12,8 +12,7 @@ from __future__ import annotations
 import io
 import sys
 import threading
-import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -43,19 +42,15 @@ from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
 from deformnb.widgets.studio.diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
-from deformnb.widgets.studio.panels.steps import HistoryPanel
-from deformnb.widgets.studio.save_restore import RestoreBar, SaveButton
+from deformnb.widgets.studio.head import StudioHead
+from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
+from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.status import StudioWords
-from deformnb.widgets.studio.tabs import PanelParts, make_panels
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png, with_png
 from deformnb.widgets.worker import Worker
-
-WELCOME = ("The points in the corners hold the picture. Double-click on it to add a point, and drag that. To open "
-           "something: draw a cut across it, then drag a point on either side of the cut apart.")
-"""Status of a studio before anything was dragged."""
 
 VIEW_KINDS = ("live", "vtk")
 """Views by name: rendered in the browser, or by VTK in Python."""
@@ -121,37 +116,6 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
             setattr(live, name, getattr(view, name))
     live.follow(shown, whole.field(), whole.key, output=whole.output)
     return shown, live
-
-
-def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: ipw.Box) -> list[Any]:
-    """Picture and volume side by side, warnings and the first panel below, the others in tabs, and the words."""
-    view.layout.width = "100%"
-    editors.beside.children = (view,)
-    if view.has_trait("fill"):
-        view.fill = True  # as high as the picture is
-    pictures = ipw.HBox([editors.box, editors.beside],
-                        layout=ipw.Layout(flex_flow="row wrap", align_items="stretch", grid_gap="8px"))
-    head, *others = panels
-    others = [panel for panel in others if panel.title]
-    tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
-                   layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
-    tell = _tell_opened(others)
-    tell({"new": tabs.selected_index})
-    tabs.observe(tell, "selected_index")
-    warnings = [panel.warning for panel in panels if panel.warning is not None]
-    return [pictures, *warnings, head.box, tabs, words]
-
-
-def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
-    """Notifies panels which of them is seen; keeps none of them alive."""
-    known = [weakref.ref(panel) for panel in panels]
-
-    def chosen(change: Any) -> None:
-        for k, reference in enumerate(known):
-            panel = reference()
-            if panel is not None:
-                panel.opened(k == change["new"])
-    return chosen
 
 
 def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
@@ -259,7 +223,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
                  deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
-                 method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 430,
+                 method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 600,
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
@@ -299,27 +263,26 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
                                       self._weakly(Studio.undo))
         self._edits.stand_on(self._editors, self._picture)
-        self._panels = self._make_panels(folder, labels, label_names, target)
-        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
-        self._panels[0].box.children += (save,)
+        panels = self._make_panels(folder, labels, label_names, target)
+        self._panels = panels.all
+        head = StudioHead(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
-        next(panel for panel in self._panels if isinstance(panel, HistoryPanel)).recovery = self._bar.recovery
-        rows = arranged(self._editors, self.view, self._panels, self._words.box)
-        self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
+        panels.menus["history"].recovery = self._bar.recovery
+        rows = arranged(head, self._editors, self.view, panels, self._words.box, height)
+        self._words.box.children = (self._picture.ways_on, self._words.notice)
         super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")
         self._listen()
         self._picture.turn()
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
-        is_new = not any(m.displacement.any() for step in self.deformation.steps for m in step.maps)
-        self._words.say(" ".join(filter(None, (self.session.notice, WELCOME if is_new else ""))))
+        self._words.say(self.session.notice)
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
-                     names: Mapping[int, str] | None, target: Volume | None) -> list[Panel]:
+                     names: Mapping[int, str] | None, target: Volume | None) -> StudioPanels:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
                                       self._opacity, folder, self.export_html, labels, names, target,

@@ -347,11 +347,13 @@ export class EditorPage extends EditorDrawing {
   layout() {
     this.applyTheme(); // a style sheet that comes late changes sizes as well
     const [a0, a1, b0, b1] = this.sheet, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
-    const isFilling = Boolean(this.model.get("fill")); // the application gives the editor a place to fill, Jupyter none
+    const isFilling = Boolean(this.model.get("fill"));
+    this.root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
     const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH), label = this.model.get("label") || "Picture";
     const whole = (width - 2 * MARGIN) * aspect + 2 * MARGIN;
-    const height = Math.round(isFilling ? most : Math.max(120, Math.min(most, whole)));
-    this.stage.style.height = `${height}px`;
+    const own = Math.round(Math.max(120, Math.min(most, whole)));
+    this.stage.style.height = isFilling ? "" : `${own}px`;
+    const height = isFilling ? Math.max(120, this.stage.clientHeight) : own;
     this.stage.classList.toggle("dnb-ed-filling", isFilling);
     this.root.setAttribute("aria-label", `Editor of ${label}`);
     this.stage.setAttribute("aria-label", `${label} with control points. Tab leads to ` +

@@ -201,7 +201,7 @@ export class Handles {
     svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
     svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, target);
     const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
-    const text = svgElement("text", { class: "dnb-ed-name" }, target);
+    const text = svgElement("text", { class: "dnb-ed-name dnb-ed-number" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
     const parts = { arrow, source, target, radius, tip, form, beyond, text, mark: /** @type {number | null} */ (null) };
     this.byId.set(id, parts);
@@ -286,7 +286,6 @@ export class Handles {
     setAttributes(target, { "aria-label": this.words.label(p) });
     setAttributes(text, { x: isLeft ? -12 : 12, y: -8, "text-anchor": isLeft ? "end" : "start" });
     setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
-    text.classList.toggle("dnb-ed-number", !p.name || QUIET_NAME.test(p.name));
   }
 
   /** @param {SVGElement} arrow @param {number[]} from @param {number[]} at */

@@ -7,7 +7,7 @@ import { REGION_FORMS } from "./shape_handles.js";
 
 /** @import { EditorPage } from "./editor.js" */
 
-const FOLD_TIP = "min det J: the smallest factor by which areas are stretched on the way back from this picture to " +
+const FOLD_TIP = "the smallest factor by which areas are stretched on the way back from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
 
 /** The line's elements and their texts. */
@@ -52,8 +52,8 @@ export class StatusLine {
     const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
       : "\u2713 no folds";
     const hasPoints = this.page.points.length > 0;
-    setText(this.folds, hasPoints ? `${words} (${value})` : "");
-    setAttributes(this.folds, { title: hasPoints ? FOLD_TIP : "" });
+    setText(this.folds, hasPoints ? words : "");
+    setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}` : "" });
   }
 
   /** "2 regions: (disc) 4, (diamond) 3" where cuts part the picture. */

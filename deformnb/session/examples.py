@@ -1,0 +1,109 @@
+"""Examples of a deformation for any volume: each is one edit of a session that shows what a tool is for.
+
+Each places control points around what is bright on the picture (:func:`~deformnb.imaging.demo.subject_box`), in place
+of those of the step being edited, so that one undo brings everything back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deformnb.datasets.darcy import thompson_map
+from deformnb.document.deformation import Step
+from deformnb.document.edits import untouched_step
+from deformnb.errors import DeformError
+from deformnb.imaging.demo import subject_box
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Line
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture
+
+_BEND = 0.14  # of the subject's length: how far its ends are moved, and its middle the other way
+_OPENING = 0.3  # of the subject's width: how far either side of the cut is moved
+
+
+@dataclass(frozen=True)
+class Example:
+    """A deformation to try.
+
+    Parameters
+    ----------
+    title, tooltip : of its button.
+    make : the step from an untouched one and its picture.
+    """
+
+    title: str
+    tooltip: str
+    make: Callable[[Step, Picture], Step]
+
+
+def _along(picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle of the subject on a picture, half of its longer side, and half of its shorter one, as vectors (2,)."""
+    a0, a1, b0, b1 = subject_box(picture)
+    half = np.array([a1 - a0, b1 - b0]) / 2
+    long, short = np.diag(half)
+    return np.array([a0 + a1, b0 + b1]) / 2, *((long, short) if half[0] >= half[1] else (short, long))
+
+
+def bend(step: Step, picture: Picture) -> Step:
+    """Both ends of the subject are moved to one side, and its middle to the other."""
+    middle, long, short = _along(picture)
+    across = short / np.linalg.norm(short) * 2 * _BEND * np.linalg.norm(long)
+    source = [middle - 0.85 * long, middle, middle + 0.85 * long]
+    target = [source[0] + across, source[1] - across / 2, source[2] + across]
+    points = step.points
+    for name, place, moved in zip(("end", "middle", "other end"), source, target, strict=True):
+        points = points.add(place, moved, name=name)
+    return step.with_points(points)
+
+
+def cut_open(step: Step, picture: Picture) -> Step:
+    """A cut along the subject, whose sides are moved apart in the middle and held at the ends."""
+    middle, long, short = _along(picture)
+    side = 0.12 * short
+    held = [middle + sign * 0.9 * long + way * side for sign in (-1, 1) for way in (-1, 1)]
+    source = np.array([*held, middle - side, middle + side])
+    target = source + np.array([[0.0, 0.0]] * 4 + [-2 * _OPENING * short, 2 * _OPENING * short])
+    points = step.points
+    for place, moved in zip(source, target, strict=True):
+        points = points.add(place, moved)
+    vertices = tuple((float(a), float(b)) for a, b in (middle - long, middle + long))
+    return replace(step.with_points(points), cuts=(Cut(Line(vertices), "cut"),))
+
+
+def thompson(step: Step, picture: Picture) -> Step:
+    """Thompson's grid of Polyprion laid on the subject and turned into that of Antigonia (1917, Figs. 377, 380)."""
+    grids = thompson_map("Polyprion", "Antigonia", box=subject_box(picture), frame=picture.raster.box)
+    return step.with_points(ControlPoints.from_arrays(grids.source_nodes.reshape(-1, 2),
+                                                      grids.target_nodes.reshape(-1, 2)))
+
+
+EXAMPLES: dict[str, Example] = {
+    "bend": Example("Bend it", "Three points bend what is seen like a bow", bend),
+    "open": Example("Cut it open", "A cut, and two points that move its sides apart", cut_open),
+    "thompson": Example("Thompson's fish", "The grid with which D'Arcy Thompson turned one fish into another", thompson),
+}
+"""Examples by name."""
+
+
+def apply_example(session: Session, name: str) -> None:
+    """Put an example in the place of the step that is edited; one undo takes it back.
+
+    Raises
+    ------
+    DeformError
+        For an unknown name, for a step in space, and where nothing is seen on the picture.
+    """
+    if name not in EXAMPLES:
+        raise DeformError(f"unknown example {name!r}; choose one of {', '.join(EXAMPLES)}.")
+    plane = session.step.plane
+    if plane is None:
+        raise DeformError("the examples are for a picture, and this step has its points in space: choose another step, "
+                          "or add one.")
+    example = EXAMPLES[name]
+    step = example.make(untouched_step(plane, session.volume.grid), session.picture())
+    session.edit_document(session.deformation.with_step(session.index, step), f"example: {example.title.lower()}")

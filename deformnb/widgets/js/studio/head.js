@@ -1,0 +1,165 @@
+// The studio's head: the volume's name, undo and redo, menus, "Save", which Ctrl+S presses anywhere in the studio, and
+// the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
+// Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
+
+import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+
+/** @import { Model } from "../types.d.ts" */
+/** @import { EditorPage } from "../editor/editor.js" */
+
+const ICONS = {
+  undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
+  redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
+  full: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
+  help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
+};
+const MENUS = [["history", "History"], ["examples", "Examples"], ["export", "Export"]];
+const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
+const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
+
+/** The head of one view of a studio. */
+class StudioHead {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
+  constructor(model, el) {
+    this.model = model;
+    this.host = el;
+    el.classList.add("dnb-head-host");
+    this.root = pageElement("div", "dnb-head", el, { role: "toolbar", "aria-label": "Studio", ...OWN_KEYS });
+    this.name = pageElement("strong", "dnb-head-name", this.root);
+    this.facts = pageElement("span", "dnb-head-facts", this.root);
+    pageElement("span", "dnb-head-gap", this.root);
+    this.undo = this.#icon("undo", () => this.#travel("undo"));
+    this.redo = this.#icon("redo", () => this.#travel("redo"));
+    this.menus = new Map(MENUS.map(([key, label]) => {
+      const button = this.#button(label, () => this.toggleMenu(key));
+      button.setAttribute("aria-haspopup", "true");
+      button.setAttribute("aria-expanded", "false");
+      pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
+      return [key, button];
+    }));
+    this.saver = this.#button("Save", () => this.save());
+    this.saver.classList.add("dnb-save");
+    this.full = this.#icon("full", () => this.#fill(), "Whole screen");
+    this.help = this.#icon("help", () => this.#editor?.run("help", null), "Keys and gestures (?)");
+    this.closing = new AbortController();
+    this.draw = () => this.#draw();
+    for (const name of TRAITS) model.on(`change:${name}`, this.draw);
+    const { signal } = this.closing;
+    // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
+    window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
+    window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
+    this.sizes = new ResizeObserver(() => this.arrange());
+    this.sizes.observe(el);
+    this.#draw();
+    requestAnimationFrame(() => this.arrange());
+  }
+
+  /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
+  get studio() { return this.host.closest(".dnb-studio"); }
+
+  /** The editor that is shown. @returns {EditorPage | undefined} */
+  get #editor() {
+    const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor") ?? [])];
+    const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0);
+    return /** @type {any} */ (shown)?.deformnb;
+  }
+
+  save() { this.model.send({ type: "save" }); }
+
+  /** Open a menu and close the others; an open one is closed. @param {string} [key] */
+  toggleMenu(key = "") {
+    for (const [name, button] of this.menus) {
+      const menu = this.studio?.querySelector(`.dnb-menu-${name}`), isOpen = name === key &&
+        !menu?.classList.contains("dnb-menu-open");
+      menu?.classList.toggle("dnb-menu-open", isOpen);
+      button.setAttribute("aria-expanded", String(isOpen));
+    }
+  }
+
+  /** Picture and volume side by side or one above the other, whichever shows the object larger. */
+  arrange() {
+    const panes = this.studio?.querySelector(".dnb-studio-panes");
+    if (!(panes instanceof HTMLElement) || !panes.offsetWidth) return;
+    const raster = this.#editor?.model.get("raster");
+    if (!raster?.shape) { panes.classList.add("dnb-panes-stacked"); return; } // three pictures of space: the whole width
+    const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]], w = panes.clientWidth, h = panes.clientHeight;
+    const beside = Math.min(w / 2 / width, h / height), above = Math.min(w / width, h / 2 / height);
+    panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
+  }
+
+  close() {
+    for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
+    this.closing.abort();
+    this.sizes.disconnect();
+    this.root.remove();
+  }
+
+  /** @param {string} label @param {() => void} act */
+  #button(label, act) {
+    const button = pageElement("button", "dnb-head-button", this.root, { type: "button" });
+    button.textContent = label;
+    button.addEventListener("click", act);
+    return button;
+  }
+
+  /** @param {keyof typeof ICONS} icon @param {() => void} act @param {string} [tip] */
+  #icon(icon, act, tip = "") {
+    const button = pageElement("button", "dnb-head-button dnb-head-icon", this.root, { type: "button", title: tip,
+      "aria-label": tip });
+    const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button);
+    svgElement("path", { d: ICONS[icon] }, svg);
+    button.addEventListener("click", act);
+    return button;
+  }
+
+  /** @param {"undo" | "redo"} way */
+  #travel(way) { this.#editor?.run(way, null); }
+
+  #fill() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else this.studio?.requestFullscreen();
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const { target } = event, studio = target instanceof Element ? target.closest(".dnb-studio") : null;
+    if (!studio?.contains(this.host)) return;
+    if (event.key === "Escape") this.toggleMenu();
+    const isCommand = (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey;
+    if (!isCommand || event.key.toLowerCase() !== "s") return;
+    event.preventDefault(); // else the browser would offer to save the page
+    if (!event.repeat) this.save();
+  }
+
+  /** A press beside an open menu closes it. @param {PointerEvent} event */
+  #press({ target }) {
+    const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
+    if (!isInside) this.toggleMenu();
+  }
+
+  #draw() {
+    const { model } = this, { undo = "", redo = "" } = model.get("history") ?? {};
+    setText(this.name, model.get("name"));
+    setText(this.facts, model.get("facts"));
+    for (const [button, words, label] of /** @type {const} */ ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]])) {
+      button.disabled = !words;
+      button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;
+      button.setAttribute("aria-label", button.title);
+    }
+    const isUnsaved = Boolean(model.get("unsaved")), tip = model.get("tip") || "";
+    this.saver.title = isUnsaved ? `There are unsaved edits. ${tip}` : tip;
+    this.saver.setAttribute("aria-label", isUnsaved ? "Save; there are unsaved edits" : "Save");
+    this.saver.classList.toggle("dnb-save-unsaved", isUnsaved);
+  }
+}
+
+export default {
+  /** @param {{ model: Model, el: HTMLElement }} widget */
+  render({ model, el }) {
+    const head = new StudioHead(model, el);
+    return () => head.close();
+  },
+};

@@ -1,0 +1,151 @@
+"""Head of the studio: name of the volume, undo, redo, menus and "Save", which Ctrl+S presses anywhere in the studio.
+
+The session is written into one file of its own. The front end sends ``{"type": "save"}`` and nothing else. The
+notebook's own Ctrl+S is unchanged where it works; in the editor it never did, for the keys there are the editor's.
+The style sheet of the head is that of the studio's whole layout.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import traitlets
+
+from deformnb._weak import weakly
+from deformnb.document.deformation import Deformation
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+from deformnb.widgets.bundle import bundle
+from deformnb.widgets.studio.controls import Guard
+from deformnb.widgets.synced import SyncedWidget
+
+_LOG = logging.getLogger(__name__)
+
+_WATCHED = ["deformation", "index", "saved", "file", "history"]
+
+
+def volume_facts(volume: Volume) -> str:
+    r"""Size and spacing of a volume along x, y and z, in words.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> volume_facts(Volume(np.zeros((2, 3, 4), np.uint8)))
+    '4 \u00d7 3 \u00d7 2 \u00b7 1 \u00d7 1 \u00d7 1 mm'
+    """
+    z, y, x = volume.shape
+    size, spacing = (" \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)),
+                                                         [f"{s:.3g}" for s in volume.grid.spacing]))
+    return f"{size} \u00b7 {spacing} mm"
+
+
+class StudioHead(SyncedWidget):
+    """The head of a studio: name of the volume, undo and redo, menus, and "Save".
+
+    A session is saved where it was saved or opened last, or else in a new file.
+
+    Parameters
+    ----------
+    session : what is saved.
+    guard : does it and shows what went wrong.
+    say : shows a text.
+    folder : of a new file; one that is there is never written over.
+    run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
+
+    Attributes
+    ----------
+    name, facts : of the volume, and its size and spacing in words.
+    history : what "undo" and "redo" would do, in words.
+    unsaved : whether the document is another than the one in the file.
+    tip : the tooltip of the button.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from deformnb.datasets import PHANTOMS
+    >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
+    >>> head = StudioHead(session, lambda action: action() is None, print, tempfile.mkdtemp())
+    >>> session.change(trend="none")
+    >>> head.unsaved
+    True
+    >>> head.press()
+    Saved bar_phantom.json.
+    >>> head.unsaved
+    False
+    >>> head.close()
+    """
+
+    _esm = bundle("studio_head.js")
+    _css = bundle("studio_head.css")
+
+    unsaved = traitlets.Bool(False).tag(sync=True)
+    tip = traitlets.Unicode("").tag(sync=True)
+    name = traitlets.Unicode("").tag(sync=True)
+    facts = traitlets.Unicode("").tag(sync=True)
+    history = traitlets.Dict().tag(sync=True)
+
+    def __init__(self, session: Session, guard: Guard, say: Callable[[str], None], folder: str | PathLike[str] = ".",
+                 run: Callable[[Callable[[], None]], Any] | None = None) -> None:
+        super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume))
+        self._session, self._guard, self._say, self._folder = session, guard, say, Path(folder)
+        self._run = run or (lambda work: work())
+        self._first = _bare(session.deformation)
+        self._heard = weakly(self, StudioHead._look, lambda head: head.comm is not None)
+        session.observe(self._heard, _WATCHED)
+        self.on_msg(self._received)
+        self._look()
+
+    def press(self) -> None:
+        """Save now."""
+        self._run(self._press)
+
+    def _press(self) -> None:
+        self._guard(self._save)
+
+    def _save(self) -> None:
+        path = self._session.file or self._new_file()
+        self._session.save(path)
+        self._look()
+        self._say(f"Saved {path.name}.")
+
+    def _new_file(self) -> Path:
+        stem = re.sub(r"[^\w-]+", "_", self._session.volume.name).strip("_")[:40] or "deformed"
+        names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
+        return next(path for path in (self._folder / name for name in names) if not path.exists())
+
+    def _look(self, _change: Any = None) -> None:
+        saved = self._session.saved
+        self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
+        file = self._session.file
+        self.history = dict(self._session.history)
+        self.tip = f"Save the session {'in ' + file.name if file else 'in a new file'} (Ctrl+S)"
+
+    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        if isinstance(content, dict) and content.get("type") == "save":
+            try:
+                self.press()
+            except Exception:  # it must not end the conversation with the front end
+                _LOG.exception("the session could not be saved")
+        else:
+            _LOG.warning("a message to the button of saving was dropped: %.200r", content)
+
+    def set_state(self, sync_data: Any) -> None:
+        """The front end owns nothing here."""
+
+    def close(self) -> None:
+        """End, and stop observing the session."""
+        if hasattr(self, "_heard"):
+            self._session.unobserve(self._heard, _WATCHED)
+            del self._heard
+        super().close()
+
+
+def _bare(document: Deformation) -> Deformation:
+    """A document without its volume, which a saved one names and one that is edited does not."""
+    return replace(document, volume=None)

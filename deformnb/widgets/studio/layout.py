@@ -1,0 +1,191 @@
+"""Layout of a studio: head, panes with picture and volume, and the panel beside them in groups of folded sections.
+
+    head: name, undo, redo, menus (History, Examples, Export), Save
+    panes: picture | volume        panel: Shape  Depth  View  Animate  Check
+
+The widths at which the panel goes below the panes are in widgets/js/studio/studio.css.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+from deformnb.widgets.inputs.transfer_editor import TransferEditor
+from deformnb.widgets.studio.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, StrengthPanel, VolumePanel
+from deformnb.widgets.studio.editors import StudioEditors
+from deformnb.widgets.studio.panels.animation import AnimationPanel
+from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
+from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
+from deformnb.widgets.studio.panels.examples import ExamplesPanel
+from deformnb.widgets.studio.panels.files import FilesPanel, ResultBox
+from deformnb.widgets.studio.panels.points import PointsPanel
+from deformnb.widgets.studio.panels.registration import FitPanel
+from deformnb.widgets.studio.panels.shapes import ShapesPanel
+from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
+from deformnb.widgets.studio.panels.thompson import ThompsonPanel
+from deformnb.widgets.worker import Worker
+
+
+@dataclass(frozen=True)
+class PanelParts:
+    """Parts of a studio that panels may need.
+
+    Parameters
+    ----------
+    guard : does what a user requested and shows errors in the front end.
+    editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
+    worker : the studio's thread, ``worker.latest(name, work)``.
+    opacity : the editor of the opacity curve.
+    folder : where files are saved and opened.
+    export_html : writes the page that deforms without a kernel.
+    labels, label_names : numbered parts of the volume and what they are called.
+    target : what the volume shall look like, to be chosen in the panel of fitting.
+    preview : shows a step that is on its way and no edit yet; None gives it up.
+    """
+
+    session: Session
+    guard: Guard
+    view: Any
+    editors: StudioEditors
+    worker: Worker
+    opacity: TransferEditor
+    folder: str | PathLike[str]
+    export_html: Callable[..., None]
+    labels: Volume | None
+    label_names: Mapping[int, str] | None
+    target: Volume | None = None
+    preview: Preview | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """A folded section of a group.
+
+    Parameters
+    ----------
+    title : its heading; empty for one without, which is never folded.
+    panel : its contents, which learn when they are seen.
+    is_open : from the start.
+    """
+
+    title: str
+    panel: Panel
+    is_open: bool = False
+
+
+@dataclass(frozen=True)
+class StudioPanels:
+    """All panels of a studio, by their places.
+
+    Parameters
+    ----------
+    groups : sections by the title of their tab.
+    menus : panels of the head's menus, by their class.
+    picture, volume : stand over the panes.
+    start : stands over the picture while nothing is deformed.
+    others : stand in another one.
+    """
+
+    groups: Mapping[str, Sequence[Section]]
+    menus: Mapping[str, Panel]
+    picture: Panel
+    volume: Panel
+    start: Panel
+    others: Sequence[Panel] = ()
+
+    @property
+    def all(self) -> list[Panel]:
+        """Every panel."""
+        return [self.picture, self.volume, self.start, *(s.panel for sections in self.groups.values() for s in sections),
+                *self.menus.values(), *self.others]
+
+
+def make_panels(s: PanelParts) -> StudioPanels:
+    """All panels of a studio."""
+    files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
+    result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
+    files.box.children = (result_box.box, *files.box.children)
+    shape = [
+        Section("", StrengthPanel(s.session, s.guard)),
+        Section("Steps", StepsPanel(s.session, s.guard), is_open=True),
+        Section("Interpolation", MapPanel(s.session, s.guard), is_open=True),
+        Section("Points", PointsPanel(s.session, s.guard, s.editors, s.worker)),
+        Section("Rigid parts and cuts", ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names)),
+        Section("Match to another picture", FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
+        Section("Thompson's grids and your own", ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
+    ]
+    look = LookPanel(s.session, s.guard, s.view, s.opacity)
+    groups = {
+        "Shape": shape,
+        "Depth": [Section("", DepthPanel(s.session, s.guard, s.preview))],
+        "View": [Section("Colours and opacity", look, is_open=True)],
+        "Animate": [Section("", AnimationPanel(s.session, s.guard, s.view, s.folder))],
+        "Check": [Section("", DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
+    }
+    menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard), "export": files}
+    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane),
+                        VolumePanel(s.session, s.guard, s.view),
+                        ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
+
+
+def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: ipw.Box,
+             height: int) -> list[ipw.Widget]:
+    """The rows of a studio: its head, the menus of that, and the body of panes and panel."""
+    view.layout.width = "100%"
+    if view.has_trait("fill"):
+        view.fill = True  # as large as its pane
+    if view.has_trait("background"):
+        view.background = "dark"  # bones and fins are bright
+    editors.beside.children = (view,)
+    panes = [_pane(panels.picture.box, editors.box, "picture"), _pane(panels.volume.box, editors.beside, "volume")]
+    warnings = [panel.warning for panel in panels.all if panel.warning is not None]
+    messages = _box([*warnings, words], "dnb-studio-messages")
+    side = _box([_grouped(panels.groups)], "dnb-studio-panel")
+    start = _box([panels.start.box], "dnb-studio-start")
+    body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
+    body.layout.height = f"{height}px"
+    menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
+    return [head, *menus, body]
+
+
+def _box(children: Sequence[Any], name: str) -> ipw.Box:
+    return ipw.VBox(list(children)).add_class(name)
+
+
+def _pane(head: Any, contents: Any, name: str) -> ipw.Box:
+    head.add_class("dnb-pane-head")
+    return _box([head, contents], "dnb-pane").add_class(f"dnb-pane-{name}")
+
+
+def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
+    """Tabs of groups of sections; a panel learns when it is seen."""
+    folds = {title: [_fold(section) for section in sections] for title, sections in groups.items()}
+    tabs = ipw.Tab([_box(boxes, "dnb-group") for boxes in folds.values()], titles=list(groups))
+    known = [(number, box, weakref.ref(section.panel))
+             for number, title in enumerate(groups) for section, box in zip(groups[title], folds[title], strict=True)]
+
+    def tell(_change: Any = None) -> None:
+        for number, box, reference in known:
+            panel = reference()
+            if panel is not None:
+                panel.opened(tabs.selected_index == number and getattr(box, "selected_index", 0) is not None)
+
+    tell()
+    for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
+        widget.observe(tell, "selected_index")
+    return tabs
+
+
+def _fold(section: Section) -> Any:
+    if not section.title:
+        return _box([section.panel.box], "dnb-section-plain")
+    made = ipw.Accordion([section.panel.box], titles=[section.title], selected_index=0 if section.is_open else None)
+    return made.add_class("dnb-section")
