@@ -151,7 +151,8 @@ def prose(text: str) -> str:
 
 def row(*widgets: Any) -> ipw.HBox:
     """Widgets side by side, one below the other where the page is narrow."""
-    return ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 16px"))
+    made = ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px"))
+    return made.add_class("dnb-row")
 
 
 class _Depth(threading.local):

@@ -31,6 +31,7 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
+from deformnb.widgets.studio.status import StudioWords
 from deformnb.widgets.worker import Worker
 
 
@@ -136,7 +137,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
                         ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
 
 
-def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: ipw.Box,
+def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioWords,
              height: int) -> list[ipw.Widget]:
     """The rows of a studio: its head, the menus of that, and the body of panes and panel."""
     view.layout.width = "100%"
@@ -147,8 +148,10 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
     editors.beside.children = (view,)
     panes = [_pane(panels.picture.box, editors.box, "picture"), _pane(panels.volume.box, editors.beside, "volume")]
     warnings = [panel.warning for panel in panels.all if panel.warning is not None]
-    messages = _box([*warnings, words], "dnb-studio-messages")
-    side = _box([_grouped(panels.groups)], "dnb-studio-panel")
+    messages = _box([*warnings, words.box], "dnb-studio-messages")
+    tabs = _grouped(panels.groups)
+    tabs.children[-1].children += (_box([words.status], "dnb-section-plain"),)  # figures stand under "Check"
+    side = _box([tabs], "dnb-studio-panel")
     start = _box([panels.start.box], "dnb-studio-start")
     body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
     body.layout.height = f"{height}px"

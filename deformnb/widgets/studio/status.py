@@ -1,4 +1,4 @@
-"""Status of a studio: a permanent line of facts, and beside it the last event or error."""
+"""Status of a studio: a line of facts, and the last event or error, which lies over the volume until it is closed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class StudioWords:
-    """The two texts below a studio, and the guard that lets no error pass unreported.
+    """The two texts of a studio, and the guard that lets no error pass unreported.
 
     Attributes
     ----------
-    status : the line of facts; notice : what has happened; box : both side by side.
+    status : the line of facts, in the group "Check"; notice : what has happened; box : the messages over the volume.
 
     Examples
     --------
@@ -30,10 +30,8 @@ class StudioWords:
     """
 
     def __init__(self) -> None:
-        self.status = ipw.Label("", layout=ipw.Layout(flex="1 1 auto", min_width="0"))
-        self.notice = ipw.HTML("", layout=ipw.Layout(flex="1 1 400px", min_width="0"))  # a label would cut long words
-        self.box = ipw.HBox([self.status, self.notice], layout=ipw.Layout(
-            width="100%", flex_flow="row wrap", align_items="center", grid_gap="0 24px"))
+        self.status, self.notice = ipw.Label(""), ipw.HTML("")
+        self.box = ipw.VBox([self.notice])
 
     def say(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""
@@ -56,7 +54,8 @@ class StudioWords:
 def as_html(text: str, is_error: bool = False) -> str:
     """A text as it is seen; nothing for an empty one."""
     colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
-    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}</div>' if text else ""
+    closing = '<button type="button" class="dnb-message-close" aria-label="Close this message">&times;</button>'  # head.js
+    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}{closing}</div>' if text else ""
 
 
 def reason_of(error: Exception) -> str:

@@ -269,7 +269,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
         panels.menus["history"].recovery = self._bar.recovery
-        rows = arranged(head, self._editors, self.view, panels, self._words.box, height)
+        rows = arranged(head, self._editors, self.view, panels, self._words, height)
         self._words.box.children = (self._picture.ways_on, self._words.notice)
         super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
         self.add_class("dnb-studio")

@@ -51,6 +51,7 @@ class StudioHead {
     // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
+    window.addEventListener("click", (event) => this.#dismiss(event), { signal });
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.#draw();
@@ -138,6 +139,12 @@ class StudioHead {
   #press({ target }) {
     const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
     if (!isInside) this.toggleMenu();
+  }
+
+  /** A message that its user has read goes, until Python has another one. @param {MouseEvent} event */
+  #dismiss({ target }) {
+    const button = target instanceof Element ? target.closest(".dnb-message-close") : null;
+    if (button && this.studio?.contains(button)) button.parentElement?.remove();
   }
 
   #draw() {

@@ -12,7 +12,7 @@ from deformnb.document.deformation import Step
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.curve_editor import CurveEditor
 from deformnb.widgets.inputs.depth_keys import DepthKeys
-from deformnb.widgets.studio.controls import Guard, Panel, row, widget_of
+from deformnb.widgets.studio.controls import Guard, Panel, prose, row, widget_of
 
 HINTS = {
     "replicate": "Every slice behind the picture is deformed like the picture.",
@@ -52,14 +52,14 @@ class DepthPanel(Panel):
         if preview is not None:
             self.curve.on_edit(self._curve_dragged)
         self.keys.on_edit(self._keys_changed)
-        self._hint = ipw.Label()
+        self._hint = ipw.HTML()  # a label would cut long words
         self.box = ipw.VBox([row(self._rule), self._hint, self.curve, self.keys], layout=ipw.Layout(max_width="720px"))
         self.refresh()
 
     def arrange(self) -> None:
         step = self.session.step
         self._rule.layout.display = "none" if step.plane is None else ""
-        self._hint.value = _IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER)
+        self._hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
         self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
         self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
         if step.extrusion == "modulate" and self.curve.curve != step.curve:

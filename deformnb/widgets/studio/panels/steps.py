@@ -28,7 +28,7 @@ _HINTS = {
     "compose": "Each step deforms what those above it have made.",
     "blend": "All steps pull at the volume at once; their order does not matter.",
 }
-_ALONE = "To go on from another side, choose it under Picture: a second step begins by itself."
+_ALONE = "To go on from another side, choose it over the picture: a second step begins by itself."
 
 
 class StepsPanel(Panel):
@@ -43,9 +43,8 @@ class StepsPanel(Panel):
         here = action_button("add_step", lambda: guard(session.add_step))
         space = button("Add step in space", "Deform with points in the volume itself instead of on a picture of it",
                        lambda: guard(lambda: session.add_step(in_space=True)))
-        mode = self.add(widget_of("mode", layout=ipw.Layout(width="210px")), lambda: session.deformation.mode,
+        mode = self.add(widget_of("mode"), lambda: session.deformation.mode,
                         session.set_mode)
-        mode.style.description_width = "40px"
         self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
