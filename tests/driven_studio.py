@@ -51,6 +51,16 @@ def panel(studio: Studio, title: str) -> Any:
     return next(found for found in studio._panels if found.title == title)
 
 
+def all_of(widget: Any) -> list[Any]:
+    """A widget and all in it."""
+    return [widget, *(found for child in getattr(widget, "children", ()) for found in all_of(child))]
+
+
+def box_of(studio: Studio, name: str) -> Any:
+    """The box of a studio with this class name in the page."""
+    return next(box for box in all_of(studio) if name in getattr(box, "_dom_classes", ()))
+
+
 def act(items: Any, what: str, index: int, value: Any = None) -> None:
     """As a click in the page of a list."""
     message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}

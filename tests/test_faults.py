@@ -313,7 +313,7 @@ def test_no_more_room_for_a_file_is_said(tmp_path: Path) -> None:
 def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Path) -> None:
     (tmp_path / "work").mkdir()
     studio = Studio(a_volume(), side="+y", folder=tmp_path / "work")
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     studio.save(tmp_path / "work" / "a.json")
     shutil.rmtree(tmp_path / "work")
     shutil.rmtree(state_folder)
@@ -336,7 +336,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
 
 def test_edits_go_on_while_a_movie_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     studio = Studio(a_volume(), side="+y", folder=tmp_path)
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     goes_on = threading.Event()
     progress = files._progress
     monkeypatch.setattr(files, "_progress", lambda *given: (goes_on.wait(60), progress(*given)))

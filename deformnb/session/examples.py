@@ -85,7 +85,7 @@ def thompson(step: Step, picture: Picture) -> Step:
 EXAMPLES: dict[str, Example] = {
     "bend": Example("Bend it", "Three points bend what is seen like a bow", bend),
     "open": Example("Cut it open", "A cut, and two points that move its sides apart", cut_open),
-    "thompson": Example("Thompson's fish", "The grid with which D'Arcy Thompson turned one fish into another", thompson),
+    "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
 }
 """Examples by name."""
 

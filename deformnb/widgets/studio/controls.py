@@ -213,28 +213,20 @@ class Panel:
         """Stop what the panel does on its own."""
 
 
-def _bare(name: str) -> Any:
-    """The widget for a parameter without its label, for a row over a picture that says what it is."""
-    made = widget_of(name, layout=ipw.Layout(width="auto"))
-    made.description = ""
-    return made
-
-
 class PicturePanel(Panel):
     """Row over the picture: side, projection, slice."""
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
-        density = widget_of("density")
-        traitlets.link((editor, "density"), (density, "value"))
-        self._side = side = _bare("view")
+        self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
         self.add(side, lambda: session.view or "", lambda view: session.set_view(view) if view else None)
-        method = self.add(_bare("method"), lambda: session.method, lambda value: session.set_trait("method", value))
+        method = self.add(widget_of("method", layout=ipw.Layout(width="auto")), lambda: session.method,
+                          lambda value: session.set_trait("method", value))
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
-        self._on_picture = [method, density]  # three pictures of a step in space have controls of their own
+        self._on_picture = [method]  # three pictures of a step in space have controls of their own
         self.box = row(side, method, self._depth)
         self.refresh()
 
@@ -252,6 +244,18 @@ class PicturePanel(Panel):
         self._depth.layout.display = "" if self.session.method == "slice" and not in_space else "none"
         elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
+
+
+class GridPanel(Panel):
+    """Grid panel: the number of lines of the grid over the picture."""
+
+    title = "Grid"
+
+    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
+        super().__init__(session, guard)
+        density = widget_of("density")
+        traitlets.link((editor, "density"), (density, "value"))
+        self.box = row(density)
 
 
 class MapPanel(Panel):
@@ -290,7 +294,7 @@ class MapPanel(Panel):
 class LookPanel(Panel):
     """Display panel of the volume: projection, colours and opacities."""
 
-    title = "Volume"
+    title = "Colours and opacity"
 
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
@@ -309,6 +313,8 @@ class LookPanel(Panel):
 class StrengthPanel(Panel):
     """Strength of the step, and the button that puts all back."""
 
+    title = "Strength"
+
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
         strength = widget_of("strength", layout=wide())
@@ -322,9 +328,10 @@ class VolumePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, view: Any) -> None:
         super().__init__(session, guard)
-        shows = self.add(_bare("shows"), lambda: view.shows, lambda value: setattr(view, "shows", value))
+        shows = self.add(widget_of("shows", layout=ipw.Layout(width="auto")), lambda: view.shows,
+                         lambda value: setattr(view, "shows", value))
         menus = [shows]
         if view.has_trait("projection"):
-            menus.append(self.add(_bare("projection"), lambda: view.projection,
+            menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
                                   lambda value: view.set_trait("projection", value)))
         self.box = row(*menus)

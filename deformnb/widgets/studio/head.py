@@ -31,13 +31,14 @@ _WATCHED = ["deformation", "index", "saved", "file", "history"]
 
 
 def volume_facts(volume: Volume) -> str:
-    r"""Size and spacing of a volume along x, y and z, in words.
+    """Size and spacing of a volume along x, y and z, in words.
 
     Examples
     --------
     >>> import numpy as np
-    >>> volume_facts(Volume(np.zeros((2, 3, 4), np.uint8)))
-    '4 \u00d7 3 \u00d7 2 \u00b7 1 \u00d7 1 \u00d7 1 mm'
+    >>> from deformnb.volume.volume import Grid
+    >>> print(volume_facts(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4)))))
+    4 × 3 × 2 · 1 × 1 × 1 mm
     """
     z, y, x = volume.shape
     size, spacing = (" \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)),

@@ -19,7 +19,16 @@ import ipywidgets as ipw
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
-from deformnb.widgets.studio.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, StrengthPanel, VolumePanel
+from deformnb.widgets.studio.controls import (
+    GridPanel,
+    Guard,
+    LookPanel,
+    MapPanel,
+    Panel,
+    PicturePanel,
+    StrengthPanel,
+    VolumePanel,
+)
 from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
@@ -68,18 +77,18 @@ class PanelParts:
 
 @dataclass(frozen=True)
 class Section:
-    """A folded section of a group.
+    """A section of a group, under the title of its panel.
 
     Parameters
     ----------
-    title : its heading; empty for one without, which is never folded.
     panel : its contents, which learn when they are seen.
     is_open : from the start.
+    has_heading : by which it is folded; one without is always open.
     """
 
-    title: str
     panel: Panel
     is_open: bool = False
+    has_heading: bool = True
 
 
 @dataclass(frozen=True)
@@ -103,9 +112,15 @@ class StudioPanels:
     others: Sequence[Panel] = ()
 
     @property
+    def history(self) -> HistoryPanel:
+        """The panel of the menu "History"."""
+        return next(panel for panel in self.menus.values() if isinstance(panel, HistoryPanel))
+
+    @property
     def all(self) -> list[Panel]:
         """Every panel."""
-        return [self.picture, self.volume, self.start, *(s.panel for sections in self.groups.values() for s in sections),
+        sections = [section for group in self.groups.values() for section in group]
+        return [self.picture, self.volume, self.start, *(section.panel for section in sections),
                 *self.menus.values(), *self.others]
 
 
@@ -115,23 +130,24 @@ def make_panels(s: PanelParts) -> StudioPanels:
     result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
     files.box.children = (result_box.box, *files.box.children)
     shape = [
-        Section("", StrengthPanel(s.session, s.guard)),
-        Section("Steps", StepsPanel(s.session, s.guard), is_open=True),
-        Section("Interpolation", MapPanel(s.session, s.guard), is_open=True),
-        Section("Points", PointsPanel(s.session, s.guard, s.editors, s.worker)),
-        Section("Rigid parts and cuts", ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names)),
-        Section("Match to another picture", FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
-        Section("Thompson's grids and your own", ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
+        _alone(StrengthPanel(s.session, s.guard)),
+        Section(StepsPanel(s.session, s.guard), is_open=True),
+        Section(MapPanel(s.session, s.guard), is_open=True),
+        Section(PointsPanel(s.session, s.guard, s.editors, s.worker)),
+        Section(ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names)),
+        Section(FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
+        Section(ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
     ]
     look = LookPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
         "Shape": shape,
-        "Depth": [Section("", DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section("Colours and opacity", look, is_open=True)],
-        "Animate": [Section("", AnimationPanel(s.session, s.guard, s.view, s.folder))],
-        "Check": [Section("", DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
+        "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
+        "View": [Section(look, is_open=True), Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
+        "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
+        "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }
-    menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard), "export": files}
+    menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
+             "export": files}
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane),
                         VolumePanel(s.session, s.guard, s.view),
                         ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
@@ -187,8 +203,13 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
     return tabs
 
 
+def _alone(panel: Panel) -> Section:
+    return Section(panel, is_open=True, has_heading=False)
+
+
 def _fold(section: Section) -> Any:
-    if not section.title:
+    if not section.has_heading:
         return _box([section.panel.box], "dnb-section-plain")
-    made = ipw.Accordion([section.panel.box], titles=[section.title], selected_index=0 if section.is_open else None)
+    made = ipw.Accordion([section.panel.box], titles=[section.panel.title],
+                         selected_index=0 if section.is_open else None)
     return made.add_class("dnb-section")

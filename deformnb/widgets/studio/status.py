@@ -12,6 +12,8 @@ from deformnb.errors import DeformError
 
 _LOG = logging.getLogger(__name__)
 
+_CLOSE = '<button type="button" class="dnb-message-close" aria-label="Close this message">&times;</button>'  # head.js
+
 
 class StudioWords:
     """The two texts of a studio, and the guard that lets no error pass unreported.
@@ -54,8 +56,7 @@ class StudioWords:
 def as_html(text: str, is_error: bool = False) -> str:
     """A text as it is seen; nothing for an empty one."""
     colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
-    closing = '<button type="button" class="dnb-message-close" aria-label="Close this message">&times;</button>'  # head.js
-    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}{closing}</div>' if text else ""
+    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}{_CLOSE}</div>' if text else ""
 
 
 def reason_of(error: Exception) -> str:

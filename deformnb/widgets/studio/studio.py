@@ -246,7 +246,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             with closed_on_failure(self._end):
                 self._make(view, height, folder, *shown)
         except BaseException:
-            close_all(self._words.box)
+            for part in (self._words.box, self._words.status):
+                close_all(part)
             raise
         finally:
             is_whole.set()
@@ -268,7 +269,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         head = StudioHead(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
-        panels.menus["history"].recovery = self._bar.recovery
+        panels.history.recovery = self._bar.recovery
         rows = arranged(head, self._editors, self.view, panels, self._words, height)
         self._words.box.children = (self._picture.ways_on, self._words.notice)
         super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))

@@ -112,7 +112,7 @@ def test_a_studio_that_is_closed_offers_nothing_and_the_history_has_it() -> None
 
 def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> None:
     studio = studio_of(folder=tmp_path)
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     drag(studio, a_drag(studio))
     other = Session(Volume(a_volume().values // 2, a_volume().grid, "half"))
     other.change(strength=0.25)

@@ -12,7 +12,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, controls, drag, page_says, panel, wait_for
+from driven_studio import a_drag, a_volume, act, box_of, controls, drag, page_says, panel, wait_for
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
@@ -325,7 +325,6 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
-    assert "corners" in studio._words.notice.value
     studio._words.say("<img src=x onerror=alert(1)>", is_error=True)
     assert "<img" not in studio._words.notice.value
     drag(studio, a_drag(studio))
@@ -337,7 +336,7 @@ def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio)
 
 def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: Path) -> None:
     drag(studio, a_drag(studio))
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     for name in ("ball.nrrd", "ball.svg", "ball.py", "ball.json", "ball.html"):
         files.name.value = name
         files.write.click()
@@ -353,7 +352,7 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
 
 
 def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     assert files.name.value == "ball_deformed.nii.gz"
     (tmp_path / "ball.nrrd").write_bytes(b"the scan")
     files.name.value = "ball.nrrd"
@@ -368,7 +367,7 @@ def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> N
 
 
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     files.name.value = "ball.gif"
     files.write.click()
     files.cancel.click()
@@ -381,7 +380,7 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     saved = to_json(studio.session.document()).encode()
     studio.undo()
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     files._open([{"name": "s.json", "content": memoryview(saved)}])
     assert studio.session.points.displacement.any()
     files._open([{"name": "s.json", "content": b"{nonsense"}])
@@ -451,12 +450,11 @@ def test_the_studio_stands_in_boxes(studio: Studio) -> None:
     assert "24 x 20 x 16" in repr(studio)
 
 
-def test_the_notes_of_a_volume_are_said_beside_the_welcome() -> None:
+def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
     values = np.random.default_rng(5).random((8, 9, 10))
     values[2, 3, 4] = np.nan
     studio = Studio(values)
     said = studio._words.notice.value
     assert "1 voxel is not finite, shown as background." in said
-    assert "Double-click" in said
-    assert studio.children[-1] is studio._words.box, "below everything: it moves no picture"
+    assert studio._words.box in box_of(studio, "dnb-studio-messages").children, "over the panes: it moves no picture"
     studio.close()

@@ -11,7 +11,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, controls, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, all_of, controls, drag, panel, wait_for
 from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
 
@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.widgets import LiveView, Studio
 from deformnb.widgets.studio.controls import Panel, fill
-from deformnb.widgets.studio.save_restore import SaveButton
+from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.studio import latency_text
 from deformnb.widgets.view.stills import PREVIEW_SIZE, from_png
 
@@ -250,17 +250,13 @@ def test_the_volume_is_turned_with_the_picture_until_somebody_turns_it(studio: S
 
 
 def test_the_grid_can_be_as_fine_as_the_editor_draws_it(studio: Studio) -> None:
-    density = next(w for w in _all_of(studio) if getattr(w, "description", "") == "Grid")
+    density = next(w for w in all_of(studio) if getattr(w, "description", "") == "Grid")
     studio.editor.density = 64
     assert density.value == 64
 
 
-def _all_of(widget: Any) -> list[Any]:
-    return [widget, *(w for child in getattr(widget, "children", ()) for w in _all_of(child))]
-
-
 def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None:
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     for name in ("ball.py", "ball.json", "ball.svg"):
         (tmp_path / name).write_bytes(b"somebody's")
         files.name.value = name
@@ -299,44 +295,44 @@ def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatc
 # -- saving ------------------------------------------------------------------------------------------------------------
 
 
-def save_button(studio: Studio) -> SaveButton:
-    return next(w for w in _all_of(studio) if isinstance(w, SaveButton))
+def head_of(studio: Studio) -> StudioHead:
+    return next(w for w in all_of(studio) if isinstance(w, StudioHead))
 
 
 def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path) -> None:
-    button = save_button(studio)
+    head = head_of(studio)
     (tmp_path / "ball.json").write_text("somebody's")
-    assert not button.unsaved
+    assert not head.unsaved
     drag(studio, a_drag(studio))
-    assert button.unsaved
-    button._handle_custom_msg({"type": "save"}, [])
+    assert head.unsaved
+    head._handle_custom_msg({"type": "save"}, [])
     wait_for(lambda: "Saved ball-2.json." in studio._words.notice.value)
-    assert not button.unsaved
-    assert "ball-2.json" in button.tip
+    assert not head.unsaved
+    assert "ball-2.json" in head.tip
     assert (tmp_path / "ball.json").read_text() == "somebody's"
     first = (tmp_path / "ball-2.json").read_bytes()
     drag(studio, a_drag(studio, 1.0))
-    button.press()
-    wait_for(lambda: not button.unsaved)
+    head.press()
+    wait_for(lambda: not head.unsaved)
     assert (tmp_path / "ball-2.json").read_bytes() != first  # the same one
     studio.save(tmp_path / "mine.json")
-    assert "mine.json" in button.tip
+    assert "mine.json" in head.tip
     (tmp_path / "mine.json").write_text("changed by someone")
     drag(studio, a_drag(studio, 2.0))
-    button.press()
+    head.press()
     wait_for(lambda: "changed by someone else" in studio._words.notice.value)
-    assert button.unsaved
+    assert head.unsaved
     assert (tmp_path / "mine.json").read_text() == "changed by someone"
-    panel(studio, "Files")._open([{"name": "s.json", "content": memoryview(first)}])
-    assert not button.unsaved
-    button.press()  # what was opened from elsewhere goes over nobody's file
+    panel(studio, "Export")._open([{"name": "s.json", "content": memoryview(first)}])
+    assert not head.unsaved
+    head.press()  # what was opened from elsewhere goes over nobody's file
     wait_for(lambda: "Saved ball-3.json." in studio._words.notice.value)
 
 
 def test_a_page_cannot_say_where_to_save(studio: Studio, tmp_path: Path) -> None:
-    button = save_button(studio)
+    head = head_of(studio)
     for wrong in (None, "save", {"type": "delete"}, ["save"]):
-        button._handle_custom_msg(wrong, [])
-    button.set_state({"unsaved": True, "tip": "x"})
-    assert not button.unsaved
+        head._handle_custom_msg(wrong, [])
+    head.set_state({"unsaved": True, "tip": "x"})
+    assert not head.unsaved
     assert list(tmp_path.iterdir()) == []

@@ -62,7 +62,7 @@ def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> No
     assert (across[10:14] == 0).all()
     assert across[:9].any()
     assert across[15:].any()
-    items = panel(studio, "Cuts & parts").items
+    items = panel(studio, "Rigid parts and cuts").items
     assert [(row["title"], row["facts"][:2]) for row in items.rows] == [("cut 1", ["cut", "line"])]
     act(items, "switch", 0, False)
     assert (studio.result().values.max(axis=(0, 1))[11:13] > 0).all()
@@ -110,7 +110,7 @@ def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
 
 
 def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
-    shapes = panel(studio, "Cuts & parts")
+    shapes = panel(studio, "Rigid parts and cuts")
     draws(studio, "parts", "add part", {"region": {"kind": "polygon", "vertices": [[4, 4], [10, 4], [10, 8], [4, 8]]}})
     found = {c.widget.description: c.widget for c in shapes.part.controls}
     assert found["Turn"].layout.display == "none"
@@ -138,7 +138,8 @@ def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
 
 
 def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> None:
-    shapes, boxes = panel(studio, "Cuts & parts"), [[[a, 4], [a + 4, 4], [a + 4, 8], [a, 8]] for a in (2.0, 8.0, 14.0)]
+    shapes = panel(studio, "Rigid parts and cuts")
+    boxes = [[[a, 4], [a + 4, 4], [a + 4, 8], [a, 8]] for a in (2.0, 8.0, 14.0)]
     studio.session.edit_parts([RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)])
     assert shapes.items.chosen == -1
     assert shapes.part.part is None
@@ -183,7 +184,7 @@ def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
     labels[6:10, 8:12, 4:9] = 7
     labels[2:4, 2:4, 2:4] = 9
     made = Studio(volume, side="+y", labels=labels, label_names={7: "femur"}, folder=tmp_path)
-    shapes = panel(made, "Cuts & parts")
+    shapes = panel(made, "Rigid parts and cuts")
     assert [text for text, _ in shapes._label.options] == ["femur", "label 9"]
     buttons = {b.description: b for b in shapes.box.children[1].children if isinstance(b, ipw.Button)}
     buttons["Label as part"].click()

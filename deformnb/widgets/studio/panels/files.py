@@ -53,7 +53,7 @@ class FilesPanel(Panel):
     write_page : writes the studio as one HTML file.
     """
 
-    title = "Files"
+    title = "Export"
 
     def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str],
                  write_page: WritePage) -> None:

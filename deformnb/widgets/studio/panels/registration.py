@@ -231,7 +231,7 @@ class FitPanel(Panel):
     target : what is chosen; buttons : by their words; said : the line of words.
     """
 
-    title = "Fit"
+    title = "Match to another picture"
 
     def __init__(self, session: Session, guard: Guard, editors: Any, folder: str | PathLike[str],
                  target: Volume | None = None) -> None:

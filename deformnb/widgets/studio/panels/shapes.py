@@ -226,7 +226,7 @@ class ShapesPanel(Panel):
     labels : a volume of numbered parts to take regions from, names : what the numbers are called.
     """
 
-    title = "Cuts & parts"
+    title = "Rigid parts and cuts"
 
     def __init__(self, session: Session, guard: Guard, editor: Any, labels: Volume | None = None,
                  names: Mapping[int, str] | None = None) -> None:

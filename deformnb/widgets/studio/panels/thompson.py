@@ -66,7 +66,7 @@ class ThompsonPanel(Panel):
     >>> panel.close()
     """
 
-    title = "Grids"
+    title = "Thompson's grids and your own"
 
     def __init__(self, session: Session, guard: Guard | None = None, editor: Editor | None = None,
                  folder: str | PathLike[str] = ".") -> None:

@@ -45,7 +45,7 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio
             ended.set()
 
     monkeypatch.setattr(module, "export", stubborn)
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     (tmp_path / "ball.png").write_bytes(b"older")
     studio.session.files.remember(tmp_path / "ball.png")  # as if it was written here before
     files.name.value = "ball.png"
@@ -81,7 +81,7 @@ def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: 
         return path
 
     monkeypatch.setattr(module, "export", slow_disk)
-    files = panel(studio, "Files")
+    files = panel(studio, "Export")
     files.name.value = "ball.png"
     files.write.click()
     assert landing.wait(60)
@@ -92,7 +92,7 @@ def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: 
 
 
 def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
-    files, sent = panel(studio, "Files"), []
+    files, sent = panel(studio, "Export"), []
     monkeypatch.setattr(files.file_transfer, "send", lambda content, buffers=None: sent.append(content))
     files.copy.click()
     studio.session.source = 'dn.read_volume("ball.nrrd")'

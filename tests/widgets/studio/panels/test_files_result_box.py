@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from driven_studio import box_of
 
 from deformnb.analysis.extent import grown
 from deformnb.document import edits as key_frames
@@ -134,13 +135,11 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     assert box.warning.children[1].layout.display == "none"
 
 
-def test_the_warning_stands_right_below_the_pictures() -> None:
+def test_the_warning_lies_over_the_volume() -> None:
     studio = Studio(a_brick())
     try:
         panel = next(panel for panel in studio._panels if isinstance(panel, ResultBox))
-        pictures = next(k for k, child in enumerate(studio.children)
-                        if studio._editors.box in getattr(child, "children", ()))
-        assert studio.children[pictures + 1] is panel.warning
+        assert panel.warning in box_of(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
         assert panel.warning.layout.display == ""

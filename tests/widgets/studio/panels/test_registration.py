@@ -268,7 +268,7 @@ def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
     true = ControlPoints.from_arrays(source, source + np.array([1.5, -1.0, 0.5]))
     target = dn.warp(volume, dn.fit_rbf(true))
     studio = Studio(volume, Deformation.in_space(true.reset()), target=target, folder=tmp_path)
-    fit = panel(studio, "Fit")
+    fit = panel(studio, "Match to another picture")
     assert fit.choice.value == GIVEN
     assert fit.buttons["Points along the outline"].disabled
     fit.buttons["Fit all points"].click()
@@ -280,7 +280,7 @@ def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
 
 def test_a_studio_hands_its_target_on_and_ends_its_thread(tmp_path: Path) -> None:
     studio = Studio(VOLUME, target=TARGET.values, folder=tmp_path)
-    fit = panel(studio, "Fit")
+    fit = panel(studio, "Match to another picture")
     assert fit.target.volume.grid == GRID
     studio.close()
     assert fit._thread.is_closed

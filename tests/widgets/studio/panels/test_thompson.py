@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
 import oracle
 import pytest
-from driven_studio import a_volume, wait_for
+from driven_studio import a_volume, all_of, wait_for
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -87,13 +88,13 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
 def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     studio = Studio(a_volume(), side="+y")
     try:
-        panel = next(p for p in studio._panels if p.title == "Grids")
-        tabs = next(child for child in studio.children if panel.box in getattr(child, "children", ()))
+        panel = next(p for p in studio._panels if isinstance(p, ThompsonPanel))
+        fold = next(box for box in all_of(studio) if isinstance(box, ipw.Accordion) and panel.box in box.children)
         assert panel.editor is studio._editors.plane
         assert panel.after.children == ()
-        tabs.selected_index = tabs.children.index(panel.box)
+        fold.selected_index = 0
         assert panel.after.children == (studio.editor,)
-        tabs.selected_index = 0
+        fold.selected_index = None
         assert panel.after.children == ()
     finally:
         studio.close()
