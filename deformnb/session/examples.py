@@ -22,7 +22,8 @@ from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 
-_BEND = 0.14  # of the subject's length: how far its ends are moved, and its middle the other way
+_BEND = 1.0  # radians: the angle between the ends of the bent subject
+_SAG = 0.12  # of half of the subject's length: how far all is moved back to stay in the middle
 _OPENING = 0.3  # of the subject's width: how far either side of the cut is moved
 
 
@@ -50,15 +51,17 @@ def _along(picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def bend(step: Step, picture: Picture) -> Step:
-    """Both ends of the subject are moved to one side, and its middle to the other."""
+    """The subject is bent to an arc of a circle, its middle line keeping its length: points on three lines."""
     middle, long, short = _along(picture)
-    across = short / np.linalg.norm(short) * 2 * _BEND * np.linalg.norm(long)
-    source = [middle - 0.85 * long, middle, middle + 0.85 * long]
-    target = [source[0] + across, source[1] - across / 2, source[2] + across]
-    points = step.points
-    for name, place, moved in zip(("end", "middle", "other end"), source, target, strict=True):
-        points = points.add(place, moved, name=name)
-    return step.with_points(points)
+    size = np.linalg.norm(long)
+    along, across = long / size, short / np.linalg.norm(short)
+    u, v = (grid.ravel()[:, None] for grid in np.meshgrid(size * np.linspace(-1, 1, 5), (-1.0, 0.0, 1.0)))
+    v = v * np.linalg.norm(short)
+    radius = 2 * size / _BEND
+    angle = u / radius
+    source = middle + u * along + v * across
+    target = middle + (radius - v) * np.sin(angle) * along + (radius - (radius - v) * np.cos(angle)) * across
+    return step.with_points(ControlPoints.from_arrays(source, target - _SAG * size * across))
 
 
 def cut_open(step: Step, picture: Picture) -> Step:
@@ -83,7 +86,7 @@ def thompson(step: Step, picture: Picture) -> Step:
 
 
 EXAMPLES: dict[str, Example] = {
-    "bend": Example("Bend it", "Three points bend what is seen like a bow", bend),
+    "bend": Example("Bend it", "What is seen is bent to an arc", bend),
     "open": Example("Cut it open", "A cut, and two points that move its sides apart", cut_open),
     "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
 }

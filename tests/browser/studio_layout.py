@@ -13,7 +13,7 @@ FAULTS = """(may_scroll) => {
   const studio = document.querySelector(".dnb-studio"), found = new Set(), box = (e) => e.getBoundingClientRect();
   const isSeen = (e) => {
     const { width, height } = box(e), { visibility, opacity } = getComputedStyle(e);
-    return width > 0.5 && height > 0.5 && visibility === "visible" && Number(opacity) > 0;
+    return width > 1.5 && height > 0.5 && visibility === "visible" && Number(opacity) > 0;
   };
   const name = (e) => {
     const words = e.getAttribute("aria-label") || e.querySelector("label")?.textContent || e.title || e.textContent;
@@ -35,8 +35,8 @@ FAULTS = """(may_scroll) => {
     const outer = box(root);
     controls.forEach((e, k) => {
       const b = box(e);
-      if (b.left < outer.left - SLACK || b.right > outer.right + SLACK
-          || b.top < outer.top - SLACK || b.bottom > outer.bottom + SLACK) {
+      const isAbove = root !== panel && (b.top < outer.top - SLACK || b.bottom > outer.bottom + SLACK); // panels scroll
+      if (b.left < outer.left - SLACK || b.right > outer.right + SLACK || isAbove) {
         found.add(`${name(e)} leaves its box: ${sides(b)} of ${sides(outer)}`);
       }
       for (const other of controls.slice(k + 1)) {
@@ -58,14 +58,36 @@ BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb
   (e) => e.getBoundingClientRect()))"""
 
 
+GROUPS = {
+    "Shape": ["Steps", "Interpolation", "Points", "Rigid parts and cuts", "Match to another picture",
+              "Thompson's grids and your own"],
+    "Depth": [], "View": ["Colours and opacity", "Grid"], "Animate": [], "Check": [],
+}
+"""Sections with a heading, by the title of their group."""
+
+HEADING = ".dnb-section .jupyter-widget-Collapse-header"
+
+
 def tabs_of(page: Any) -> list[str]:
-    """The titles of the studio's tabs."""
+    """The titles of the studio's groups."""
     return [text.strip() for text in page.locator(".dnb-studio .lm-TabBar-tab").all_inner_texts()]
 
 
+def sections_of(page: Any) -> list[str]:
+    """The titles of the sections of the group that is shown."""
+    return [text.strip() for text in page.locator(HEADING).filter(visible=True).all_inner_texts()]
+
+
 def choose(page: Any, title: str) -> None:
-    """Show a tab, and wait until its box has the size it keeps."""
-    page.locator(".dnb-studio .lm-TabBar-tab").filter(has_text=title).first.click()
+    """Show a group, or a section of one, and wait until its box has the size it keeps."""
+    group = next(group for group, sections in GROUPS.items() if title in (group, *sections))
+    page.locator(".dnb-studio .lm-TabBar-tab").filter(has_text=group).first.click()
+    if title != group:
+        heading = page.locator(HEADING, has_text=title).filter(visible=True)
+        heading.wait_for()
+        if "jupyter-widget-Collapse-open" not in heading.locator("..").get_attribute("class").split():
+            heading.click()
+        heading.scroll_into_view_if_needed()
     before = None
     while before != (before := page.evaluate(BOXES)):
         page.wait_for_timeout(100)

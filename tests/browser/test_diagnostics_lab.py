@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import Lab, resting, told
+from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -60,7 +61,7 @@ def _unfold_in(page: Any) -> None:
     page.mouse.up()
     folded = told(page, lambda state: state["least"] < 0)
     assert folded["least"] < 0
-    page.locator(".lm-TabBar-tab", has_text="Diagnostics").first.click()
+    choose(page, "Check")
     facts = page.locator("table.dnb-diagnostics")
     facts.locator("tr", has_text="% folded").wait_for(timeout=60_000)
     page.get_by_role("button", name="Unfold by stages").click()

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import Lab, told
+from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -50,7 +51,7 @@ def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
     lab.open_notebook(page, [SETUP, "told"])
     page.wait_for_selector(".told", timeout=120_000)
     page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
-    page.locator(".lm-TabBar-tab", has_text="Fit").first.click()
+    choose(page, "Match to another picture")
     yield lab, page
     page.close()
 
@@ -98,7 +99,7 @@ def test_the_target_is_laid_over_the_picture(shown: tuple[Any, Any]) -> None:
     ghost = page.locator("img.dnb-ed-ghost")
     assert ghost.count() == 1
     assert not ghost.is_visible()
-    server.run(page, "studio._panels[[p.title for p in studio._panels].index('Fit')].over.value = 0.6")
+    server.run(page, "next(p for p in studio._panels if p.title.startswith('Match')).over.value = 0.6")
     ghost.wait_for(timeout=60_000)
     page.wait_for_function("document.querySelector('img.dnb-ed-ghost').naturalWidth === 64")
     found = page.evaluate(f"""() => {{

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import Lab
+from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -41,7 +42,7 @@ def test_an_animation_in_jupyterlab(lab: Lab, tab: Any) -> None:
     page.set_viewport_size({"width": 1280, "height": 1100})
     lab.open_notebook(page, CELLS)
     page.wait_for_function(f"{VIEW}?.caster?.isReady", timeout=90_000)
-    page.get_by_role("tab", name="Animation").click()
+    choose(page, "Animate")
     page.get_by_role("button", name="Add key frame").click()
     page.wait_for_selector(ROWS)
     lab.run(page, DRAG)

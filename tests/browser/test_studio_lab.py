@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.hosts import Lab, quiet, resting, told
+from browser.studio_layout import choose
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -91,7 +92,7 @@ class StudioInLab:
 
     def tab(self, title: str) -> None:
         """Shows a panel."""
-        self.page.locator(".lm-TabBar-tab", has_text=title).first.click()
+        choose(self.page, title)
 
     def row(self) -> NDArray[np.bool_]:
         """Where the ball is seen on the picture, along x through its middle: one value a voxel."""
@@ -122,7 +123,7 @@ def shown(browser: Any, lab: Lab) -> Iterator[StudioInLab]:
 
 def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page = shown.page
-    shown.tab("Cuts & parts")
+    shown.tab("Rigid parts and cuts")
     page.get_by_role("button", name="Draw cut").click()
     page.wait_for_function(f"{EDITOR}.pen.isOn")
     page.mouse.click(*shown.at(29.5, 52))
@@ -130,7 +131,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page.keyboard.press("Enter")
     state = shown.told(lambda state: state["steps"][0]["cuts"] == 1)
     assert state["steps"][0]["cuts"] == 1
-    assert page.locator(".dnb-il-fact", has_text="line").is_visible()
+    assert page.locator(".dnb-il-choose", has_text="cut").is_visible()
     whole = shown.row()
     assert len(runs(whole)) == 1  # a cut that is not pulled open is not seen
     for near, far in ((24.5, 17.5), (34.5, 41.5)):
@@ -167,7 +168,6 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     moved = shown.told(lambda state: bool(state["undo"].startswith("move")))["row"]
     (a, b), = runs(moved)
     assert (a + b) / 2 > 33
-    shown.tab("Picture")
     page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
     state = shown.told(lambda state: len(state["steps"]) == 2)
     assert [step["view"] for step in state["steps"]] == ["+y", "-z"]

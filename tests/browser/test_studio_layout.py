@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import Lab, Voila, running
-from browser.studio_layout import choose, faults, lasting_faults, tabs_of
+from browser.studio_layout import GROUPS, choose, faults, lasting_faults, sections_of, tabs_of
 
 pytestmark = pytest.mark.needs_browser
 
@@ -27,8 +27,6 @@ points = studio.editor.points.add(studio.editor.points.target.mean(axis=0))
 studio.editor.points = points.move(points.ids[-1], points.target[-1] + [8.0, 5.0])
 studio
 """
-TITLES = ["Picture", "Points", "Steps", "Cuts & parts", "Interpolation", "Depth", "Diagnostics", "Fit", "Grids",
-          "Animation", "Volume", "History", "Files"]
 READY = "document.querySelector('.dnb-editor')?.deformnb?.painter.source && document.querySelector('.dnb-view canvas')"
 NARROW = "(width) => { document.querySelector('.dnb-studio').style.maxWidth = width ? `${width}px` : ''; }"
 PAPER = """getComputedStyle(document.querySelector('.dnb-editor')).backgroundColor.match(/[0-9.]+/g).slice(0, 3).reduce(
@@ -43,12 +41,15 @@ def window(browser: Any) -> Iterator[Any]:
 
 
 def look(page: Any, name: str, may_scroll: str = "") -> None:
-    """Go through all tabs; each is as its user needs it."""
-    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(TITLES) - 1).wait_for()
-    assert tabs_of(page) == TITLES
+    """Go through all groups and sections; each is as its user needs it."""
+    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(GROUPS) - 1).wait_for()
+    assert tabs_of(page) == list(GROUPS)
     found = {}
-    for number, title in enumerate(TITLES):
+    titles = [title for group, sections in GROUPS.items() for title in (group, *sections)]
+    for number, title in enumerate(titles):
         choose(page, title)
+        if title in GROUPS:
+            assert sections_of(page) == GROUPS[title]
         page.evaluate("() => document.querySelector('.dnb-studio').scrollIntoView({ block: 'end' })")
         found[title] = lasting_faults(page, may_scroll)
         if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
@@ -68,8 +69,8 @@ def in_lab(window: Any, lab: Lab) -> Any:
 def test_all_tabs_can_be_used_in_lab(in_lab: Lab, window: Any, theme: str, width: int) -> None:
     in_lab.dark(window, theme == "dark")
     window.evaluate(NARROW, width)
-    # Twelve columns of numbers are wider than a narrow page; the table has a bar of its own.
-    look(window, f"lab-{theme}-{width or 'wide'}", ".dnb-pt-scroller" if width else "")
+    # Twelve columns of numbers are wider than the panel; the table has a bar of its own.
+    look(window, f"lab-{theme}-{width or 'wide'}", ".dnb-pt-scroller")
 
 
 SPOIL = """([part, style]) => {
@@ -81,8 +82,9 @@ SPOIL = """([part, style]) => {
 
 
 @pytest.mark.parametrize(("part", "style", "said"), [
-    ("control", "margin-left: -200px", "covers"), ("control", "margin-left: 3000px; flex: none", "leaves its box"),
-    ("label", "width: 10px; min-width: 0; overflow: hidden", "is cut"),
+    ("control", "margin-top: -30px !important", "covers"),
+    ("control", "margin-left: 300px !important", "leaves its box"),
+    ("label", "flex: none !important; width: 10px !important; overflow: hidden", "is cut"),
 ])
 def test_what_is_wrong_is_found(in_lab: Lab, window: Any, part: str, style: str, said: str) -> None:
     window.evaluate(NARROW, 0)
@@ -103,34 +105,54 @@ def test_ctrl_s_saves_the_session_wherever_the_focus_is(in_lab: Lab, window: Any
     window.wait_for_function("document.querySelector('.dnb-studio').innerText.includes('Saved carp_phantom.json.')")
     window.wait_for_function("!document.querySelector('.dnb-save').title.includes('unsaved')")
     assert (in_lab.folder / in_lab.place / "carp_phantom.json").stat().st_size > 0
-    assert window.evaluate("document.querySelector('.dnb-save').getBoundingClientRect().height") == pytest.approx(
-        window.get_by_role("button", name="Reset", exact=True).first.bounding_box()["height"], abs=1)
     window.locator("body").press("Control+s")  # elsewhere it is the notebook's alone
     assert window.evaluate("document.querySelectorAll('.dnb-studio').length") == 1
 
 
-PLACES = """() => ['.dnb-cv-stage', '.dnb-clip'].map((s) => [...document.querySelectorAll(
-  `.dnb-studio ${s}`)].find((e) => e.offsetWidth)).map((e) => e.getBoundingClientRect()).map(
-  ({ left, right, top, bottom }) => ({ left, right, top, bottom }))"""
+PANES = """() => [".dnb-studio-panes", ".dnb-pane-picture", ".dnb-pane-volume", ".dnb-studio-panel"].map(
+  (part) => { const { left, right, top, bottom } = document.querySelector(part).getBoundingClientRect();
+    return { left, right, top, bottom }; })"""
 
 
-def test_see_inside_stands_beside_the_colours_where_there_is_room(in_lab: Lab, window: Any) -> None:
-    in_lab.dark(window, False)
+def test_the_panel_stands_beside_the_pictures_and_below_them_where_the_page_is_narrow(in_lab: Lab, window: Any) -> None:
     window.evaluate(NARROW, 0)
-    choose(window, "Volume")
-    window.get_by_text("Clipping", exact=True).wait_for()
-    window.get_by_role("button", name="Open towards me").wait_for()
-    if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
-        window.evaluate("() => document.querySelector('.dnb-studio').scrollIntoView({ block: 'end' })")
-        window.screenshot(path=str(Path(folder) / "look.png"))
-    colours, clip = window.evaluate(PLACES)
-    assert clip["left"] >= colours["right"]
-    assert clip["top"] < colours["bottom"]
+    window.wait_for_function("document.querySelector('.dnb-panes-stacked')")  # a fish is longer than it is high
+    panes, picture, volume, panel = window.evaluate(PANES)
+    assert panel["left"] >= panes["right"] - 1
+    assert panel["bottom"] == pytest.approx(panes["bottom"], abs=1)
+    assert volume["top"] >= picture["bottom"]
     window.evaluate(NARROW, 620)
-    choose(window, "Volume")
-    colours, clip = window.evaluate(PLACES)
-    assert clip["top"] >= colours["bottom"]
+    panes, picture, volume, panel = window.evaluate(PANES)
+    assert panel["top"] >= panes["bottom"] - 1
+    assert panel["left"] == pytest.approx(panes["left"], abs=1)
     window.evaluate(NARROW, 0)
+
+
+def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_beside_it(in_lab: Lab, window: Any) -> None:
+    window.evaluate(NARROW, 0)
+    for name, words in (("History", "the beginning"), ("Examples", "Bend it"), ("Export", "Write")):
+        button = window.locator(".dnb-head").get_by_role("button", name=name, exact=True)
+        button.click()
+        menu = window.locator(f".dnb-menu-{name.lower()}")
+        menu.get_by_text(words).first.wait_for()
+        assert button.get_attribute("aria-expanded") == "true"
+        window.keyboard.press("Escape")
+        menu.wait_for(state="hidden")
+    button.click()
+    menu.wait_for()
+    window.locator(".dnb-pane .dnb-ed-status").click()
+    menu.wait_for(state="hidden")
+    assert button.get_attribute("aria-expanded") == "false"
+
+
+def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> None:
+    editor = "document.querySelector('.dnb-studio-panes .dnb-editor').deformnb"
+    before = window.evaluate(f"() => JSON.stringify({editor}.points)")
+    window.locator(".dnb-head").get_by_role("button", name="Examples", exact=True).click()
+    window.locator(".dnb-menu-examples").get_by_role("button", name="Thompson's fish").click()
+    window.wait_for_function(f"{editor}.points.length === 56")
+    window.locator(".dnb-head button[title^='Undo: example']").click()
+    window.wait_for_function(f"(before) => JSON.stringify({editor}.points) === before", arg=before)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import Lab, resting, told
+from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -43,7 +44,7 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.wait_for_selector(".told", timeout=120_000)
     tab.wait_for_function("document.querySelector('.dnb-editor')?.deformnb.painter.source", timeout=120_000)
     assert tab.evaluate(f"() => {VIEWS}.length") == 1
-    tab.locator(".lm-TabBar-tab", has_text="Grids").first.click()
+    choose(tab, "Thompson's grids and your own")
     tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].gridNodes.nodes.length === 49", timeout=60_000)
     node = tab.locator(".dnb-th-after [data-node='16']")
     node.scroll_into_view_if_needed()

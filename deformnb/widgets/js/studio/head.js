@@ -108,7 +108,7 @@ class StudioHead {
 
   /** @param {keyof typeof ICONS} icon @param {() => void} act @param {string} [tip] */
   #icon(icon, act, tip = "") {
-    const button = pageElement("button", "dnb-head-button dnb-head-icon", this.root, { type: "button", title: tip,
+    const button = pageElement("button", `dnb-head-button dnb-head-icon dnb-head-${icon}`, this.root, { type: "button", title: tip,
       "aria-label": tip });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button);
     svgElement("path", { d: ICONS[icon] }, svg);

@@ -110,8 +110,8 @@ class ThompsonPanel(Panel):
     def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} to {target}", (source, target)) for source, target in thompson_pairs()]
         carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
-        self.grid = ipw.Dropdown(options=pairs, value=carp, description="Thompson's grids",
-                                style={"description_width": "initial"}, layout=ipw.Layout(width="380px"),
+        self.grid = ipw.Dropdown(options=pairs, value=carp, description="Grids of",
+                                layout=ipw.Layout(width="380px"),
                                 tooltip="Fish that D'Arcy Thompson turned into one another, in 1917")
         self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
                                  layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")
