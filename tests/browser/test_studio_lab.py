@@ -131,7 +131,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page.keyboard.press("Enter")
     state = shown.told(lambda state: state["steps"][0]["cuts"] == 1)
     assert state["steps"][0]["cuts"] == 1
-    assert page.locator(".dnb-il-choose", has_text="cut").is_visible()
+    assert page.locator(".dnb-studio-panel .dnb-il-choose", has_text="cut").is_visible()
     whole = shown.row()
     assert len(runs(whole)) == 1  # a cut that is not pulled open is not seen
     for near, far in ((24.5, 17.5), (34.5, 41.5)):

@@ -83,7 +83,7 @@ SPOIL = """([part, style]) => {
 
 @pytest.mark.parametrize(("part", "style", "said"), [
     ("control", "margin-top: -30px !important", "covers"),
-    ("control", "margin-left: 300px !important", "leaves its box"),
+    ("control", "position: relative; left: 3000px", "leaves its box"),
     ("label", "flex: none !important; width: 10px !important; overflow: hidden", "is cut"),
 ])
 def test_what_is_wrong_is_found(in_lab: Lab, window: Any, part: str, style: str, said: str) -> None:
