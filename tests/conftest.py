@@ -69,7 +69,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> NodeFile |
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("needs_gl") is None:
         return
-    from deformnb.imaging.render import gl_status
+    from deformnb.imaging.vtk_volume import gl_status
 
     works, found, remedy = gl_status()
     if not works:

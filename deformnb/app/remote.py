@@ -35,7 +35,7 @@ class RemoteView:
     Parameters
     ----------
     make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has sent its size: a
-        :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
+        :class:`~deformnb.widgets.vtk.render_loop.LoopScene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
     push : called with a picture's JPEG and what the client wants to know of it: what trame's area does, and ``n`` (its
         number, that the client answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer``

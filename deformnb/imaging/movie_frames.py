@@ -15,7 +15,8 @@ from deformnb._typing import Image
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.render import Scene, fitting_height
+from deformnb.imaging.camera import Camera, fitting_height
+from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, renderer_named
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, preset
@@ -183,9 +184,9 @@ def _frames(volume: Volume, document: Callable[[float], Deformation], before: fl
     grid = output or volume.grid
     planes = _planes(grid, directions, up, len(moments))
     function = preset("specimen", volume) if transfer is None else transfer
-    scene = Scene(function, size, background=background, backend=backend)  # refuses a wrong size or renderer
+    renderer = RENDERERS[renderer_named(backend)](function, size, background)  # refuses a wrong size or renderer
     shown = list(zip(moments, planes, strict=True))
-    images = _images(volume, document, shown, grid, scene, size, before, shows == "pair")
+    images = _images(volume, document, shown, grid, renderer, size, before, shows == "pair")
     return Frames(images, len(moments))
 
 
@@ -209,7 +210,8 @@ def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int)
 
 
 def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
-            scene: Scene, size: tuple[int, int], before: float, is_pair: bool) -> Iterator[Image]:
+            renderer: CoreRenderer | VtkRenderer, size: tuple[int, int], before: float,
+            is_pair: bool) -> Iterator[Image]:
     height = max(fitting_height(grid, plane, size) for _, plane in wanted)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.
@@ -226,7 +228,7 @@ def _images(volume: Volume, document: Callable[[float], Deformation], wanted: li
         key = (moment, plane)
         image = kept.pop(key, None)
         if image is None:
-            image = scene(deformed(moment), plane, height)
+            image = renderer(deformed(moment), Camera(plane, height))
         left[key] -= 1
         if left[key] > 0:
             kept[key] = image
@@ -241,4 +243,4 @@ def _images(volume: Volume, document: Callable[[float], Deformation], wanted: li
             else:
                 yield drawn(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
     finally:
-        scene.close()
+        renderer.close()

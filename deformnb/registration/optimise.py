@@ -32,8 +32,8 @@ from deformnb.registration.similarity import (
     BLOCK,
     Fitting,
     Measure,
+    Objective,
     Readable,
-    Scene,
     Value,
     least_det,
     measure_named,
@@ -151,7 +151,7 @@ class MultiscaleFit:
     history : (level, likeness) of every iteration.
     """
 
-    first: Scene
+    first: Objective
     origin: NDArray[np.float64]
     support: float
     moving: GreyImage
@@ -171,8 +171,8 @@ class MultiscaleFit:
         floor = min(self.least, least_det(start, self.first.fitting, checked))
         x, found = start, [(before, start)]
         for k, factor in enumerate(levels):
-            scene = replace(finest if factor == levels[-1] else self.level(factor), x=x)
-            x = self._unfolded(x, self._climbed(scene, factor, k / len(levels), 1 / len(levels)), checked, floor)
+            objective = replace(finest if factor == levels[-1] else self.level(factor), x=x)
+            x = self._unfolded(x, self._climbed(objective, factor, k / len(levels), 1 / len(levels)), checked, floor)
             found.append((_valued_at(x, finest), x))
         after, x = min((f for f in found if f[0].alike >= before.alike), key=lambda f: f[0].loss)
         least = least_det(x, self.first.fitting, checked)
@@ -181,7 +181,7 @@ class MultiscaleFit:
 
     # -- scenes --------------------------------------------------------------------------------------------------------
 
-    def level(self, factor: int) -> Scene:
+    def level(self, factor: int) -> Objective:
         """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one.
 
         Coarse levels are stiffer by the same factor: targets that slide along something smooth there (a bone was seen
@@ -216,10 +216,10 @@ class MultiscaleFit:
 
     # -- one level -----------------------------------------------------------------------------------------------------
 
-    def _climbed(self, scene: Scene, factor: int, done: float, share: float) -> NDArray[np.float64]:
+    def _climbed(self, objective: Objective, factor: int, done: float, share: float) -> NDArray[np.float64]:
         """The best targets that one level finds."""
-        movable = scene.free[:, 0] > 0
-        shape, most = scene.x.shape, 2 * self.iterations
+        movable = objective.free[:, 0] > 0
+        shape, most = objective.x.shape, 2 * self.iterations
         best, at, calls = np.inf, np.zeros(shape), 0
 
         def descend(flat: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -228,7 +228,7 @@ class MultiscaleFit:
             calls += 1
             moves = np.zeros(shape)
             moves[movable] = flat.reshape(-1, shape[1])
-            value = valued(moves, scene)
+            value = valued(moves, objective)
             if not (np.isfinite(value.loss) and np.isfinite(value.slope).all()):
                 return _IMPOSSIBLE, np.zeros_like(flat)
             if value.loss < best and value.least > 0:
@@ -236,12 +236,12 @@ class MultiscaleFit:
                 self._alike = value.alike
             return value.loss, value.slope[movable].ravel()
 
-        reach = _REACH * self.moving.diagonal / self.support / scene.unit
+        reach = _REACH * self.moving.diagonal / self.support / objective.unit
         size = int(movable.sum()) * shape[1]
         optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
                           callback=lambda _: self.history.append((factor, self._alike)),
                           options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
-        return scene.x + at * scene.unit
+        return objective.x + at * objective.unit
 
     def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],
                   floor: float) -> NDArray[np.float64]:
@@ -253,8 +253,8 @@ class MultiscaleFit:
         return before
 
 
-def _valued_at(x: NDArray[np.float64], scene: Scene) -> Value:
-    return valued(np.zeros(x.shape), replace(scene, x=x))
+def _valued_at(x: NDArray[np.float64], objective: Objective) -> Value:
+    return valued(np.zeros(x.shape), replace(objective, x=x))
 
 
 def _on_device(parts: Any) -> list[Any]:
@@ -340,11 +340,11 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     _check_climb(energy, iterations, least)
     pair = grey_pair(points, moving, fixed)
     start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-    scene = first_scene(points, start, smoothing, energy, alike, stages)
-    search = MultiscaleFit(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
+    objective = first_objective(points, start, smoothing, energy, alike, stages)
+    search = MultiscaleFit(objective, np.asarray(start.origin), float(start.support), *pair, iterations, least,
                            progress or (lambda share: None))
     x, before, after, smallest = search.run(_checked_levels(levels, pair[0].values.size, points.dim))
-    if x is not scene.x:
+    if x is not objective.x:
         at = _positions(points, start)
         free = ~points.locked[at]
         target = points.target.copy()
@@ -381,8 +381,8 @@ def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64
     return at
 
 
-def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
-                stages: int) -> Scene:
+def first_objective(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
+                    stages: int) -> Objective:
     """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
     at = _positions(points, start)
     n, size = len(at), len(start.centers)
@@ -393,7 +393,7 @@ def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, 
     nugget[:n] = smoothing / points.weight[at]
     fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, _span(x[:n], source[:n], start),
                       np.eye(points.dim), start.kernel, start.trend, stages)
-    return Scene(x, free, fitting, (), float(energy), alike)
+    return Objective(x, free, fitting, (), float(energy), alike)
 
 
 def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:

@@ -136,7 +136,7 @@ class Readable:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Objective:
     """Two pictures to be made alike at one level.
 
     Parameters
@@ -171,29 +171,29 @@ class Value(NamedTuple):
     least: float
 
 
-def valued(moves: Any, scene: Scene) -> Value:
+def valued(moves: Any, objective: Objective) -> Value:
     """Value and gradient of the function to minimise, for ``moves`` (C, dim) of the targets in units.
 
     The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
     where the whole in one piece took five times as long to compile. What needs no slope is left out.
     """
     with float64():
-        x = jnp.asarray(scene.x + scene.free * moves * scene.unit)
-        fits, energy = _fit(x, scene.fitting)
-        seen = [_see(p, fits, scene.fitting, scene.moving) for p in scene.places]
-        det = [_determine(p, fits, scene.fitting) for p in scene.lattice]
-        alike, slopes = _compare(jnp.concatenate(seen), scene.fixed, scene.weights, measure=scene.measure)
+        x = jnp.asarray(objective.x + objective.free * moves * objective.unit)
+        fits, energy = _fit(x, objective.fitting)
+        seen = [_see(p, fits, objective.fitting, objective.moving) for p in objective.places]
+        det = [_determine(p, fits, objective.fitting) for p in objective.lattice]
+        alike, slopes = _compare(jnp.concatenate(seen), objective.fixed, objective.weights, measure=objective.measure)
         rows = np.asarray(slopes).reshape(-1, BLOCK)
-        back = [_see_back(p, fits, scene.fitting, scene.moving, -row)
-                for p, row in zip(scene.places, rows, strict=True)]
+        back = [_see_back(p, fits, objective.fitting, objective.moving, -row)
+                for p, row in zip(objective.places, rows, strict=True)]
         det = [np.asarray(d) for d in det]
         walls = [_barrier(d) for d in det]
-        back += [_determine_back(p, fits, scene.fitting, slope)
-                 for p, (_, slope) in zip(scene.lattice, walls, strict=True) if slope.any()]
+        back += [_determine_back(p, fits, objective.fitting, slope)
+                 for p, (_, slope) in zip(objective.lattice, walls, strict=True) if slope.any()]
         total = jax.tree.map(lambda *parts: np.sum(parts, axis=0), *back)
-        slope = np.asarray(_fit_back(x, scene.fitting, total, np.float64(scene.energy)))
-    loss = scene.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
-    return Value(loss, slope * scene.free * scene.unit, float(alike), float(energy),
+        slope = np.asarray(_fit_back(x, objective.fitting, total, np.float64(objective.energy)))
+    loss = objective.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
+    return Value(loss, slope * objective.free * objective.unit, float(alike), float(energy),
                  float(np.min(det)))
 
 

@@ -46,7 +46,7 @@ LARGEST_PICTURE = 8192
 """Pixels along a side of a rendering at most."""
 
 
-class Scene(Protocol):
+class ViewRenderer(Protocol):
     """Renderer of a volume as a view shows it; used and closed by one thread."""
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
@@ -81,8 +81,8 @@ class Seen:
     background: str = "dark"
     clip: Clip = WHOLE
     show_folds: bool = False
-    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
-    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
+    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
+    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
 
     @classmethod
     def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
@@ -154,7 +154,7 @@ class Frozen:
         check_room(self.volume, self.output)
         return warp(self.volume, self.field, output=self.output, progress=progress)
 
-    def scene(self, size: tuple[int, int], *, once: bool = False) -> Scene | None:
+    def scene(self, size: tuple[int, int], *, once: bool = False) -> ViewRenderer | None:
         """Renderer of the volume as it is seen, many times or once; None where only a camera is known."""
         make = (self.seen.still if once else None) or self.seen.scene
         return None if make is None else make(self.volume, self.transfer, size, self.seen)

@@ -90,7 +90,7 @@ def test_a_wrong_solve_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_opengl_the_remedy_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    render = importlib.import_module("deformnb.imaging.render")
+    render = importlib.import_module("deformnb.imaging.vtk_volume")
     monkeypatch.setattr(render, "gl_status", lambda: (False, "no OpenGL", "apt-get install something"))
     check = module._gl()
     assert not check.works

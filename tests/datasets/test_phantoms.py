@@ -16,7 +16,7 @@ from deformnb.datasets.phantoms.abdomen import abdomen_labels
 from deformnb.datasets.phantoms.fish import fish
 from deformnb.datasets.phantoms.fish import scene as fish_scene
 from deformnb.datasets.phantoms.knee import knee, knee_labels
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.errors import Cancelled, DeformError
 from deformnb.volume.plane import VIEWS, Plane
 
@@ -298,7 +298,7 @@ def test_smooth_curve_passes_through_its_knots_and_never_overshoots():
 
 def test_edge_is_one_voxel_wide_and_layers_stack():
     ball = Part(shapes.Ellipsoid((10, 10, 10), (6, 6, 6)), ((0.0, 200.0), (3.0, 100.0)), label=7)
-    scene = Scene("ball", (20.0, 20.0, 20.0), (40, 40, 40), (ball,), texture=0.0)
+    scene = PhantomScene("ball", (20.0, 20.0, 20.0), (40, 40, 40), (ball,), texture=0.0)
     ray = render(scene, noise=0, dtype="float32").values[20, 20, 20:]
     assert ray[0] == 100
     assert ray[8] == 200
@@ -311,7 +311,7 @@ def test_edge_is_one_voxel_wide_and_layers_stack():
 
 def test_a_label_of_minus_one_clears():
     ball, hole = shapes.Ellipsoid((10, 10, 10), (6, 6, 6)), shapes.Ellipsoid((10, 10, 10), (2, 2, 2))
-    scene = Scene("ball", (20.0, 20.0, 20.0), (20, 20, 20),
+    scene = PhantomScene("ball", (20.0, 20.0, 20.0), (20, 20, 20),
                   (Part(ball, ((0.0, 9.0),), 3), Part(hole, ((0.0, 0.0),), -1)))
     labels = render_labels(scene).values
     assert labels[10, 10, 10] == 0

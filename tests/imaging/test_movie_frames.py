@@ -456,11 +456,11 @@ def test_a_gif_cannot_be_faster_than_browsers_show(tmp_path: Path) -> None:
 
 @pytest.mark.needs_gl
 def test_a_stopped_movie_gives_back_the_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from deformnb.imaging.render import _VtkScene
+    from deformnb.imaging.render import VtkRenderer
 
     closed: list[bool] = []
-    close = _VtkScene.close
-    monkeypatch.setattr(_VtkScene, "close", lambda self: (closed.append(True), close(self)))
+    close = VtkRenderer.close
+    monkeypatch.setattr(VtkRenderer, "close", lambda self: (closed.append(True), close(self)))
     volume, deformation = ball()
     frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="vtk")
     done: list[int] = []

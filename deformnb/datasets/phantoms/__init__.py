@@ -28,11 +28,11 @@ from deformnb.datasets.phantoms.horse import horse
 from deformnb.datasets.phantoms.knee import LABELS as KNEE_LABELS
 from deformnb.datasets.phantoms.knee import knee, knee_labels
 from deformnb.datasets.phantoms.lobster import lobster
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.volume.volume import Volume
 
-__all__ = ["PHANTOMS", "Part", "Phantom", "Scene", "abdomen", "abdomen_labels", "bar", "fish", "head", "horse", "knee",
-           "knee_labels", "lobster", "render", "render_labels"]
+__all__ = ["PHANTOMS", "Part", "Phantom", "PhantomScene", "abdomen", "abdomen_labels", "bar", "fish", "head", "horse",
+           "knee", "knee_labels", "lobster", "render", "render_labels"]
 
 Shape3 = tuple[int, int, int]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -69,11 +69,11 @@ def abdomen_labels(shape: tuple[int, int, int] | None = None, *, progress: Progr
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """Wall first, then bowel, organs, vessels and bones."""
     parts = (*_wall(), *_bowel(), *_organs(), *_vessels(), *_spine(), *_pelvis(), *_ribs())
-    return Scene("abdomen (phantom)", LENGTHS, (110, 88, 120), parts, texture=0.03, seed=7,
-                 label_names={1: "other tissue", **LABELS})
+    return PhantomScene("abdomen (phantom)", LENGTHS, (110, 88, 120), parts, texture=0.03, seed=7,
+                        label_names={1: "other tissue", **LABELS})
 
 
 def _torso() -> Loft:

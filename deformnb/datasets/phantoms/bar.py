@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render
 from deformnb.datasets.phantoms.shapes import Array, Block, Tube
 from deformnb.volume.volume import Volume
 
@@ -34,7 +34,7 @@ def bar(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", nois
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """Checked block, a ladder of bright wires on its skin, a dark canal and a bright core.
 
     The wires are there for projections: a maximum along the depth would drown checks that alternate in depth.
@@ -51,7 +51,7 @@ def scene() -> Scene:
              *(Part(wire, ((0.0, 230.0),)) for wire in wires),
              Part(canal, ((0.0, 150.0), (1.5, 15.0))),
              Part(Tube(((LOW[0] - 6, 64.0, 96.0), (HIGH[0] + 6, 64.0, 96.0)), (3.5,)), ((0.0, 255.0),)))
-    return Scene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
+    return PhantomScene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
 
 
 def _checks(x: Array, y: Array, z: Array) -> Array:

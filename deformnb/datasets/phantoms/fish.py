@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, Value, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value, render
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -102,13 +102,13 @@ def fish(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noi
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """All parts of the fish, painted in this order."""
     body = Loft("y", BODY)
     parts = (*_fins(), Part(body, ((0.0, 96.0), (1.3, _muscle))), *_viscera(), *_spine(), *_ribs(), *_head(body),
              *_rays(), *_paired_fins())
-    return Scene("carp (phantom)", (100.0, 512.0, 200.0), (128, 256, 128), parts, texture=0.03, seed=377,
-                 axes="RAS")
+    return PhantomScene("carp (phantom)", (100.0, 512.0, 200.0), (128, 256, 128), parts, texture=0.03, seed=377,
+                        axes="RAS")
 
 
 def _muscle(x: Array, y: Array, z: Array) -> Array:

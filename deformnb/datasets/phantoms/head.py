@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -49,10 +49,10 @@ def head(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noi
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """From the skin inwards, then the face, the teeth and the neck."""
     parts = (*_skin(), *_neck(), *_skull(), *_brain(), *_face(), *_jaw(), *_teeth(), *_airway())
-    return Scene("head (phantom)", LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
+    return PhantomScene("head (phantom)", LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
 
 
 def _vault(grow: float = 0.0) -> tuple[Solid, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
 from deformnb.volume.volume import Volume
 
@@ -58,7 +58,7 @@ def horse(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", no
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """One blended body, then mane, tail, hooves and eyes."""
     flesh: list[Solid] = [Ellipsoid(_at(c), r) for c, r in BODY]
     flesh += [_tube(line) for line in (*NECK, HEAD, *LEGS)]
@@ -73,7 +73,7 @@ def scene() -> Scene:
     for s in (-1, 1):
         parts.append(Part(Ellipsoid(_at((s * 8.2, 207, 150)), (1.8, 2.4, 2.2)), ((0.0, 250.0),)))
         parts.append(Part(Ellipsoid(_at((s * 4.2, 229, 122)), (1.4, 1.8, 1.8)), ((0.0, 60.0),)))
-    return Scene("horse (phantom)", (80.0, 245.0, 185.0), (124, 164, 54), tuple(parts), texture=0.03, seed=6)
+    return PhantomScene("horse (phantom)", (80.0, 245.0, 185.0), (124, 164, 54), tuple(parts), texture=0.03, seed=6)
 
 
 def _at(point: tuple[float, float, float]) -> Triple:

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.datasets.phantoms.shapes import Array, Blend, Both, Ellipsoid, Loft, Shell, Solid, Triple, Tube, path
 from deformnb.volume.volume import Volume
 
@@ -52,10 +52,10 @@ def knee_labels(shape: tuple[int, int, int] | None = None, *, progress: Progress
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """Skin and fat, muscles, vessels, ligaments, then the bones."""
-    return Scene("knee (phantom)", LENGTHS, (200, 127, 87), (*_flesh(), *_joint(), *_bones()), texture=0.04, seed=4,
-                 label_names={1: "other tissue", **LABELS})
+    return PhantomScene("knee (phantom)", LENGTHS, (200, 127, 87), (*_flesh(), *_joint(), *_bones()), texture=0.04,
+                        seed=4, label_names={1: "other tissue", **LABELS})
 
 
 def _spongy(x: Array, y: Array, z: Array) -> Array:

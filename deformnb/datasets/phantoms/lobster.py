@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, Value, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value, render
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -62,10 +62,10 @@ def lobster(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", 
 
 
 @cache
-def scene() -> Scene:
+def scene() -> PhantomScene:
     """Tail before carapace, legs below, so that every plate overlaps the next as in life."""
     parts = [*_legs(), *_tail(), *_claw(-1.0, 1.12), *_claw(1.0, 0.98), *_carapace(), *_feelers()]
-    return Scene("lobster (phantom)", LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
+    return PhantomScene("lobster (phantom)", LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
 
 
 def _armour(value: float) -> Value:

@@ -53,7 +53,7 @@ from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
 from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
-from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
+from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._page_stats: dict[str, float] = {}
         self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
-        self._preview: tuple[Scene, bytes] | None = None
+        self._preview: tuple[SceneDescription, bytes] | None = None
         self._sharpener: threading.Timer | None = None
         self._transfer: TransferFunction | None = None
         self._wanted_transfer = transfer
@@ -488,14 +488,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _shade(self) -> str:
         return self._page_theme if self.background == "auto" else self.background
 
-    def _scene(self) -> Scene:
+    def _scene(self) -> SceneDescription:
         shown = self._ready()
         assert self._transfer is not None
         with self._lock:
             field, output = self._at_present(self._field), self._output
         background = self._shade()
-        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows,
-                     self.clip)
+        return SceneDescription(shown, field, output, self.camera, self._transfer, self.projection, background,
+                                self.shows, self.clip)
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))

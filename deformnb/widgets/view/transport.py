@@ -16,7 +16,7 @@ import numpy as np
 
 from deformnb._typing import Image
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
-from deformnb.widgets.vtk.render_loop import Frame, Scene
+from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
 _QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
 _IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
@@ -103,7 +103,7 @@ class FrameSender:
         return {"bytes_per_frame": self._last_bytes, "frame_bytes": self._bytes, "sent": self._number}
 
 
-def drawn(scene: Scene, size: tuple[int, int], shows: str, **options: Any) -> Image:
+def drawn(scene: LoopScene, size: tuple[int, int], shows: str, **options: Any) -> Image:
     """A picture of another size than the scene's own, which stays."""
     before = scene.size
     scene.set_size(size)
@@ -115,7 +115,7 @@ def drawn(scene: Scene, size: tuple[int, int], shows: str, **options: Any) -> Im
     return image
 
 
-def preview_png(scene: Scene, shows: str) -> bytes:
+def preview_png(scene: LoopScene, shows: str) -> bytes:
     """A small picture as a PNG, from fewer pixels than it has: it must not hold up its cell."""
     from PIL import Image as Pillow
 

@@ -36,8 +36,8 @@ _RATES = 3
 _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
 
 
-class Scene(Protocol):
-    """Scene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
+class LoopScene(Protocol):
+    """LoopScene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -205,7 +205,7 @@ class SceneLoop:
         except Exception as error:
             self._say(error)
 
-    def _images(self, scene: Scene, **options: Any) -> tuple[Image, ...] | None:
+    def _images(self, scene: LoopScene, **options: Any) -> tuple[Image, ...] | None:
         both = ("deformed", "original") if self._shows == "flicker" else (self._shows,)
         images = []
         for shows in both:
