@@ -1,6 +1,10 @@
-"""Checks of numeric arguments: any type, any size and any text becomes an array, a number or one sentence."""
+"""Checks of arguments: any type, any size and any text becomes an array, a number, a name, a path or one sentence."""
 
 from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,3 +72,45 @@ def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[
     if array is None or array.shape != shape or not np.isfinite(array).all():
         raise DeformError(f"{wanted}, got {shown_value(value)}.")
     return array
+
+
+def finite_number(value: object, wanted: str) -> float:
+    """The value as one finite number.
+
+    Parameters
+    ----------
+    wanted : begins the message: "height must be a positive length".
+
+    Raises
+    ------
+    DeformError
+        If it is anything else.
+    """
+    if not is_finite(value):
+        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+    return float(np.asarray(value))
+
+
+def one_of(name: object, names: Collection[str], what: str) -> str:
+    """A name that must be one of ``names``.
+
+    Raises
+    ------
+    DeformError
+        If it is none of them, which are named then.
+
+    Examples
+    --------
+    >>> one_of("mip", ("slice", "mip"), "projection")
+    'mip'
+    """
+    if not isinstance(name, str) or name not in names:
+        raise DeformError(f"unknown {what} {shown_value(name)}; choose one of {', '.join(names)}.")
+    return name
+
+
+def as_path(given: object) -> Path:
+    """A path or its text as a path; DeformError for anything else."""
+    if not isinstance(given, str | os.PathLike):
+        raise DeformError(f"the name of a file is a text or a Path, got {shown_value(given)}.")
+    return Path(given)

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import finite_number
 from deformnb.document.deformation import EASINGS, LOOPS, Deformation, Keyframe, Step
 from deformnb.document.motion_paths import StepPath, one_map, step_paths
 from deformnb.errors import DeformError
@@ -206,8 +207,7 @@ class Animation:
         [1.0, 0.5, 1.5, 0.5]
         """
         length = self.duration
-        if not np.isfinite(t):
-            raise DeformError(f"a moment must be a finite number of seconds, got {t}.")
+        t = finite_number(t, "a moment must be a finite number of seconds")
         if self.loop == "once" or length == 0:
             return float(np.clip(t, 0.0, length))
         if self.loop == "loop":
@@ -243,8 +243,9 @@ class Animation:
         >>> swinging.times(2)
         (0.0, 0.5, 1.0, 0.5)
         """
-        if not (np.isfinite(fps) and 0.01 <= fps <= 1000):
-            raise DeformError(f"a movie has between 0.01 and 1000 frames a second, got {fps}.")
+        wanted = "a movie has between 0.01 and 1000 frames a second"
+        if not 0.01 <= finite_number(fps, wanted) <= 1000:
+            raise DeformError(f"{wanted}, got {fps}.")
         length = self.duration * (2 if self.loop == "swing" else 1)
         count = max(1, round(length * fps))
         if self.loop == "once" and length > 0:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from deformnb.checks import finite_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -43,6 +45,12 @@ def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
     return float(max(b, a * size[1] / size[0]) * 1.02)
 
 
+def checked_color(color: ArrayLike) -> tuple[float, float, float]:
+    """Red, green and blue as three finite numbers; DeformError for anything else."""
+    red, green, blue = finite_array(color, (3,), "a colour is red, green and blue, three numbers from 0 to 1").tolist()
+    return red, green, blue
+
+
 def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     """The (width, height) of a picture in pixels; DeformError for anything else."""
     try:
@@ -51,5 +59,5 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     except (TypeError, ValueError, OverflowError):
         is_right = False
     if not is_right:
-        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size!r:.60}.")
+        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {shown_value(size)}.")
     return width, height

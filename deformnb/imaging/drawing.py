@@ -6,12 +6,12 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import as_path, one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
@@ -58,7 +58,8 @@ STYLES = {
 """Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
 
 
-def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
+def draw_pictures(pictures: Picture | Sequence[Picture], *,
+                  grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
                   points: Sequence[ControlPoints | None] | None = None, titles: Sequence[str] | None = None,
                   style: str = "paper", path: str | PathLike[str] | None = None) -> Figure:
     """Pictures side by side (one above the other if they are wide), all to the same scale.
@@ -78,10 +79,12 @@ def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArr
     """
     from matplotlib.figure import Figure
 
-    if style not in STYLES:
-        raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
+    one_of(style, STYLES, "style")
+    pictures = [pictures] if isinstance(pictures, Picture) else _listed(pictures, "pictures", Picture)
     if not pictures:
         raise DeformError("there is no picture to draw.")
+    grids, points = _listed(grids, "grids", Sequence | np.ndarray), _listed(points, "points", ControlPoints | None)
+    titles = _listed(titles, "titles", str)
     for what, given in (("grids", grids), ("sets of points", points), ("titles", titles)):
         if given and len(given) != len(pictures):
             raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
@@ -98,6 +101,16 @@ def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArr
     if path is not None:
         save_figure(figure, path)
     return figure
+
+
+def _listed(given: Any, what: str, kind: Any) -> list[Any]:
+    """The items of a list, each of a kind; none for None."""
+    if given is None:
+        return []
+    if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(one, kind) for one in given):
+        name = f"{kind.__name__} objects" if kind is Picture else "one for each picture"
+        raise DeformError(f"{what} are a list ({name}), got {shown_value(given)}.")
+    return list(given)
 
 
 def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
@@ -138,9 +151,10 @@ def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
 
 
 def _format(path: str | PathLike[str]) -> str:
-    suffix = Path(path).suffix.lower().removeprefix(".")
+    name = as_path(path)
+    suffix = name.suffix.lower().removeprefix(".")
     if suffix not in ("png", "pdf", "svg"):
-        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(Path(path).name)}.")
+        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(name.name)}.")
     return suffix
 
 

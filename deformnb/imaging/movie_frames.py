@@ -12,15 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
+from deformnb.checks import real_array, shown_value
 from deformnb.document.animation import Animation
-from deformnb.document.deformation import Deformation
+from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera, fitting_height
 from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, renderer_named
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.volume import Grid, Volume, as_grid, as_volume
 from deformnb.warping.warper import Warper
 
 __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
@@ -94,10 +95,10 @@ class Frames(Iterator[Image]):
             close()
 
 
-def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: int | Sequence[float] = 48,
+def deformation_frames(volume: Volume, deformation: Deformation | Step, *, strengths: int | Sequence[float] = 48,
                        directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
-                       shows: str = "after", output: Grid | None = None,
+                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | str | None = None,
+                       shows: str = "after", output: Grid | Volume | None = None,
                        background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of a volume whose control points are dragged all the way and back.
 
@@ -105,13 +106,14 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
 
     Parameters
     ----------
+    deformation : or a single step.
     strengths : a strength for each frame, as in :meth:`blended`; a number is that of
         the frames of a :func:`swing` from 0 to 1 and back.
     directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
     up : what points up in the picture; default is +z, or -y for a view along z.
     size : (width, height) of a frame in pixels, of one half for "pair".
-    transfer : colours and opacities; default is the preset "specimen" of the volume before.
+    transfer : colours and opacities, or the name of a preset of the volume before; default is "specimen".
     shows : one of :data:`SHOWS`.
     output : the grid of what is shown (the field of view); default is the volume's.
     background : red, green and blue in [0, 1].
@@ -138,19 +140,25 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
     """
     chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
+    if isinstance(deformation, Step):
+        deformation = Deformation((deformation,))
+    if not isinstance(deformation, Deformation):
+        raise DeformError(f"a Deformation is needed, got {shown_value(deformation)}.")
     return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
                    backend)
 
 
-def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0, times: Sequence[float] | None = None,
-                     directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                     size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
-                     shows: str = "after", output: Grid | None = None,
+def animation_frames(volume: Volume, animation: Animation | Deformation, *, fps: float = 24.0,
+                     times: Sequence[float] | None = None, directions: ArrayLike = (0.4, 1.0, -0.3),
+                     up: ArrayLike | None = None, size: tuple[int, int] = (640, 480),
+                     transfer: TransferFunction | str | None = None,
+                     shows: str = "after", output: Grid | Volume | None = None,
                      background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
 
     Parameters
     ----------
+    animation : or a document with key frames.
     fps : pictures a second, of one round of the animation.
     times : the moments of the pictures in seconds instead; also in another order, or twice.
     directions, up, size, transfer, shows, output, background, backend : as for :func:`deformation_frames`.
@@ -166,6 +174,10 @@ def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0,
     >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
     3
     """
+    if isinstance(animation, Deformation):
+        animation = Animation(animation)
+    if not isinstance(animation, Animation):
+        raise DeformError(f"an Animation is needed, or a Deformation with key frames, got {shown_value(animation)}.")
     moments = animation.times(fps) if times is None else tuple(map(animation.moment, _numbers(times, "times")))
 
     def document(moment: float) -> Deformation:
@@ -176,14 +188,14 @@ def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0,
 
 
 def _frames(volume: Volume, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
-            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | None,
-            shows: str, output: Grid | None, background: tuple[float, float, float], backend: str) -> Frames:
+            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | str | None,
+            shows: str, output: Grid | Volume | None, background: tuple[float, float, float], backend: str) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
-    if shows not in SHOWS:
-        raise DeformError(f"frames cannot show {shows!r}; choose {' or '.join(SHOWS)}.")
-    grid = output or volume.grid
+    if not isinstance(shows, str) or shows not in SHOWS:
+        raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(SHOWS)}.")
+    grid = as_volume(volume).grid if output is None else as_grid(output)
     planes = _planes(grid, directions, up, len(moments))
-    function = preset("specimen", volume) if transfer is None else transfer
+    function = as_transfer(transfer, volume)
     renderer = RENDERERS[renderer_named(backend)](function, size, background)  # refuses a wrong size or renderer
     shown = list(zip(moments, planes, strict=True))
     images = _images(volume, document, shown, grid, renderer, size, before, shows == "pair")
@@ -202,7 +214,9 @@ def _numbers(given: Sequence[float], what: str = "strengths") -> tuple[float, ..
 
 
 def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int) -> list[Plane]:
-    looks = np.asarray(directions, dtype=float)
+    looks = real_array(directions)
+    if looks is None:
+        raise DeformError(f"directions are numbers, got {shown_value(directions)}.")
     if looks.shape not in ((3,), (count, 3)):
         raise DeformError(f"directions are one direction, or one for each of the {count} frames, got an array of shape "
                           f"{looks.shape}.")

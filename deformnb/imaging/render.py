@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any
 
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Image, Progress
+from deformnb.checks import finite_number, shown_value
 from deformnb.errors import DeformError
-from deformnb.imaging.camera import Camera, checked_size, fitting_height
+from deformnb.imaging.camera import Camera, checked_color, checked_size, fitting_height
 from deformnb.imaging.core_volume import bytes_of, draw_core
 from deformnb.imaging.vtk_volume import (
     VolumeWindow,
@@ -23,22 +25,24 @@ from deformnb.imaging.vtk_volume import (
 )
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import shown
+from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.volume import Grid, Volume, as_grid, as_volume
+from deformnb.warping.points import Landmarks, checked_points
 
 _SMALLEST = 8  # letters that can still be read, in pixels
 
 
-def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, direction: ArrayLike = (0.4, 1.0, -0.3),
-                  up: ArrayLike | None = None, height: float | None = None, size: tuple[int, int] = (800, 600),
-                  background: tuple[float, float, float] = (0.0, 0.0, 0.0), backend: str = "auto",
-                  progress: Progress | None = None) -> Image:
+def render_volume(volume: Volume, *, transfer: TransferFunction | str | None = None,
+                  direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None, height: float | None = None,
+                  size: tuple[int, int] = (800, 600), background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+                  backend: str = "auto", progress: Progress | None = None) -> Image:
     """A shaded picture of the whole volume, in parallel projection.
 
     Parameters
     ----------
-    transfer : colours and opacities; default is the preset "specimen".
+    transfer : colours and opacities, or the name of a preset; default is "specimen".
     direction : where the viewer looks, any length.
     up : what points up in the picture; default is +z, or -y for a view along z.
     height : length in space that the picture is high; default shows the whole box.
@@ -49,24 +53,36 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | None = None, d
     Returns
     -------
     (height, width, 3) uint8.
+
+    Raises
+    ------
+    DeformError
+        If an argument is not what it must be, or VTK was chosen and cannot draw here.
     """
-    renderer = RENDERERS[renderer_named(backend)]
-    if height is not None and not (np.isfinite(height) and height > 0):
-        raise DeformError(f"the height of what is seen must be a positive length, got {height}.")
-    function = preset("specimen", volume) if transfer is None else transfer
-    plane = Plane.through(volume.grid.center, direction, up)
-    drawn = renderer(function, size, background)
+    renderer = RENDERERS[renderer_named(backend)](as_transfer(transfer, as_volume(volume)), size, background)
+    camera = _camera(volume.grid, direction, up, height, size)
     try:
-        tall = fitting_height(volume.grid, plane, size) if height is None else float(height)
-        return drawn(volume, Camera(plane, tall), progress)
+        return renderer(volume, camera, progress)
     finally:
-        drawn.close()
+        renderer.close()
 
 
-def image_places(points: ArrayLike, grid: Grid, *, direction: ArrayLike = (0.4, 1.0, -0.3),
+def _camera(grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: float | None,
+            size: tuple[int, int]) -> Camera:
+    plane = Plane.through(grid.center, direction, up)
+    if height is None:
+        return Camera(plane, fitting_height(grid, plane, checked_size(size)))
+    wanted = "the height of what is seen must be a positive length"
+    length = finite_number(height, wanted)
+    if length <= 0:
+        raise DeformError(f"{wanted}, got {length}.")
+    return Camera(plane, length)
+
+
+def image_places(points: ArrayLike | Landmarks, grid: Grid | Volume, *, direction: ArrayLike = (0.4, 1.0, -0.3),
                  up: ArrayLike | None = None, height: float | None = None,
                  size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
-    """Project places (..., 3) in space to :func:`render_volume`'s picture of a volume on this grid.
+    """Project places (..., 3) in space, or landmarks, to :func:`render_volume`'s picture of a volume on this grid.
 
     Parameters
     ----------
@@ -81,9 +97,8 @@ def image_places(points: ArrayLike, grid: Grid, *, direction: ArrayLike = (0.4, 
     >>> image_places([4.5, 0, 4.5], Grid((10, 10, 10)), direction=(0, 1, 0), height=10, size=(300, 200)).tolist()
     [149.5, 99.5]
     """
-    plane = Plane.through(grid.center, direction, up)
-    tall = fitting_height(grid, plane, size) if height is None else height
-    return plane.to_plane(points)[..., :2] * (size[1] / tall) + (np.array(size) - 1) / 2
+    places, camera = checked_points(points, Identity(3)), _camera(as_grid(grid), direction, up, height, size)
+    return camera.plane.to_plane(places)[..., :2] * (size[1] / camera.height) + (np.array(size) - 1) / 2
 
 
 class CoreRenderer:
@@ -96,7 +111,7 @@ class CoreRenderer:
 
     def __init__(self, transfer: TransferFunction, size: tuple[int, int],
                  background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        self._transfer, self._size, self._background = transfer, checked_size(size), background
+        self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
 
     def __call__(self, volume: Volume, camera: Camera, progress: Progress | None = None) -> Image:
         """The picture of a volume, (height, width, 3) uint8."""
@@ -119,7 +134,7 @@ class VtkRenderer:
 
     def __init__(self, transfer: TransferFunction, size: tuple[int, int],
                  background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        self._transfer, self._size, self._background = transfer, checked_size(size), background
+        self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
         self._window: VolumeWindow | None = None
         self._values: NDArray[Any] | None = None  # of the volume that is shown
         self._ready: Volume | None = None
@@ -161,17 +176,17 @@ RENDERERS: dict[str, type[CoreRenderer | VtkRenderer]] = {"vtk": VtkRenderer, "c
 
 def renderer_named(name: str) -> str:
     """The name of a renderer that works here, "auto" decided; DeformError if there is none of that name."""
-    if name == "auto":
+    if isinstance(name, str) and name == "auto":
         return "vtk" if gl_status()[0] else "core"
-    if name not in RENDERERS:
-        raise DeformError(f"unknown renderer {name!r}; choose auto, {' or '.join(RENDERERS)}.")
+    if not isinstance(name, str) or name not in RENDERERS:
+        raise DeformError(f"unknown renderer {shown_value(name)}; choose auto, {' or '.join(RENDERERS)}.")
     if name == "vtk":
         check_gl()
     return name
 
 
 def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | None = None,
-                captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | None = None,
+                captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | str | None = None,
                 direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
                 size: tuple[int, int] = (900, 640), backend: str = "auto",
                 background: tuple[float, float, float] = (0.06, 0.065, 0.08),
@@ -181,7 +196,11 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
     ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
     volume before, so that what is not changed looks the same.
     """
-    function = preset("specimen", before) if transfer is None else transfer
+    function = as_transfer(transfer, as_volume(before))
+    as_volume(after)
+    size, background = checked_size(size), checked_color(background)
+    if not isinstance(captions, Sequence) or [isinstance(text, str) for text in captions] != [True, True]:
+        raise DeformError(f"captions are two texts, got {shown_value(captions)}.")
     planes = [Plane.through(v.grid.center, direction, up) for v in (before, after)]
     height = max(fitting_height(v.grid, p, size) for v, p in zip((before, after), planes, strict=True))
     halves = []

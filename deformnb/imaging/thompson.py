@@ -22,6 +22,7 @@ from scipy import ndimage
 
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches
+from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure
@@ -30,7 +31,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume, as_grid
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 
@@ -552,7 +553,7 @@ WIDTH = 7.2
 
 
 def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, lines: int = 12, overlay: str = "none",
-               magnify: float = 1.0, grid: Grid | None = None, key: int = 0, landmarks: bool = True,
+               magnify: float = 1.0, grid: Grid | Volume | None = None, key: int = 0, landmarks: bool = True,
                title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.
@@ -595,10 +596,17 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     (5, 7, 2)
     """
     for name, value, known in (("overlay", overlay, OVERLAYS), ("style", style, tuple(STYLES))):
-        if value not in known:
-            raise DeformError(f"unknown {name} {value!r}; choose one of {', '.join(known)}.")
-    if not np.isfinite(magnify):
-        raise DeformError(f"magnify must be a finite number, got {magnify}.")
+        one_of(value, known, name)
+    magnify = finite_number(magnify, "magnify must be a finite number")
+    if not isinstance(picture, Picture):
+        raise DeformError(f"a Picture is needed, got {shown_value(picture)}; project(volume, view) makes one.")
+    if finite_number(width, "the width of a figure must be a positive number of inches") <= 0:
+        raise DeformError(f"the width of a figure must be a positive number of inches, got {width}.")
+    if not isinstance(key, int | np.integer) or key < 0:
+        raise DeformError(f"key is the number of a set of control points from 0 on, got {shown_value(key)}.")
+    if not isinstance(unit, str) or not isinstance(title, str | None):
+        raise DeformError(f"title and unit are texts, got {shown_value(title)} and {shown_value(unit)}.")
+    grid = None if grid is None else as_grid(grid)
     steps = steps_of(what, picture, magnify)
     grids = make_grids(field_of(what, steps, picture, magnify, grid, key), picture, lines)
     sheet = Sheet(picture, grids, overlay, STYLES[style], width)

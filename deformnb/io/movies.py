@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Image
+from deformnb.checks import as_path, finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
 from deformnb.io.headers import fail, shown
@@ -69,13 +70,16 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     >>> write_movie(folder / "shades.gif", shades, fps=10).stat().st_size > 0
     True
     """
-    place = Path(path).expanduser()
+    place = as_path(path).expanduser()
     kind = "" if place.is_dir() or str(path).endswith(("/", os.sep)) else place.suffix.lower()
     if kind not in MOVIES:
         raise DeformError(f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as "
                           f"{shown(place.name)!r}.")
-    if not (np.isfinite(fps) and 0.01 <= fps <= 1000):
-        raise DeformError(f"a movie has between 0.01 and 1000 frames a second, got {fps}.")
+    wanted = "a movie has between 0.01 and 1000 frames a second"
+    if not 0.01 <= finite_number(fps, wanted) <= 1000:
+        raise DeformError(f"{wanted}, got {fps}.")
+    if not isinstance(frames, Iterable):
+        raise DeformError(f"a movie is made of pictures, one after the other, got {shown_value(frames)}.")
     total = length_hint(frames, 0)
     try:
         if kind not in ("", ".png"):

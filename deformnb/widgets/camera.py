@@ -116,13 +116,6 @@ def checked_camera(value: Any) -> dict[str, Any]:
     return {**whole, "perspective": True} if given.get("perspective") else whole
 
 
-def known(name: str, names: tuple[str, ...], what: str) -> str:
-    """A name that must be one of ``names``; DeformError names them if it is none."""
-    if name not in names:
-        raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
-    return name
-
-
 def turned(camera: Mapping[str, Any], direction: ArrayLike | None = None, up: ArrayLike | None = None,
            zoom: float | None = None, perspective: bool | None = None) -> dict[str, Any]:
     """A camera with what is not None changed; another direction looks at the middle again.

@@ -35,7 +35,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
@@ -185,7 +185,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
-            function = _function(self._wanted_transfer, volume)
+            function = as_transfer(self._wanted_transfer, volume)
             narrow = self._fine(function, volume) if window is None else None
             shown = packed_volume(volume, self._limit, self._largest, narrow or window)
             if narrow is not None:
@@ -295,7 +295,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if self._volume is None or self._shown is None:
             return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
-            function = self._transfer = _function(self._wanted_transfer, self._volume)
+            function = self._transfer = as_transfer(self._wanted_transfer, self._volume)
             table = function.table(*self._shown.window)  # alphas as they are: the front end fits them
             with self.hold_sync():
                 self.unit = function.unit
@@ -560,7 +560,3 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
     if not answer.done():
         answer.set_result(png)
-
-
-def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:
-    return preset(transfer, volume) if isinstance(transfer, str) else transfer

@@ -22,7 +22,7 @@ from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 from deformnb.widgets.camera import BACKGROUNDS, INKS, camera_of, checked_camera, within
@@ -233,7 +233,7 @@ class CoreScene:
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities."""
         self._wanted_transfer = transfer
-        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+        self._transfer = as_transfer(transfer, self._volume)
 
     def set_projection(self, projection: str) -> None:
         """Show shaded, as composite or mip."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from deformnb._typing import Image
+from deformnb.checks import one_of
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import checked_size
@@ -34,10 +35,10 @@ from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Iden
 from deformnb.rbf.regions import Line
 from deformnb.volume.clip import WHOLE, Clip, checked_clip
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.transfer import TransferFunction, levels, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, known, within
+from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, within
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
@@ -299,7 +300,7 @@ class VtkScene:
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
-        self._projection = known(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, PROJECTIONS, "projection")
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
@@ -328,7 +329,7 @@ class VtkScene:
         self._volume = volume
         self._field: AbstractField | None = None
         self.folding.set(None)
-        self._transfer = self._named(self._wanted_transfer)
+        self._transfer = as_transfer(self._wanted_transfer, volume)
         self._load(None)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
@@ -363,24 +364,21 @@ class VtkScene:
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
-        self._transfer = self._named(transfer)
+        self._transfer = as_transfer(transfer, self._volume)
         if clipped_for(self._volume, self._transfer).value_range != self._voxels.volume.value_range:
             self._load(self._output)
             if self._field is not None:
                 self.set_field(self._field, self._output)
         self._apply_looks()
 
-    def _named(self, transfer: TransferFunction | str) -> TransferFunction:
-        return preset(transfer, self._volume) if isinstance(transfer, str) else transfer
-
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
-        self._projection = known(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, PROJECTIONS, "projection")
         self._apply_looks()
 
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
-        self._background = known(background, tuple(BACKGROUNDS), "background")
+        self._background = one_of(background, BACKGROUNDS, "background")
         self._shown.set_background(BACKGROUNDS[background])
         self._apply_looks()
 
@@ -395,7 +393,7 @@ class VtkScene:
 
     def set_shows(self, shows: str) -> None:
         """Set the display mode, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
-        self._shows = known(shows, tuple(SHOWS), "kind of picture")
+        self._shows = one_of(shows, SHOWS, "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) of the picture in pixels."""
@@ -423,7 +421,7 @@ class VtkScene:
         progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
-        kind = self._shows if shows is None else known(shows, tuple(SHOWS), "kind of picture")
+        kind = self._shows if shows is None else one_of(shows, SHOWS, "kind of picture")
         if kind != "side_by_side":
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
         left_half, right_half = (within(progress, first, first + 0.5) for first in (0.0, 0.5))
