@@ -1,10 +1,8 @@
-"""Checks of arguments: any type, any size and any text becomes an array, a number, a name, a path or one sentence."""
+"""Checks of arguments: any type, any size and any text becomes an array, a number, a name or one sentence."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,10 +105,3 @@ def one_of(name: object, names: Collection[str], what: str) -> str:
     if not isinstance(name, str) or name not in names:
         raise DeformError(f"unknown {what} {shown_value(name)}; choose one of {', '.join(names)}.")
     return name
-
-
-def as_path(given: object) -> Path:
-    """A path or its text as a path; DeformError for anything else."""
-    if not isinstance(given, str | os.PathLike):
-        raise DeformError(f"the name of a file is a text or a Path, got {shown_value(given)}.")
-    return Path(given)

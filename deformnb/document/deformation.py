@@ -190,24 +190,27 @@ class Step:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
         return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
-    def fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
-        """For each set of control points the fits of the regions that have some; without cuts there is one region."""
-        settings, lone = self.settings, lone_support(grid)
-        return [settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps]
+    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit], ...]:
+        """For each set of control points the fits of the regions that have some; without cuts there is one region.
+
+        They are solved once for a grid, and kept until another is asked for: a step never changes.
+        """
+        known: tuple[Grid, tuple[Mapping[Sides, Fit], ...]] | None = self.__dict__.get("_solved")
+        if known is None or known[0] != grid:
+            settings, lone = self.settings, lone_support(grid)
+            fits = tuple(settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps)
+            known = (grid, fits)
+            self.__dict__["_solved"] = known  # in one assignment, for threads
+        return known[1]
 
     @property
     def cut_regions(self) -> tuple[AbstractRegion, ...]:
         """The regions of the cuts that are switched on."""
         return tuple(cut.region for cut in self.cuts if cut.enabled)
 
-    def field(self, grid: Grid, found: list[dict[Sides, Fit]] | None = None) -> AbstractField:
-        """The backward displacement in space of this step on a volume's grid.
-
-        Parameters
-        ----------
-        found : its :meth:`fits_of_regions` on that grid, if they are solved already.
-        """
-        regions, found = self.cut_regions, self.fits_of_regions(grid) if found is None else found
+    def field(self, grid: Grid) -> AbstractField:
+        """The backward displacement in space of this step on a volume's grid."""
+        regions, found = self.cut_regions, self.fits_of_regions(grid)
         sides = sorted({side for fits in found for side in fits})
         nothing = Identity(2 if self.plane else 3)
         maps = [[fits.get(side, nothing) for fits in found] for side in sides]
@@ -488,7 +491,8 @@ class Deformation:
 
     def field(self, grid: Grid | Volume) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
-        return self._solved(as_grid(grid))[0]
+        lattice = as_grid(grid)
+        return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
 
     def inverse(self, grid: Grid | Volume, **options: Any) -> Inverse:
         """The inverse of the map on the grid of a volume; options are those of :func:`deformnb.warping.inverse.invert`.
@@ -514,11 +518,10 @@ class Deformation:
         """
         return warp_points(points, self, grid=grid, **options)
 
-    def _solved(self, grid: Grid) -> tuple[AbstractField, tuple[str, ...]]:
-        """The field and the remarks of all fits, each solved once."""
-        found = [(step, step.fits_of_regions(grid)) for step in self.steps if step.enabled]
-        notes = (note for _, fits in found for regions in fits for fit in regions.values() for note in fit.notes)
-        return MODES[self.mode](*(step.field(grid, fits) for step, fits in found)), tuple(dict.fromkeys(notes))
+    def _fit_notes(self, grid: Grid) -> tuple[str, ...]:
+        """Remarks of all fits, each once."""
+        fits = (fit for step in self.steps if step.enabled for fit in step.fits(grid))
+        return tuple(dict.fromkeys(note for fit in fits for note in fit.notes))
 
     def notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
@@ -528,7 +531,7 @@ class Deformation:
         grid : of the volume that the document is applied to.
         """
         known = self.older_spacing(grid)
-        found = self._solved(self.own_grid(grid))[1]
+        found = self._fit_notes(self.own_grid(grid))
         return found if known is None else (known.older_note, *found)
 
     def older_spacing(self, grid: Grid) -> KnownSpacing | None:
@@ -544,6 +547,31 @@ class Deformation:
         known = self.older_spacing(grid)
         return grid if known is None else known.as_in_file(grid)
 
+    def difference(self, volume: Volume | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
+        """Warning about a volume that this was not made on; empty for the one that it was made on.
+
+        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
+
+        Parameters
+        ----------
+        volume : or its grid alone, where its voxels are not known.
+        reference : makes that of the volume, where it is kept.
+        """
+        made, here = self.volume, self.own_grid(as_grid(volume))
+        if made is None:
+            return ""
+        is_same = made.shape == here.shape and (isinstance(volume, Grid) or made.has_labels(volume) or made.sha256 == (
+            VolumeReference.of(volume) if reference is None else reference()).sha256)
+        if not is_same:
+            name = shown_value(made.name) if made.name else "without a name"
+            return (f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
+                    "voxels); its points may lie elsewhere.")
+        if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it told no place
+            return ""
+        then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made.spacing, here.spacing))
+        return (f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
+                "now); its points may lie elsewhere.")
+
     def apply(self, volume: Volume, **options: Any) -> Volume:
         """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warping.warper.warp`.
 
@@ -557,7 +585,7 @@ class Deformation:
             raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
                               f"studio on this volume and save it anew, or read the volume with "
                               f"spacing={known.header_spacing}.")
-        field, notes = self._solved(grid)
+        field, notes = self.field(grid), self._fit_notes(grid)
         if known is None:
             warped = warp(volume, field, **{"output": self.output, **options})
         else:

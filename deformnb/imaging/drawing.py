@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import as_path, one_of, shown_value
+from deformnb.checks import one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import shown
+from deformnb.io.headers import as_path, shown
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 

@@ -28,9 +28,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from deformnb.checks import as_path
 from deformnb.errors import FileChangedError, VolumeFileError
-from deformnb.io.headers import fail, human_bytes, shown
+from deformnb.io.headers import as_path, fail, human_bytes, shown
 
 
 def try_lock(descriptor: int) -> bool | None:
@@ -198,7 +197,7 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         One sentence that says what stands in the way.
     """
     try:
-        target = as_path(path).expanduser().resolve()
+        target = as_path(path).resolve()
         exists = target.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
         raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({error}).") from error

@@ -10,6 +10,10 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import DTypeLike
 
+from deformnb.errors import DeformError
+from deformnb.io.headers import human_bytes
+from deformnb.volume.volume import Grid, Volume
+
 # A warp holds its input and its output and some maps; a reader that took all of the free memory would leave no room.
 SHARE = 0.6
 
@@ -53,6 +57,27 @@ def available_memory() -> int:
     """Bytes that can still be allocated here; inside a container, within its limit and those around it."""
     rooms = (_cgroup_room(folder, kind) for folder, kind in _cgroups(Path("/")))
     return min([_system_memory(), *(room for room in rooms if room is not None)])
+
+
+def check_room(volume: Volume, output: Grid | None) -> None:
+    """Refuse a result that there is no memory for: else the system would end the process, and all work with it.
+
+    Parameters
+    ----------
+    output : its grid; None is the volume's own.
+
+    Raises
+    ------
+    DeformError
+        With what it takes and what is free.
+    """
+    grid = output or volume.grid
+    needed, free = grid.size * volume.dtype.itemsize, available_memory()
+    if needed > free:
+        remedy = ("choose a smaller result box or a coarser resolution" if grid.size > volume.grid.size else
+                  "read the volume with a stride")
+        raise DeformError(f"the deformed volume of {' x '.join(map(str, grid.shape[::-1]))} voxels takes "
+                          f"{human_bytes(needed)} and {human_bytes(free)} are free; close something else, or {remedy}.")
 
 
 def default_limit() -> int:

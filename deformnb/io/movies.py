@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Image
-from deformnb.checks import as_path, finite_number, shown_value
+from deformnb.checks import finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
-from deformnb.io.headers import fail, shown
+from deformnb.io.headers import as_path, fail, shown
 
 FrameProgress = Callable[[int, int], None]
 
@@ -70,7 +70,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     >>> write_movie(folder / "shades.gif", shades, fps=10).stat().st_size > 0
     True
     """
-    place = as_path(path).expanduser()
+    place = as_path(path)
     kind = "" if place.is_dir() or str(path).endswith(("/", os.sep)) else place.suffix.lower()
     if kind not in MOVIES:
         raise DeformError(f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as "

@@ -24,15 +24,14 @@ from deformnb.imaging.projection import project
 from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.formats import write_volume
+from deformnb.io.memory import check_room
 from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.session.session import Session, check_room
+from deformnb.session.session import Session
 from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-
-"""Called with the finished share from 0 to 1; raises :class:`~deformnb.errors.Cancelled` to stop."""
 
 _RENDERING = (1600, 1200)
 _BAND = 64  # rows of a picture between two looks at whether it is still wanted

@@ -29,8 +29,7 @@ from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.imaging.projection import PROJECTIONS, project
 from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_document, write_deformation
-from deformnb.io.headers import human_bytes, shown
-from deformnb.io.memory import available_memory
+from deformnb.io.memory import check_room
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, without_conflicts
@@ -796,23 +795,8 @@ class Session(traitlets.HasTraits):
             self.notice = difference or laid
 
     def difference(self, deformation: Deformation) -> str:
-        """Warning about a document that was made on another volume; empty if it was made on this one.
-
-        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
-        """
-        made_on = deformation.volume
-        if made_on is None:
-            return ""
-        if made_on.shape == self.volume.shape and (
-                made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume)):
-            here = self.volume.grid
-            if (made_on.grid or replace(here, spacing=made_on.spacing)).is_like(here):  # before 1.2 it told no place
-                return ""
-            then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made_on.spacing, here.spacing))
-            return ("This document was made on the same voxels at another place or of another size "
-                    f"({then} then, {now} now); its points may lie elsewhere.")
-        return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "
-                f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
+        """Warning about a document that was made on another volume; empty if it was made on this one."""
+        return deformation.difference(self.volume, self.reference)
 
     def code(self, volume: str = "") -> str:
         """The document as a Python script; see :func:`deformnb.document.script.as_python`.
@@ -835,22 +819,6 @@ def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
         if i in maps[k].ids:
             maps[k] = maps[k].edit(i, name=names[i])
     return replace(step, maps=tuple(maps))
-
-
-def check_room(volume: Volume, output: Grid | None) -> None:
-    """Refuse a result that there is no memory for: else the system would end the process, and the session with it.
-
-    Raises
-    ------
-    DeformError
-        With what it takes and what is free.
-    """
-    grid = output or volume.grid
-    needed, free = grid.size * volume.dtype.itemsize, available_memory()
-    if needed > free:
-        remedy = "choose a smaller result box" if grid.size > volume.grid.size else "read the volume with a stride"
-        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} are free; "
-                          f"close something else, or {remedy}.")
 
 
 def _moves(deformation: Deformation) -> bool:

@@ -16,6 +16,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.fields import Composed, Identity, compose
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
@@ -35,6 +36,22 @@ POINTS = ControlPoints.from_arrays([[0, 0], [12, 0], [0, 20], [6, 8]], [[0, 0], 
 
 def places() -> np.ndarray:
     return np.random.default_rng(0).uniform([-7, 4, 12], [5, 24, 24], (20, 3))
+
+
+def test_a_step_is_solved_once_for_a_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved: list[int] = []
+    fits = FitSettings.fits
+    monkeypatch.setattr(FitSettings, "fits", lambda *given, **options: (solved.append(1), fits(*given, **options))[1])
+    document = Deformation.on_picture(GRID, "+z", POINTS)
+    wanted = document.field(GRID).displacement(places())
+    document.notes(GRID)
+    longer = document.then(Deformation.in_space(ControlPoints.from_arrays([[0, 9, 15]], [[0, 9, 15]])))
+    np.testing.assert_allclose(longer.field(replace(GRID)).displacement(places()), wanted)
+    assert len(solved) == 2  # the second step
+    twice = document.field(replace(GRID, spacing=(2.0, 2.0, 2.0)))
+    assert len(solved) == 3
+    assert document == replace(document)
+    assert twice.dim == 3
 
 
 # ---- a feature lands where it is dropped -----------------------------------------------------------------------------

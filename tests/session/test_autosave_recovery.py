@@ -114,6 +114,6 @@ def test_a_document_that_was_made_on_another_volume_is_spoken_of() -> None:
     assert told == []
     other = opened(Session(a_volume(1), document), say=told.append)
     wait_for(lambda: told)
-    assert "another volume (noise, 8 x 7 x 6 voxels)" in told[0]
+    assert "another volume ('noise', 8 x 7 x 6 voxels)" in told[0]
     fitting.close()
     other.close()

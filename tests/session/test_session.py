@@ -331,14 +331,14 @@ def test_a_saved_document_comes_back_and_another_volume_is_noticed(session: Sess
     assert again.undo() == "open a document"
     other = Session(a_volume(1))
     before = other.deformation
-    words = r"another volume \(noise, 12 x 10 x 9 voxels\).*allow_other_volume=True"
+    words = r"another volume \('noise', 12 x 10 x 9 voxels\).*allow_other_volume=True"
     with pytest.raises(OtherVolumeError, match=words):
         other.open(file)
     assert other.deformation is before
     assert (other.history["undo"], other.saved) == ("", None)
     other.open(file, allow_other_volume=True)
     assert other.deformation.steps == session.deformation.steps
-    assert "another volume (noise, 12 x 10 x 9 voxels)" in other.notice
+    assert "another volume ('noise', 12 x 10 x 9 voxels)" in other.notice
 
 
 def test_labels_of_the_same_scan_are_no_other_volume(session: Session) -> None:

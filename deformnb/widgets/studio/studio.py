@@ -27,7 +27,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.exports import export
-from deformnb.session.inputs import as_deformation, as_volume, best_view, source_of
+from deformnb.session.inputs import as_deformation, best_view, source_of, volume_from
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
@@ -90,14 +90,14 @@ def as_labels(given: Any, volume: Volume) -> Volume | None:
             raise DeformError(f"labels of shape {given.shape} do not lie on a volume of {volume.shape}; give a Volume "
                               "with a grid of its own.")
         return Volume(given, volume.grid, "labels")
-    return as_volume(given)
+    return volume_from(given)
 
 
 def as_target(given: Any, volume: Volume) -> Volume | None:
     """A volume to become alike, from a volume, a file, or an array that lies as the volume does; None for none."""
     if isinstance(given, np.ndarray) and given.shape == volume.shape:
         return Volume(given, volume.grid, "target")
-    return None if given is None else as_volume(given)
+    return None if given is None else volume_from(given)
 
 
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
@@ -264,7 +264,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
-        given = as_volume(volume)
+        given = volume_from(volume)
         shown = as_labels(labels, given), label_names, as_target(target, given)
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
