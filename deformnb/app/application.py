@@ -23,6 +23,7 @@ from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.volume.transfer import TransferFunction
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.messages import EditDone
 from deformnb.widgets.parameters import Number, parameters
 from deformnb.widgets.studio.editors import looks_alike, make_editor, picture_key, show_step
 from deformnb.widgets.studio.history_labels import JOINING, edit_label, go_to, history_rows
@@ -408,8 +409,8 @@ def _choose_a_picture(session: Session) -> None:
 def _answer(editor: Any, content: dict[str, Any]) -> None:
     """Confirm a message without doing what it requests: its client waits for that."""
     sender, number = content.get("sender"), content.get("seq")
-    if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
-        editor.send({"type": "done", "sender": sender, "seq": number})
+    if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and isinstance(number, int) and is_whole(number):
+        editor.send(EditDone(type="done", sender=sender, seq=number))
 
 
 def _box_text(session: Session) -> str:

@@ -1,16 +1,7 @@
 """Messages about points and shapes between editors and their front ends: plain JSON, with everything checked.
 
-Control points are ``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0,
-"locked": false, "radius": null}, ...]``. Points in space have three coordinates each. A radius of null is the one that
-all points have.
-
-Cuts and rigid parts of a picture are plain data in an editor's traits and in the messages of its front end:
-
-- ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
-  the shapes of that sort, as :mod:`deformnb.document.json_format` writes them, and ``points`` where the same edit has
-  changed those too.
-- ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
-  with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
+The types of the messages are in :mod:`deformnb.widgets.messages`; shapes are plain data as
+:mod:`deformnb.document.json_format` writes them.
 
 For views there are checks of single values of a message: each returns its argument, or raises ValueError.
 """
@@ -35,6 +26,7 @@ from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.cuts import MOST_CUTS, Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
+from deformnb.widgets.messages import PointData
 
 LONGEST_MESSAGE = 65536
 """Bytes of a trait that the front end sets at most."""
@@ -58,7 +50,7 @@ _LONGEST_SENDER = 40
 _COUNTS = {2: "two", 3: "three"}
 
 
-def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
+def points_to_json(points: ControlPoints) -> list[PointData]:
     """The list that the front end gets."""
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),

@@ -14,7 +14,7 @@ import io
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import traitlets
@@ -31,6 +31,7 @@ from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.points import PAGE_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.messages import DrawShape, EditRefused, ShowPoint
 from deformnb.widgets.protocol import (
     OVERLAYS,
     ChooseMessage,
@@ -282,11 +283,11 @@ class Editor(EditedPoints):
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
-    def draw(self, tool: str) -> None:
+    def draw(self, tool: Literal["cut", "part", "ground"]) -> None:
         """Start drawing in the front end: a "cut", a rigid "part", or the "ground"."""
         if tool not in ("cut", "part", "ground"):
             raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
-        self.send({"type": "draw", "tool": tool})
+        self.send(DrawShape(type="draw", tool=tool))
 
     def choose(self, what: str | None, index: int = 0) -> None:
         """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
@@ -295,7 +296,7 @@ class Editor(EditedPoints):
     def look_at(self, point: int) -> None:
         """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
         self.points.index(point)
-        self.send({"type": "look", "id": point})
+        self.send(ShowPoint(type="look", id=point))
 
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
@@ -339,7 +340,7 @@ class Editor(EditedPoints):
                 self.points = message.points or self.points
             except DeformError as error:  # of an observer: nobody wants these shapes
                 setattr(self, message.what, before)
-                self.send({"type": "error", "message": f"Python did not take these {message.what}: {error}"})
+                self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {error}"))
                 return
             finally:
                 self.edit_under_way = None

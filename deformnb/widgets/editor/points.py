@@ -1,15 +1,6 @@
 """Base of the editors of control points: points and their settings, callbacks, and messages with the front end.
 
-Messages of the front end:
-
-- ``{"type": "greet", "sender": id, "seq": 0}`` when a front end opens, for the answer
-- ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
-  "points": [...]}``
-- ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
-
-Messages to the front end: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
-``{"type": "error", "message": text}``.
-
+The messages of both sides are in :mod:`deformnb.widgets.messages`.
 Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
 window the number of its last message that the points include (see ``js/sync/edits.js``).
 
@@ -31,6 +22,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
+from deformnb.widgets.messages import EditDone, EditRefused
 from deformnb.widgets.protocol import (
     EditMessage,
     HistoryMessage,
@@ -219,10 +211,10 @@ class EditedPoints(SyncedWidget):
             self._take(message)
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of an editor failed")
-            self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
+            self.send(EditRefused(type="error", message=f"{type(error).__name__} in a callback: {error}"))
         finally:
             self._note(message)  # whatever came of it: a front end that waits for it takes no other points
-            self.send({"type": "done", "sender": message.sender, "seq": message.seq})
+            self.send(EditDone(type="done", sender=message.sender, seq=message.seq))
 
     def _read(self, content: Any) -> Message | None:
         """Parse a message of the front end; None for one of no known kind."""
@@ -230,7 +222,7 @@ class EditedPoints(SyncedWidget):
 
     def _take(self, message: Message) -> None:
         if isinstance(message, RefusedMessage):
-            self.send({"type": "error", "message": f"Python did not take these {message.what}: {message.reason}"})
+            self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {message.reason}"))
         elif isinstance(message, HistoryMessage):
             for step in tuple(self._history_callbacks):
                 step(message.way)

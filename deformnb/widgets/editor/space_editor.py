@@ -33,6 +33,7 @@ from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
+from deformnb.widgets.messages import Pictures, ShowPoint
 from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
@@ -185,7 +186,7 @@ class SpaceEditor(EditedPoints):
     def look_at(self, point: int) -> None:
         """Bring the slices to the target of the point with this id."""
         self.cursor = self.points.target[self.points.index(point)].tolist()
-        self.send({"type": "look", "id": point})
+        self.send(ShowPoint(type="look", id=point))
 
     def field(self, points: ControlPoints | None = None) -> AbstractField:
         """All that is done to the volume: what was done before, and then these points or the editor's own.
@@ -321,7 +322,7 @@ class SpaceEditor(EditedPoints):
             about, buffers = shown.message()
             said.append({"index": index, **about})
             parts += buffers
-        self.send({"type": "pictures", "seq": number, "view": view, "panes": said, "facts": facts}, parts)
+        self.send(Pictures(type="pictures", seq=number, view=view, panes=said, facts=facts), parts)
         if is_moving:
             self._pace += 0.3 * (time.monotonic() - start - self._pace)
             self._worker.at_rest(_REST, weakly(self, SpaceEditor._rest))

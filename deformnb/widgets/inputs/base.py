@@ -2,9 +2,8 @@
 
 Python sends the contents of the widget in one trait, ``shown``; the front end never writes traits.
 
-Messages of the front end: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages
-to the front end: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``.
-An error in a message is shown in the front end, logged, and changes nothing.
+The messages are ValueEdit, ValueTaken and ValueRefused of :mod:`deformnb.widgets.messages`. An error in a message is
+shown in the front end, logged, and changes nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.messages import ValueRefused, ValueTaken
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 
@@ -101,15 +101,16 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
                 callback(self._told(edit), phase)
         except DeformError as error:
             _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
-            self.send({"type": "error", "view": view, "message": str(error)})
+            self.send(ValueRefused(type="error", view=view, message=str(error)))
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of %s failed", type(self).__name__)
-            self.send({"type": "error", "view": view, "message": f"{type(error).__name__} in a callback: {error}"})
+            words = f"{type(error).__name__} in a callback: {error}"
+            self.send(ValueRefused(type="error", view=view, message=words))
         finally:
             if phase == "end":  # taken or refused: what is shown now is the answer
                 self._see(view, seq)
                 self._show()
-            self.send({"type": "done", "seq": seq, "view": view})
+            self.send(ValueTaken(type="done", seq=seq, view=view))
 
     def _see(self, view: str, seq: int) -> None:
         self._seen.pop(view, None)

@@ -8,6 +8,7 @@ import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.messages import CopyText, Download
 from deformnb.widgets.synced import SyncedWidget
 
 LARGEST_DOWNLOAD = 128 * 2**20
@@ -16,11 +17,6 @@ LARGEST_DOWNLOAD = 128 * 2**20
 
 class FileTransfer(SyncedWidget):
     """A line in the front end that reports each transfer.
-
-    Notes
-    -----
-    Messages to the front end: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}``
-    with the bytes. The front end sends nothing.
 
     Examples
     --------
@@ -41,14 +37,14 @@ class FileTransfer(SyncedWidget):
         ----------
         note : what to do with it, shown along with how much was copied.
         """
-        self.send({"type": "copy", "text": text, "note": note})
+        self.send(CopyText(type="copy", text=text, note=note))
 
     def download(self, name: str, content: bytes) -> None:
         """Let the browser save a file under this name."""
         if len(content) > LARGEST_DOWNLOAD:
             raise DeformError(f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
                               "a page takes at once; it is in the folder.")
-        self.send({"type": "download", "name": name}, [content])
+        self.send(Download(type="download", name=name), [content])
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

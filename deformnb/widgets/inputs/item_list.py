@@ -1,8 +1,7 @@
 """List of items with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 
-Python owns the list and the front end requests actions: ``{"type": "act", "what": "switch", "index": 1,
-"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. A request for an earlier version of
-the rows is dropped: another row may be at its place now.
+Python owns the list; the front end requests actions (RowCommand of :mod:`deformnb.widgets.messages`), each of which is
+answered. A request for an earlier version of the rows is dropped: another row may be at its place now.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import traitlets
 
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.messages import CommandDone
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -99,7 +99,7 @@ class ItemList(SyncedWidget):
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a list failed")
         finally:
-            self.send({"type": "done"})
+            self.send(CommandDone(type="done"))
 
     def _checked(self, content: Any) -> tuple[str, int, Any] | None:
         if not isinstance(content, dict) or content.get("type") != "act" or not is_whole(content.get("version")):

@@ -1,8 +1,7 @@
 """Table of control points: names, switches, locks, coordinates that can be edited.
 
-Python owns the points; the front end requests actions: ``{"type": "act", "view": name, "seq": n, "what": "cell",
-"ids": [3], "field": "target", "axis": 0, "value": "12.5"}``. Each of these is answered by ``{"type": "done", "view":
-name, "seq": n, "ok": true, "text": ""}``. The front end sets the trait ``selected``.
+Python owns the points; the front end requests actions (PointsCommand of :mod:`deformnb.widgets.messages`), each of
+which is answered, and sets the trait ``selected``.
 
 Points go to the front end as arrays, and only while the table is visible in one.
 """
@@ -24,6 +23,7 @@ from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import LONGEST_MESSAGE, is_whole
+from deformnb.widgets.messages import PointsCommandDone
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -154,7 +154,7 @@ class PointsTable(SyncedWidget):
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a table of points failed")
         finally:
-            self.send({"type": "done", "view": view, "seq": seq, "ok": said is not None, "text": said or ""})
+            self.send(PointsCommandDone(type="done", view=view, seq=seq, ok=said is not None, text=said or ""))
 
     def _take_visibility(self, view: str, is_seen: bool) -> str:
         was = self.is_seen

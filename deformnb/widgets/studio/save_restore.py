@@ -1,11 +1,11 @@
 """Save button and restore bar of the studio.
 
 The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
-now. Python sends its offer and the time of the last autosave. The front end requests one of three actions:
-``{"type": "act", "what": "restore", "version": 3}``; a request for an earlier offer is dropped.
+now. Python sends its offer and the time of the last autosave. The front end requests one of three actions
+(RestoreCommand of :mod:`deformnb.widgets.messages`); a request for an earlier offer is dropped.
 
 The button "Save", which Ctrl+S presses anywhere in the studio, writes the session into one file of its own. The front
-end sends ``{"type": "save"}`` and nothing else. The notebook's own Ctrl+S is unchanged where it works; in the
+end sends a SaveRequest and nothing else. The notebook's own Ctrl+S is unchanged where it works; in the
 editor it never did, for the keys there are the editor's.
 """
 
@@ -27,6 +27,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.messages import CommandDone
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.synced import SyncedWidget
 
@@ -98,7 +99,7 @@ class RestoreBar(SyncedWidget):
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("the bar of lost sessions failed")
         finally:
-            self.send({"type": "done"})
+            self.send(CommandDone(type="done"))
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

@@ -19,6 +19,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.messages import VolumeInfo
 from deformnb.widgets.synced import PageComm
 from deformnb.widgets.view.volume_view import VolumeView
 
@@ -42,7 +43,7 @@ class ServerRenderer:
     def __init__(self, view: traitlets.HasTraits, say: Say, **options: Any) -> None:
         with parts_of_another():
             self._view = VolumeView(comm=PageComm(partial(_pass_on, weakref.WeakMethod(say))), **options)
-        self._view.observe(lambda change: self._view.send({"type": "info", "info": change["new"]}), "volume_info")
+        self._view.observe(lambda change: self._view.send(VolumeInfo(type="info", info=change["new"])), "volume_info")
         shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
         self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
         self._volume: Volume | None = None

@@ -19,7 +19,7 @@ import asyncio
 import itertools
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.messages import Chunk, DrawnByPython, FieldMaps, ScreenshotRequest
 from deformnb.widgets.packed_volume import (
     PackedVolume,
     Pieces,
@@ -347,7 +348,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     # -- to the front ends ---------------------------------------------------------------------------------------------
 
-    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+    def _post(self, content: Mapping[str, Any], buffers: list[bytes]) -> None:
         self._sent["messages"] += 1
         self.send(content, buffers)
 
@@ -367,7 +368,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif view is None:
             self._sent_cut = cut and cut["id"]
         self._sent["field_bytes"] += maps.size
-        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+        message: FieldMaps = {"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}
+        self._post(message, maps.buffers)
 
     def _made_maps(self, shown: PackedVolume) -> FieldTextures:
         if self._moments is not None:
@@ -463,12 +465,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
         start, packed = pieces[index]
         self._sent["volume_bytes"] += len(packed)
-        self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
+        self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._take_theme(content)
         if self._volume is not None:
-            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
+            self._post(DrawnByPython(type="drawn", view=view, info=self._draw_here().info), [])
 
     def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         if self._volume is not None and not self._draw_here().receive(content.get("say")):
@@ -516,7 +518,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         self._waiting[number] = deliver
         try:
-            self._post({"type": "screenshot", "id": number}, [])
+            self._post(ScreenshotRequest(type="screenshot", id=number), [])
             return from_png(await asyncio.wait_for(answer, timeout))
         except TimeoutError:
             return self.still()

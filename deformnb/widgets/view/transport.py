@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Image
+from deformnb.widgets.messages import FrameSent
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
@@ -56,8 +57,14 @@ class FrameSender:
         self._sent = {n: at for n, at in self._sent.items() if n > slowest and at >= late}
         return len(self._sent)
 
-    def pack(self, frame: Frame, **content: Any) -> tuple[dict[str, Any], list[bytes]]:
-        """The message of a frame, with more entries, and its buffers. It counts as sent."""
+    def pack(self, frame: Frame, *, camera: int = 0, by: str = "") -> tuple[FrameSent, list[bytes]]:
+        """The message of a frame and its buffers. It counts as sent.
+
+        Parameters
+        ----------
+        camera : number of the change of the camera that it shows.
+        by : id of the front end that made it.
+        """
         buffers = [_jpeg(image) for image in frame.images]
         with self._lock:
             self._number += 1
@@ -66,7 +73,7 @@ class FrameSender:
             self._sent[number] = time.monotonic()
             self._last_bytes = sum(map(len, buffers))
             self._bytes += self._last_bytes
-        return {"type": "frame", "seq": number, "full": frame.is_full, **content}, buffers
+        return FrameSent(type="frame", seq=number, full=frame.is_full, camera=camera, by=by), buffers
 
     def seen(self, number: int, page: str = "") -> bool:
         """A front end shows this frame. Returns whether someone was refused meanwhile and may send now."""

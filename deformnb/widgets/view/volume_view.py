@@ -33,6 +33,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.messages import Badge, Notice, TrameAddress
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
@@ -377,7 +378,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         text = "" if self.shows == "original" else scene.folding.remark
         if text != self.badge:
             self.badge = text
-            self.send({"type": "badge", "text": text})
+            self.send(Badge(type="badge", text=text))
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         if self._is_closed:  # a front end's mouse may go on for a moment
@@ -434,7 +435,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _say(self, notice: str) -> None:
         self._notice = notice
-        self.send({"type": "notice", "text": notice})
+        self.send(Notice(type="notice", text=notice))
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -455,9 +456,10 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if content["type"] == "hello":
             self._carry(view, content.get("origin"))
         self._change_page()
-        for kind, words in (("notice", self._notice), ("badge", self.badge)):
-            if content["type"] == "hello" and words:
-                self.send({"type": kind, "text": words})
+        if content["type"] == "hello" and self._notice:
+            self.send(Notice(type="notice", text=self._notice))
+        if content["type"] == "hello" and self.badge:
+            self.send(Badge(type="badge", text=self.badge))
 
     def _carry(self, view: str, origin: Any) -> None:
         """Send a front end the address from which its frame gets the pictures, if they take another way."""
@@ -465,7 +467,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if make is None:
             return
         self._carrier = self._carrier or make(self)
-        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
+        self._carrier.open(origin, lambda url: self.send(TrameAddress(type="trame", view=view, url=url)))
 
     def draw_again(self) -> None:
         """A front end has come that was not there when the last picture was sent: none is on its way to it."""
