@@ -15,6 +15,9 @@ from pathlib import Path
 SOURCES = Path(__file__).parent / "js"
 """The modules, in a checkout."""
 
+SHADERS = Path(__file__).parent / "glsl"
+"""Text of shaders that the modules share with VTK's, in a checkout and in a wheel."""
+
 BUNDLES = Path(__file__).parent / "static"
 
 STAMP = BUNDLES / "sources.sha256"
@@ -57,7 +60,7 @@ def is_stale() -> bool:
 def digest() -> str:
     """SHA-256 of the names and the text of all sources."""
     found = hashlib.sha256()
-    for path in sorted(SOURCES.rglob("*")):
-        if path.suffix in (".js", ".mjs", ".css"):
-            found.update(f"{path.relative_to(SOURCES).as_posix()}\n".encode() + path.read_bytes() + b"\0")
+    for path in sorted([*SOURCES.rglob("*"), *SHADERS.rglob("*")]):
+        if path.suffix in (".js", ".mjs", ".css", ".glsl"):
+            found.update(f"{path.relative_to(SOURCES.parent).as_posix()}\n".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()

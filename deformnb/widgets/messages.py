@@ -323,6 +323,14 @@ class FieldMaps(FieldContent):
     follow: Annotated[Any, "index of the map that an editor moves, and the points and shapes it is of"]
 
 
+class StoredFieldMaps(FieldContent):
+    """The deformation as textures, as an exported page holds it, where no Python sends any."""
+
+    type: Literal["field"]
+    seq: Annotated[int, "always 0"]
+    follow: Annotated[Any, "index of the map that the editor moves, without points"]
+
+
 class StillRequest(TypedDict):
     """WebGL is missing: Python shall draw."""
 

@@ -34,6 +34,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages import StoredFieldMaps
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
@@ -245,8 +246,8 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     for name in ("space", "distances"):
         if name in buffers and name not in half:
             buffers[name] = _rounded(buffers[name], step)
-    content = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []}, "planar": planar,
-               "buffers": list(buffers)}
+    content: StoredFieldMaps = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []},
+                                "planar": planar, "buffers": list(buffers)}
     return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
 
 

@@ -39,7 +39,7 @@ const PAGES = {
 };
 
 const options = {
-  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", logLevel: "warning", legalComments: "none",
+  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text" }, logLevel: "warning", legalComments: "none",
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
 

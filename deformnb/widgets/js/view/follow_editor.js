@@ -4,7 +4,7 @@
 import { layeredFit, layersOnRaster } from "../maths/cuts.js";
 import { RbfError } from "../maths/rbf.js";
 import { busOf, FIT_TRAITS, holdBus, pointsOf, releaseBus, settingsOf } from "../sync/bus.js";
-import { bitsOf, MOST_REGIONS } from "../webgl/displacement_shader.js";
+import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.js";
 import { bytesOf, floatsOf } from "./volume_loader.js";
 
 /**

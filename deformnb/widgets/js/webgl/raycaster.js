@@ -9,7 +9,7 @@
 
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
-import { bitsOf } from "./displacement_shader.js";
+import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, PRESENT, VERTEX } from "./ray_shader.js";
 import {
