@@ -120,7 +120,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     content = {"content": (tmp_path / "half.json").read_bytes()}
     files._open([content])
     assert files.question.box.layout.display == ""
-    assert "another volume ('half" in files.question.text.value
+    assert "another volume (&#x27;half" in files.question.text.value
     assert studio.session.step.strength == 1.0
     files.question.refuse.click()
     assert files.question.box.layout.display == "none"
