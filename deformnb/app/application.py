@@ -16,6 +16,7 @@ from deformnb.app.diagnostics import ApplicationDiagnostics
 from deformnb.app.files import ApplicationFiles
 from deformnb.app.panel_widgets import PanelWidgets
 from deformnb.app.volumes import Volumes, facing, nearly_facing
+from deformnb.document.deformation import STEP_LABELS
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.rbf.support import lone_support
@@ -39,7 +40,6 @@ NUMBERED = ("go_to", "look_at")
 """Actions that a client may request by name and number: a state of the history, a control point."""
 
 _NOT_OFFERED = ("density", "cut_rule")
-_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
 _LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_grid", "drag_grid", "show_radius", "overlay")
 
@@ -117,11 +117,8 @@ class Application:
 
     def _apply(self, name: str, value: Any) -> None:
         session = self.session
-        if name in _OF_THE_STEP:
-            fields: dict[str, Any] = {name: int(value) if name == "stages" else value}
-            session.change(kind=name, slides=isinstance(self.parameters[name], Number), **fields)
-        elif name == "support":
-            session.change(kind=name, slides=True, support=value)
+        if name in STEP_LABELS:
+            session.change(kind=name, slides=isinstance(self.parameters[name], Number), **{name: value})
         elif name == "automatic_support":
             session.change(kind=name, support=None if value else self._support())
         elif name == "view":
@@ -221,7 +218,7 @@ class Application:
         steps = len(session.deformation.steps)
         which = f" · step {session.index + 1} of {steps}" if steps > 1 else ""
         which += f" · key {session.key + 1} of {len(step.maps)}" if len(step.maps) > 1 else ""
-        values = {name: getattr(step, name) for name in _OF_THE_STEP}
+        values = {name: getattr(step, name) for name in self.parameters if name in STEP_LABELS}
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree(), self.recovery.earlier)
         return {

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from deformnb.widgets.parameters import ACTIONS, PARAMETERS, AbstractParameter, Choice, Number, Switch
+from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, AbstractParameter, Choice, Number, Switch
 from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_grid", "drag_grid", "show_radius")),
-    ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
+    ("Deformation", tuple(name for name in OF_THE_FIT if name != "stages")),  # they stand beside the folds
     ("Through the depth", ("extrusion",)),
 )
 _BESIDE = {"support": "automatic_support"}  # a switch in the row of a slider

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -35,12 +35,13 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from deformnb.document.deformation import Step
+from deformnb.document.deformation import STEP_LABELS, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.cuts import sides_of
 from deformnb.rbf.extrusion import CURVE_KNOTS, modulate
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.stages import fit_points
@@ -289,8 +290,9 @@ def _shortest_turn(a: Points, b: Points) -> Points:
 
 Places = NDArray[np.float64]
 
-_SWITCHED = {"kernel": "kernel", "trend": "trend", "cuts": "cuts", "cut_rule": "rule of the cuts",
-             "stages": "number of stages"}
+# Settings between two of which there is one halfway; a change of the others, and of cuts, is a switch.
+_MIXED = tuple(setting.name for setting in fields(FitSettings) if isinstance(setting.default, float))
+_SWITCHED = (*(name for name in SETTINGS if name not in (*_MIXED, "support", "chosen_support")), "cuts", "cut_rule")
 _SAME = 1e-6  # of the box of all points: what a rigid part does anyway
 
 
@@ -309,8 +311,8 @@ class StepPath:
     """
 
     def __init__(self, before: Step, after: Step, label: str = "the step") -> None:
-        notes = [f"the {word} of {label} changes" for name, word in _SWITCHED.items()
-                 if getattr(before, name) != getattr(after, name)]
+        words = [STEP_LABELS[name] for name in _SWITCHED if getattr(before, name) != getattr(after, name)]
+        notes = [f"the {word} of {label} {'change' if word.endswith('s') else 'changes'}" for word in words]
         if before.strength != after.strength:  # a share of a turn is a turn, and no shorter way
             before, after = _applied(before), _applied(after)
         before, after, is_shared = _with_one_rule(before, after)
@@ -330,8 +332,9 @@ class StepPath:
     def at(self, t: float) -> Step:
         """The step at t between 0 and 1."""
         a, b = self.before, self.after
-        changed: dict[str, Any] = {"maps": tuple(path.at(t) for path in self._maps), "parts": self._parts.at(t),
-                                   "smoothing": (1 - t) * a.smoothing + t * b.smoothing}
+        changed: dict[str, Any] = {"maps": tuple(path.at(t) for path in self._maps), "parts": self._parts.at(t)}
+        changed |= {name: (1 - t) * getattr(a, name) + t * getattr(b, name) for name in _MIXED
+                    if getattr(a, name) != getattr(b, name)}
         if self._support is not None:
             changed["support"] = float((1 - t) * self._support[0] + t * self._support[1])
         if self._curve is not None:

@@ -1,14 +1,14 @@
 """Settings of a fit of control points, and the fit that they make.
 
 One value holds all that a step of a document, an editor and a view that follows it say of a fit besides points, rigid
-parts and cuts. To copy, store or send settings go through :data:`SETTINGS`: a new one is then a field here, and one of
-:class:`~deformnb.document.deformation.Step`.
+parts and cuts. To copy, store, send or show settings go through :data:`SETTINGS`: a new one is then one field of
+:class:`AbstractFitSettings`, which a step has too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
 from deformnb.checks import is_finite, shown_value
@@ -24,9 +24,9 @@ from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, ch
 from deformnb.rbf.trends import trend_named
 
 
-@dataclass(frozen=True)
-class FitSettings:
-    """Settings of the fit of a set of control points.
+@dataclass(frozen=True, kw_only=True)
+class AbstractFitSettings:
+    """Fields that both :class:`FitSettings` and a :class:`~deformnb.document.deformation.Step` have.
 
     Parameters
     ----------
@@ -45,16 +45,10 @@ class FitSettings:
     ------
     DeformError
         Naming the setting that is wrong.
-
-    Examples
-    --------
-    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[1, 0], [9, 2], [0, 9]])
-    >>> FitSettings(strength=0.5).fit(points).displacement([0.5, 0.0]).round(9).tolist()
-    [-0.5, 0.0]
     """
 
     kernel: str = "wendland_c2"
-    support: float | str | None = None
+    support: float | str | None = field(default=None, metadata={"label": "support radius"})
     trend: str = "affine"
     smoothing: float = 0.0
     strength: float = 1.0
@@ -82,6 +76,42 @@ class FitSettings:
         check_support(kept.radius)
         return kept if self.support is None and kept.kernel == self.kernel else None
 
+    def support_for(self, points: ControlPoints) -> float | None:
+        """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
+        chosen, or the usual one. None for points at one place that say nothing of it.
+        """
+        if isinstance(self.support, str):
+            return SUPPORT_RULES[self.support](points)
+        chosen = self.chosen_support and self.chosen_support.radius
+        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
+
+
+SETTINGS = tuple(setting.name for setting in fields(AbstractFitSettings))
+"""Names of the settings of a fit."""
+
+
+def label_of(setting: Field[Any]) -> str:
+    """The name of a field of the settings, or of a step, in plain English: its ``label``, or that of the code.
+
+    Examples
+    --------
+    >>> [label_of(setting) for setting in fields(FitSettings)][:3]
+    ['kernel', 'support radius', 'trend']
+    """
+    return str(setting.metadata.get("label", setting.name.replace("_", " ")))
+
+
+@dataclass(frozen=True)
+class FitSettings(AbstractFitSettings):
+    """Settings of the fit of a set of control points; their meaning is that of :class:`AbstractFitSettings`.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[1, 0], [9, 2], [0, 9]])
+    >>> FitSettings(strength=0.5).fit(points).displacement([0.5, 0.0]).round(9).tolist()
+    [-0.5, 0.0]
+    """
+
     @classmethod
     def of(cls, holder: Any) -> FitSettings:
         """The settings of what has them as attributes, such as a step."""
@@ -102,15 +132,6 @@ class FitSettings:
             return self
         radius = choose_support(sets, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
         return replace(self, chosen_support=None if radius is None else ChosenSupport(radius, self.kernel))
-
-    def support_for(self, points: ControlPoints) -> float | None:
-        """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
-        chosen, or the usual one. None for points at one place that say nothing of it.
-        """
-        if isinstance(self.support, str):
-            return SUPPORT_RULES[self.support](points)
-        chosen = self.chosen_support and self.chosen_support.radius
-        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
 
     def arguments(self, points: ControlPoints, lone: float | None = None) -> dict[str, Any]:
         """Keyword arguments of :func:`~deformnb.rbf.interpolant.fit_rbf` for a set of points.
@@ -170,7 +191,3 @@ class FitSettings:
         if not cuts:
             return found[()]
         return Decoupled(tuple(found.values()), tuple(found), tuple(cuts), rule=cut_rule, softness=softness)
-
-
-SETTINGS = tuple(field.name for field in fields(FitSettings))
-"""Names of the settings of a fit."""

@@ -21,7 +21,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from deformnb.analysis.extent import MOST, Foreground, field_of_view, foreground_of, grown, landed, sides_left
-from deformnb.document.deformation import Deformation, LazyReference, Step
+from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
 from deformnb.document.transplant import with_true_spacing
@@ -40,11 +40,6 @@ from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-
-_NAMES = {"kernel": "kernel", "support": "support radius", "trend": "trend", "smoothing": "smoothing",
-          "extrusion": "extrusion", "curve": "curve", "knots": "keys", "strength": "strength", "enabled": "switch",
-          "maps": "points", "plane": "plane", "name": "name", "cuts": "cuts", "parts": "rigid parts",
-          "cut_rule": "rule of the cuts", "stages": "stages"}
 
 
 class _State(NamedTuple):
@@ -227,7 +222,7 @@ class Session(traitlets.HasTraits):
         """
         with self._lock:
             notice = complete_change(self.step, self.points, fields)
-            label = label or "change " + " and ".join(_NAMES.get(name, name) for name in list(fields)[:1])
+            label = label or "change " + " and ".join(STEP_LABELS.get(name, name) for name in list(fields)[:1])
             step = replace(self.step, **fields)
             self._become(self.deformation.with_step(self.index, step), label, kind, slides=slides)
             self.notice = notice

@@ -143,7 +143,7 @@ class Editor(EditedPoints):
     picture : what is seen behind the points; None for an empty sheet.
     points : control points in the picture's coordinates; default is none.
     raster : where an empty sheet lies; default is the box of the points with some air.
-    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    kernel, support, etc. : settings of the fit, as in :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_grid, show_radius : whether the grid and the reach of the points are drawn.
     overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how tissue grows and

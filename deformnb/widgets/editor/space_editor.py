@@ -59,7 +59,7 @@ class SpaceEditor(EditedPoints):
     transfer : of composite pictures, or the name of a preset.
     cursor : the place (x, y, z) through which the slices go; default is the middle.
     projection : "slice", or "mip", "composite" and "shaded" for all of the volume seen from that side.
-    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    kernel, support, etc. : settings of the fit, as in :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`.
     height : largest height of the pictures in CSS pixels.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 

@@ -346,7 +346,7 @@ class FitPanel(Panel):
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
         editor = self._editors.current
         options = step.settings.arguments(session.points, lone_support(session.volume.grid))
-        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
+        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
         return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
                      editor.fit(), options, settings)
 
