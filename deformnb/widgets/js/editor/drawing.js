@@ -5,6 +5,7 @@
 import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 /** @import { Model } from "../types.d.ts" */
 
@@ -83,7 +84,7 @@ export class EditorDrawing {
     this.tip = pageElement("div", "dnb-ed-hint", null, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", null, { role: "alert", hidden: "" });
     this.spoken = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
+    this.theme = new ThemeObserver(this.root, () => this.guard(() => this.applyTheme()));
     this.colours = { stage: "#777", grid: "#777" };
     this.frame = 0; // the request of the next one, or 0
     this.tipTimer = 0;
@@ -121,9 +122,7 @@ export class EditorDrawing {
   /** Take the colours of the page around, light or dark: Jupyter's or VS Code's, else the browser's preference. */
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
-    this.root.classList.toggle("dnb-ed-dark", isDark);
+    this.root.classList.toggle("dnb-ed-dark", this.theme.isDark);
     const style = getComputedStyle(this.root);
     const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map((name) => style.getPropertyValue(name).trim() || "#777");
     this.colours = { stage, grid };

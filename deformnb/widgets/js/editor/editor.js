@@ -205,14 +205,10 @@ export class EditorPage extends EditorDrawing {
   }
 
   #followPage() {
-    const { signal } = this.closing, repaint = () => this.guard(() => this.applyTheme());
+    const { signal } = this.closing;
     const sizes = new ResizeObserver(() => this.guard(() => this.layout()));
     sizes.observe(this.root);
-    this.dark.addEventListener("change", repaint, { signal });
-    const themes = new MutationObserver(repaint); // Jupyter and VS Code change attributes of the body
-    themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
-    this.#ends.push(() => { sizes.disconnect(); themes.disconnect(); });
+    this.#ends.push(() => { sizes.disconnect(); this.theme.close(); });
     this.input.addEventListener("keydown", (e) => {
       e.stopPropagation();
       if (e.key === "Enter") this.endNaming(true);

@@ -5,10 +5,10 @@
 
 import { EditLink } from "../sync/edits.js";
 import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
-const DARK_BELOW = 110; // luminance of the background, of 255
 
 /**
  * The index of the element to which an event was sent, or -1.
@@ -40,17 +40,6 @@ export function numberUnder(event, within, name) {
   return found === null ? null : Number(found);
 }
 
-/**
- * Whether an element has a dark background, by its own colour: Jupyter's and VS Code's variables set it; else by the
- * browser's preference.
- * @param {Element} element
- * @param {MediaQueryList} preference
- */
-export function isDark(element, preference) {
-  const [r, g, b, alpha = 1] = (getComputedStyle(element).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-  return alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : preference.matches;
-}
-
 export class EditedPage {
   /**
    * @param {Model} model
@@ -69,10 +58,9 @@ export class EditedPage {
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget
     this.spoken = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     const repaint = () => this.guard(() => this.applyTheme());
+    this.theme = new ThemeObserver(this.root, repaint);
     this.observer = new ResizeObserver(repaint); // a style sheet may come late
-    this.themes = new MutationObserver(repaint); // Jupyter and VS Code change the body
   }
 
   /** Called by a widget once its elements exist. */
@@ -84,9 +72,6 @@ export class EditedPage {
     this.on("change:read_only", () => this.invalidate());
     this.on("msg:custom", (message) => this.message(message));
     this.observer.observe(this.root);
-    this.listen(this.dark, "change", () => this.applyTheme());
-    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
     this.guard(() => { this.adopt(this.model.get("shown")); this.applyTheme(); this.draw(); });
   }
 
@@ -117,7 +102,7 @@ export class EditedPage {
     this.closed.abort();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.observer.disconnect();
-    this.themes.disconnect();
+    this.theme.close();
     cancelAnimationFrame(this.frame);
     this.root.remove();
   }
@@ -184,7 +169,7 @@ export class EditedPage {
 
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    this.root.classList.toggle("dnb-cv-dark", isDark(this.root, this.dark));
+    this.root.classList.toggle("dnb-cv-dark", this.theme.isDark);
     this.invalidate();
   }
 }

@@ -6,7 +6,7 @@
 /** @import { Model } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.js";
-import { isDark } from "./base.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 /**
  * A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds.
@@ -64,11 +64,7 @@ class ItemListPage {
     for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
     this.root.addEventListener("keydown", (event) => this.#key(event));
-    this.preference = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.#repaint();
-    this.preference.addEventListener("change", this.repaint);
-    this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change the body
-    this.themes.observe(document.body, { attributes: true });
+    this.theme = new ThemeObserver(this.root, () => this.#repaint());
     this.sized = new ResizeObserver(() => this.#show()); // a tab that was hidden had nothing to scroll
     this.sized.observe(this.root);
     this.#draw();
@@ -78,8 +74,7 @@ class ItemListPage {
     this.sized.disconnect();
     for (const name of ["rows", "chosen", "columns"]) this.model.off(`change:${name}`, this.draw);
     this.model.off("msg:custom", this.answered);
-    this.preference.removeEventListener("change", this.repaint);
-    this.themes.disconnect();
+    this.theme.close();
     this.root.remove();
   }
 
@@ -219,7 +214,7 @@ class ItemListPage {
     }
   }
 
-  #repaint() { this.root.classList.toggle("dnb-il-dark", isDark(this.root, this.preference)); }
+  #repaint() { this.root.classList.toggle("dnb-il-dark", this.theme.isDark); }
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 

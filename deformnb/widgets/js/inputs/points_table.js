@@ -9,7 +9,7 @@
 
 import { busOf } from "../sync/bus.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
-import { isDark } from "./base.js";
+import { ThemeObserver } from "../ui/theme.js";
 import { AXES, cellValue, editedText, orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
 
 const ROW_HEIGHT = 26;
@@ -131,12 +131,8 @@ class PointsTablePage {
       this.act("seen", [], { value: Boolean(entries.at(-1)?.isIntersecting) });
     });
     this.visibility.observe(this.root);
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.#repaint();
+    this.theme = new ThemeObserver(this.root, () => this.#repaint());
     this.moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.#showDrag(event.detail);
-    this.dark.addEventListener("change", this.repaint);
-    this.themes = new MutationObserver(this.repaint);
-    this.themes.observe(document.body, { attributes: true });
     this.#repaint();
     this.follow();
     this.read();
@@ -161,8 +157,7 @@ class PointsTablePage {
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.sized.disconnect();
     this.visibility.disconnect();
-    this.themes.disconnect();
-    this.dark.removeEventListener("change", this.repaint);
+    this.theme.close();
     this.#leave();
     cancelAnimationFrame(this.frame);
     clearTimeout(this.reading);
@@ -172,7 +167,7 @@ class PointsTablePage {
 
   get isReadOnly() { return Boolean(this.model.get("read_only")); }
 
-  #repaint() { this.root.classList.toggle("dnb-pt-dark", isDark(this.root, this.dark)); }
+  #repaint() { this.root.classList.toggle("dnb-pt-dark", this.theme.isDark); }
 
   // ---- the points ---------------------------------------------------------------------------------------------------
 

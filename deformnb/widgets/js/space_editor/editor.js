@@ -135,7 +135,6 @@ export class SpaceEditorPage extends EditorDrawing {
     this.root.append(this.spoken);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
-    this.themes = new MutationObserver(() => this.guard(() => this.applyTheme()));
     this.#followModel();
     this.#followPage();
     this.guard(() => { this.layout(); this.showWaiting(); });
@@ -185,7 +184,6 @@ export class SpaceEditorPage extends EditorDrawing {
      */
     const listen = (target, name, handler) => target.addEventListener(
       name, (event) => this.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))), { signal });
-    listen(this.dark, "change", () => this.applyTheme());
     listen(this.chooser, "change", () => this.look({ projection: this.chooser.value }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
@@ -205,8 +203,6 @@ export class SpaceEditorPage extends EditorDrawing {
     });
     listen(this.input, "blur", () => this.endRename(true));
     this.observer.observe(this.root);
-    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
   }
 
   close() {
@@ -215,7 +211,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.selection.close();
     for (const end of this.#ends) end();
     this.observer.disconnect();
-    this.themes.disconnect();
+    this.theme.close();
     cancelAnimationFrame(this.frame);
     for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.root.remove();

@@ -4,8 +4,9 @@
 import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
+import { PageTheme } from "../ui/theme.js";
 import {
-  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn, sized,
+  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, picturesOf, remarksOn, sized,
 } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";

@@ -4,14 +4,14 @@
 
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, opened, PageTheme, sized } from "../ui/view_parts.js";
+import { PageTheme } from "../ui/theme.js";
+import { aboutShown, captionsOf, Flicker, Frames, listen, opened, sized } from "../ui/view_parts.js";
 import { PointerControls } from "./pointer.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
 import { bytesOf } from "./volume_loader.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @import { PageTheme as Theme } from "../ui/view_parts.js" */
 /** @import { Bytes, VolumeInfo } from "./types.d.ts" */
 /** @import { Message } from "./volume_loader.js" */
 
@@ -276,7 +276,7 @@ export class ServerViewPage {
  * @property {string} id
  * @property {HTMLElement} host
  * @property {HTMLElement} root
- * @property {Theme} theme
+ * @property {PageTheme} theme
  * @property {(content: Message) => void} send
  */
 
