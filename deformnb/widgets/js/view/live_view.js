@@ -3,11 +3,7 @@
 
 import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import { PageTheme } from "../ui/theme.js";
-import {
-  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, picturesOf, remarksOn, sized,
-} from "../ui/view_parts.js";
+import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
 import { StillPicture } from "./server_view.js";
@@ -16,6 +12,7 @@ import { PointerControls } from "./pointer.js";
 import { FrameLoop } from "./render_loop.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
+import { ViewElements, ViewMessages } from "./view_elements.js";
 import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 /** @import { Model, Vector3 } from "../types.d.ts" */
@@ -33,9 +30,14 @@ class LiveViewPage {
    */
   constructor(model, el) {
     this.model = model;
-    this.id = Math.random().toString(36).slice(2, 12);
     this.closed = false;
-    this.shown = this.shows;
+    this.messages = new ViewMessages(model, (error) => this.fail(error));
+    this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
+      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), resized: () => this.size() });
+    this.root = this.elements.root;
+    this.canvas = this.elements.canvas;
+    this.flicker = this.elements.flicker;
+    this.shown = this.elements.shows;
     /** @type {VolumeInfo | null} */
     this.info = null;
     /** @type {Field | null} */
@@ -57,25 +59,11 @@ class LiveViewPage {
     this.cuts = {};
     /** @type {Record<string, number> | null} */
     this.stats = null; // measurements of the last full picture
-    /** @type {[string, (...given: any[]) => void][]} */
-    this.handlers = [];
     this.camera = new ViewCamera(this);
-
-    this.host = el;
-    this.root = pageElement("div", "dnb-view", el);
-    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
-    this.frames = new Frames(this.root);
-    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
-    this.badge = pageElement("div", "dnb-badge", this.root);
     this.progress = pageElement("div", "dnb-progress", this.root,
       { role: "progressbar", "aria-label": "loading the volume" });
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, () => this.setBackground());
-    this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
     this.setBackground();
     this.size();
-    this.observer = new ResizeObserver(() => this.size());
-    this.observer.observe(this.root);
 
     this.#listen();
     this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
@@ -93,32 +81,25 @@ class LiveViewPage {
   // -- canvas, captions, notice --------------------------------------------------------------------------------------
 
   size() {
-    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.max(1, n));
+    const [w, h] = this.elements.size.map((n) => Math.max(1, n));
     if (this.canvas.width === w && this.canvas.height === h) return;
     this.camera.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
     if (this.loop) { this.loop.again(); this.touch(); }
   }
 
-  /** @returns {string} */
-  get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
-  }
-
   setBackground() {
-    this.root.dataset.background = this.background;
-    if (!this.caster || this.caster.background === this.background) return;
-    this.caster.background = this.background;
+    const { background } = this.elements;
+    this.root.dataset.background = background;
+    if (!this.caster || this.caster.background === background) return;
+    this.caster.background = background;
     this.loop?.again();
     this.touch();
   }
 
-  /** @returns {string} */
-  get shows() { return this.model.get("shows") || "deformed"; }
-
   setShows() {
-    this.camera.reframed(() => { this.shown = this.shows; });
-    this.flicker.set(this.shows === "flicker" && Boolean(this.loop));
+    const { shows } = this.elements;
+    this.camera.reframed(() => { this.shown = shows; });
+    this.flicker.set(shows === "flicker" && Boolean(this.loop));
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
@@ -132,10 +113,7 @@ class LiveViewPage {
     this.still?.ask();
   }
 
-  caption() {
-    this.frames.show(captionsOf(this.shows, this.still ? 0 : this.flicker.layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
-  }
+  caption() { this.elements.caption(this.still ? 0 : this.flicker.layer); }
 
   /** @param {number} layer */
   flip(layer) {
@@ -150,16 +128,14 @@ class LiveViewPage {
    * @returns {Picture[]}
    */
   pictures(width, height) {
-    return picturesOf(this.shows, width).map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
+    const pictures = picturesOf(this.elements.shows, width);
+    return pictures.map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
   }
 
   /** @param {string} text */
-  say(text) {
-    this.notice.textContent = text || "";
-    this.notice.hidden = !text;
-  }
+  say(text) { this.elements.say(text); }
 
-  mark() { this.badge.textContent = remarksOn(this); }
+  mark() { this.elements.badge.textContent = remarksOn(this); }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
@@ -186,8 +162,6 @@ class LiveViewPage {
     this.touch();
     this.writeCamera();
   }
-
-  reset() { this.showView("home"); }
 
   // -- start, loss and return of WebGL -------------------------------------------------------------------------------
 
@@ -217,7 +191,7 @@ class LiveViewPage {
   hello(voxels = null) {
     const { caster } = this;
     this.send({ type: "hello", largest: caster?.largest ?? 0, renderer: caster?.name ?? "",
-      software: caster?.isSoftware ?? true, background: this.theme.name, ...(voxels && { voxels }) });
+      software: caster?.isSoftware ?? true, background: this.elements.theme.name, ...(voxels && { voxels }) });
   }
 
   /**
@@ -240,7 +214,7 @@ class LiveViewPage {
       () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
       () => this.link.catchUp());
     caster.projection = this.model.get("projection");
-    caster.background = this.background;
+    caster.background = this.elements.background;
     this.setFolds();
     this.setClip();
   }
@@ -288,13 +262,13 @@ class LiveViewPage {
   // -- messages and traits -------------------------------------------------------------------------------------------
 
   /** @param {Message} content */
-  send(content) { this.model.send({ view: this.id, ...content }); }
+  send(content) { this.messages.send(content); }
 
   /**
    * @param {string} name
    * @param {(...given: any[]) => unknown} handler
    */
-  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
+  on(name, handler) { this.messages.on(name, handler); }
 
   /** @param {unknown} error */
   fail(error) {
@@ -324,7 +298,7 @@ class LiveViewPage {
    * @param {Bytes[]} buffers
    */
   receive(content, buffers) {
-    if (content.view && content.view !== this.id) return undefined; // for another front end of the same view
+    if (content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.receiveStill(buffers[0]);
@@ -352,7 +326,7 @@ class LiveViewPage {
   setStuck(isStuck) {
     this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
-    const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
+    const button = pageElement("button", "dnb-again", this.elements.notice, { type: "button", ...OWN_KEYS });
     button.textContent = "Try again";
     button.addEventListener("click", () => {
       if (!this.field) this.hello();
@@ -499,7 +473,7 @@ class LiveViewPage {
     this.loop.drawNow();
     /** @type {Blob | null} */
     const blob = await new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
-    if (blob) this.model.send({ view: this.id, type: "screenshot", id }, undefined, [await blob.arrayBuffer()]);
+    if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 
   /** @param {FrameLoop} loop */
@@ -509,26 +483,23 @@ class LiveViewPage {
   }
 
   touch(held = false) {
-    if (this.info) { this.frames.write(this.camera, this.info.unit); this.cube.draw(this.info.views, this.camera); }
+    if (this.info) this.elements.follow(this.camera, this.info);
     this.spacePoints.draw();
     if (this.loop) this.loop.touch(held);
   }
 
   close() {
     this.closed = true;
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+    this.messages.close();
     this.link.close();
     this.times.close();
     this.pointer.close();
     this.spacePoints.close();
-    this.observer.disconnect();
-    this.theme.close();
-    this.flicker.close();
     this.loader?.close();
     this.loop?.close();
     this.caster?.dispose();
     this.still?.close();
-    this.root.remove();
+    this.elements.close();
   }
 }
 

@@ -29,7 +29,7 @@ export class PointerControls {
     add("pointerup", (e) => this.up(e));
     add("pointercancel", (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
-    add("dblclick", (e) => { if (!page.spacePoints.doubleClick(e)) page.reset(); });
+    add("dblclick", (e) => { if (!page.spacePoints.doubleClick(e)) page.showView("home"); });
     add("keydown", (e) => this.key(e));
     canvas.addEventListener("webglcontextlost", (e) => page.lost(e), { signal });
     canvas.addEventListener("webglcontextrestored", () => page.restored(), { signal });
@@ -147,7 +147,7 @@ export class PointerControls {
     if (turns[event.key]) camera.turn(...turns[event.key]);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);
     else if (event.key === "-") this.zoom(1 / 1.2);
-    else if (event.key === "0") this.page.reset();
+    else if (event.key === "0") this.page.showView("home");
     else if (event.key !== " ") return;
     event.preventDefault(); // and not to the notebook, whose cells listen to the same keys
     event.stopPropagation();

@@ -2,13 +2,12 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import { PageTheme } from "../ui/theme.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, opened, sized } from "../ui/view_parts.js";
+import { pageElement } from "../ui/dom.js";
+import { opened } from "../ui/view_parts.js";
 import { PointerControls } from "./pointer.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
+import { ViewElements, ViewMessages } from "./view_elements.js";
 import { bytesOf } from "./volume_loader.js";
 
 /** @import { Model } from "../types.d.ts" */
@@ -26,9 +25,14 @@ export class ServerViewPage {
    */
   constructor(model, el) {
     this.model = model;
-    this.id = Math.random().toString(36).slice(2, 12);
     this.closed = false;
-    this.shown = this.shows;
+    this.messages = new ViewMessages(model, (error) => this.fail(error));
+    this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
+      rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); }, resized: () => this.size() });
+    this.root = this.elements.root;
+    this.canvas = this.elements.canvas;
+    this.flicker = this.elements.flicker;
+    this.shown = this.elements.shows;
     /** @type {VolumeInfo | null} */
     this.info = null;
     /** @type {ImageBitmap[]} */
@@ -46,23 +50,9 @@ export class ServerViewPage {
     this.loop = { release() {} }; // Python decides when to draw
     /** @type {HTMLIFrameElement | null} */
     this.inner = null;
-    /** @type {[string, (...given: any[]) => void][]} */
-    this.handlers = [];
     this.camera = new ViewCamera(this);
-
-    this.host = el;
-    this.root = pageElement("div", "dnb-view dnb-volume", el);
-    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
-    this.frames = new Frames(this.root);
-    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.badge = pageElement("div", "dnb-badge", this.root);
-    this.theme = new PageTheme(this.root, () => this.size());
-    this.flicker = new Flicker(this.root, () => { this.caption(); this.paint(); });
     this.wait("Preparing the picture \u2026");
-    this.observer = new ResizeObserver(() => this.size());
-    this.observer.observe(this.root);
 
     this.#listen();
     this.pointer = new PointerControls(this);
@@ -88,13 +78,13 @@ export class ServerViewPage {
    * @param {string} name
    * @param {(...given: any[]) => unknown} handler
    */
-  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
+  on(name, handler) { this.messages.on(name, handler); }
 
   /** @param {Message} content */
-  send(content) { this.model.send({ view: this.id, ...content }); }
+  send(content) { this.messages.send(content); }
 
   /** @param {string} text */
-  say(text) { this.notice.textContent = text || ""; this.notice.hidden = !text; }
+  say(text) { this.elements.say(text); }
 
   /** @param {string} text */
   wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
@@ -109,10 +99,10 @@ export class ServerViewPage {
 
   size() {
     if (this.closed) return;
-    const wanted = this.model.get("background");
-    this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
-    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
-    const now = { width: w, height: h, background: this.theme.name,
+    const { background, theme } = this.elements;
+    this.root.dataset.background = background;
+    const [w, h] = this.elements.size.map((n) => Math.min(4096, Math.max(16, n)));
+    const now = { width: w, height: h, background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
     const said = JSON.stringify(now);
     if (said === this.sized) return;
@@ -129,7 +119,7 @@ export class ServerViewPage {
 
   /** @param {Message} content */
   frame({ view, url }) {
-    if (view !== this.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
+    if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
     this.inner = pageElement("iframe", "dnb-inner", this.root,
       { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
@@ -138,19 +128,14 @@ export class ServerViewPage {
     this.wait("");
   }
 
-  /** @returns {string} */
-  get shows() { return this.model.get("shows") || "deformed"; }
-
   setShows() {
-    this.camera.reframed(() => { this.shown = this.shows; });
-    this.flicker.set(this.shows === "flicker");
+    const { shows } = this.elements;
+    this.camera.reframed(() => { this.shown = shows; });
+    this.flicker.set(shows === "flicker");
     this.caption();
   }
 
-  caption() {
-    this.frames.show(captionsOf(this.shows, this.flicker.layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
-  }
+  caption() { this.elements.caption(this.flicker.layer); }
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
@@ -161,7 +146,7 @@ export class ServerViewPage {
   receive(content, buffers) {
     if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
-    if (content.type === "badge") this.badge.textContent = String(content.text);
+    if (content.type === "badge") this.elements.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
@@ -170,7 +155,7 @@ export class ServerViewPage {
    * @param {Bytes[]} buffers
    */
   async receiveFrame({ seq, full, camera, by }, buffers) {
-    if (by === this.id) this.#answer(camera);
+    if (by === this.messages.id) this.#answer(camera);
     try {
       const made = await Promise.all(buffers.map((b) => (
         createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" })))));
@@ -213,8 +198,7 @@ export class ServerViewPage {
 
   touchParts() {
     if (!this.info) return;
-    this.frames.write(this.camera, this.info.unit);
-    this.cube.draw(this.info.views, this.camera);
+    this.elements.follow(this.camera, this.info);
     this.spacePoints.draw();
   }
 
@@ -241,8 +225,6 @@ export class ServerViewPage {
     if (this.isLate) this.#sendCamera();
   }
 
-  reset() { this.showView("home"); }
-
   /** @param {string} view */
   showView(view) {
     if (!this.info) return;
@@ -259,24 +241,20 @@ export class ServerViewPage {
     this.closed = true;
     for (const timer of [this.ask, this.resizing, this.retry]) clearTimeout(timer);
     this.send({ type: "bye" });
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+    this.messages.close();
     this.pointer.close();
     this.spacePoints.close();
-    this.observer.disconnect();
-    this.theme.close();
-    this.flicker.close();
     for (const bitmap of this.layers) bitmap.close();
-    this.root.remove();
+    this.elements.close();
   }
 }
 
 /**
  * @typedef {object} UndrawnPage a front end that cannot draw
  * @property {Model} model
- * @property {string} id
- * @property {HTMLElement} host
+ * @property {ViewMessages} messages
+ * @property {ViewElements} elements
  * @property {HTMLElement} root
- * @property {PageTheme} theme
  * @property {(content: Message) => void} send
  */
 
@@ -300,7 +278,7 @@ export class StillPicture {
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
   ask() {
-    if (!this.pictures) this.page.send({ type: "still", background: this.page.theme.name });
+    if (!this.pictures) this.page.send({ type: "still", background: this.page.elements.theme.name });
   }
 
   /**
@@ -333,9 +311,9 @@ export class StillPicture {
       set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
       on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
+      send: (content) => model.send({ type: "drawn", view: page.messages.id, say: content }) };
     page.root.hidden = true;
-    this.pictures = new ServerViewPage(part, page.host);
+    this.pictures = new ServerViewPage(part, page.elements.host);
     this.pictures.say(this.why);
     opened(this.pictures);
     this.#shown();

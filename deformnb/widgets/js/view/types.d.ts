@@ -79,7 +79,7 @@ export interface ViewPage {
   fail(error: unknown): void;
   touch(held?: boolean): void;
   writeCamera(): void;
-  reset(): void;
+  showView(view: string): void;
   lost(event: Event): void;
   restored(): void;
 }
