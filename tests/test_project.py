@@ -176,7 +176,7 @@ def test_import_leaves_global_jax_settings_alone() -> None:
 
 
 OF_A_WHOLE_PACKAGE = {
-    "app/test_app.py": "the application's parts together", "app/test_security.py": "the server's access control",
+    "app/test_app.py": "the application's parts together",
     "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
 }

@@ -1,0 +1,410 @@
+"""Access control of the server of pages: which clients are admitted, and which messages they may send."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import aiohttp
+import pytest
+from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_with, framed, request_of, status_of
+
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.session.session import Session
+from deformnb.widgets.web.guard import (
+    LONGEST_MESSAGE,
+    LONGEST_OTHER,
+    MOST_PAGES,
+    PasswordCheck,
+    checked_host,
+    own_names,
+)
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[RunningApp]:
+    with RunningApp(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y")) as running:
+        yield running
+
+
+def _refused(running: RunningApp, **how: Any) -> int:
+    """Status with which a socket is refused; 0 if it is not."""
+    async def attempt() -> int:
+        try:
+            async with connected(running, secret=None, **how):
+                return 0
+        except aiohttp.WSServerHandshakeError as error:
+            return error.status
+
+    return asyncio.run(attempt())
+
+
+# -- who is let in -----------------------------------------------------------------------------------------------------
+
+
+def test_it_listens_at_this_machine_only(running: RunningApp) -> None:
+    assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://127.0.0.1:{running.server.port}"]
+
+
+def test_two_starts_have_different_passwords(running: RunningApp) -> None:
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as other:
+        assert len(running.server.token) >= 40
+        assert other.server.token != running.server.token
+        assert other.server.port != running.server.port
+
+
+@pytest.mark.parametrize("secret", ["wslink-secret", "", "x" * 43, None, 7, {"secret": "wslink-secret"}, ["a"]])
+def test_other_passwords_are_refused(running: RunningApp, secret: Any) -> None:
+    async def attempt() -> Any:
+        async with connected(running, secret=None) as page:
+            entered = await page.login(secret)
+            return entered, await page.call("trame.state.get")
+
+    entered, answer = asyncio.run(attempt())
+    assert not entered
+    assert answer["message"].startswith("Unauthorized")
+
+
+def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
+    async def attempt() -> list[Any]:
+        async with connected(running, secret=None) as page:
+            return [await page.call(*call) for call in (
+                ("trame.state.get",), ("deformnb.open", "editor"), ("trame.trigger", "save", [], {}),
+                ("trame.state.update", [{"key": "strength", "value": 2.0}]))]
+
+    before = running.application.session.deformation
+    assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 4
+    running.settled()
+    assert running.application.session.deformation is before
+
+
+def test_the_password_of_this_start_opens(running: RunningApp) -> None:
+    async def attempt() -> Any:
+        async with connected(running) as page:
+            return await page.call("trame.state.get")
+
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", None, "https://127.0.0.1:{port}",
+                                    "http://127.0.0.1:1", "http://127.0.0.1:{port}.evil.example"])
+def test_sockets_of_foreign_pages_are_refused(running: RunningApp, origin: str | None) -> None:
+    assert _refused(running, origin=origin and origin.format(port=running.server.port)) == 403
+
+
+def test_sockets_under_a_foreign_name_are_refused(running: RunningApp) -> None:
+    assert _refused(running, host="evil.example") == 403
+    # As if a name had been turned into our address: the page's origin then fits its host.
+    name = f"evil.example:{running.server.port}"
+    assert _refused(running, host=name, origin=f"http://{name}") == 403
+    assert _refused(running) == 0
+
+
+def test_a_page_at_localhost_is_our_own(running: RunningApp) -> None:
+    name = f"localhost:{running.server.port}"
+    assert _refused(running, host=name, origin=f"http://{name}") == 0
+    assert _refused(running, host=name) == 403  # a page of 127.0.0.1 has no business at localhost
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/deformnb/app.js", "/vue.global.js", "/nothing"])
+def test_requests_under_a_foreign_name_or_origin_are_refused(running: RunningApp, path: str) -> None:
+    with status_of(running, path, Host="evil.example") as (status, _, text):
+        assert (status, "deformnb" in text) == (403, False)
+    with status_of(running, path, Origin="http://evil.example") as (status, _, _):
+        assert status == 403
+    with status_of(running, path) as (status, _, _):
+        assert status == (404 if path == "/nothing" else 200)
+
+
+def test_pages_may_not_be_framed_or_load_from_elsewhere(running: RunningApp) -> None:
+    for path in ("/", "/vue.global.js"):
+        with status_of(running, path) as (_, headers, _):
+            policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
+            assert policy["frame-ancestors"] == "'none'"
+            assert policy["connect-src"] == f"'self' ws://{running.name}"
+            assert policy["default-src"] == "'self'"
+            assert headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
+    async def attempt() -> tuple[int, int]:
+        entered = []
+        try:
+            for _ in range(MOST_PAGES):
+                entered.append(connected(running, secret=None))
+                await entered[-1].__aenter__()
+            with pytest.raises(aiohttp.WSServerHandshakeError) as error:
+                await connected(running, secret=None).__aenter__()
+            return len(entered), error.value.status
+        finally:
+            for page in entered:
+                await page.__aexit__(None, None, None)
+
+    assert asyncio.run(attempt()) == (MOST_PAGES, 503)
+
+
+def _without(*names: str, **others: str) -> dict[str, str]:
+    return {name: value for name, value in {**HANDSHAKE, **others}.items() if name not in names}
+
+
+@pytest.mark.parametrize(("method", "headers", "status"), [
+    ("GET", {}, 403),  # an <img> of any page
+    ("GET", {"Origin": "http://evil.example"}, 403),
+    ("GET", {"Origin": "http://evil.example", **_without("Origin")}, 403),
+    ("GET", {"Origin": "http://{name}"}, 400),
+    ("GET", _without("Upgrade"), 400),
+    ("GET", _without(Upgrade="h2c"), 400),
+    ("GET", _without("Connection"), 400),
+    ("GET", _without(Connection="close"), 400),
+    ("GET", _without("Sec-WebSocket-Version"), 400),
+    ("GET", {**HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
+    ("GET", _without("Sec-WebSocket-Key"), 400),
+    ("GET", {**HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
+    ("HEAD", HANDSHAKE, 405),
+    ("POST", HANDSHAKE, 405),
+])
+def test_what_is_no_websocket_takes_no_place(running: RunningApp, method: str, headers: dict[str, str], status: int
+                                             ) -> None:
+    for _ in range(MOST_PAGES + 1):
+        with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
+            assert visitor.recv(65536).split()[1] == str(status).encode()
+    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(running)
+
+
+def test_a_handshake_that_fails_takes_no_place(running: RunningApp, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def gone(*_: Any) -> None:
+        raise ConnectionResetError("the page has gone meanwhile")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
+        assert _refused(running) == 500
+    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    test_the_password_of_this_start_opens(running)
+
+
+def test_many_refused_requests_become_few_lines(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(32):
+        with status_of(running, "/ws") as (status, _, _):
+            assert status == 403
+    assert len([record for record in caplog.records if "a request was refused" in record.message]) <= 6
+
+
+def test_hosts_are_this_machine_or_named_in_full() -> None:
+    assert checked_host("localhost") == "127.0.0.1"
+    assert checked_host("::1") == "::1"
+    assert checked_host("192.168.1.20") == "192.168.1.20"
+    for host in ("0.0.0.0", "::", "224.0.0.1", "example.org", ""):
+        with pytest.raises(DeformError, match=r"address"):
+            checked_host(host)
+    assert own_names("127.0.0.1", 80) == {"127.0.0.1:80", "localhost:80"}
+    assert own_names("::1", 80) == {"[::1]:80", "localhost:80"}
+    assert own_names("192.168.1.20", 80) == {"192.168.1.20:80"}
+
+
+def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TRAME_DEFAULT_HOST", "0.0.0.0")
+    monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
+    monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as running:
+        assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://{running.name}"]
+        test_other_passwords_are_refused(running, "known")
+    assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
+
+
+def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
+    check, now = PasswordCheck("secret"), 100.0
+    check.onConnect(None, "early")
+    now = 104.0
+    check.onConnect(None, "late")
+    assert check.unauthenticated(set()) == []
+    now = 111.0
+    assert check.unauthenticated(set()) == ["early"]
+    assert check.unauthenticated({"early"}) == []
+    check.onClose("early")
+    now = 120.0
+    assert check.unauthenticated(set()) == ["late"]
+
+
+# -- what a page may say -----------------------------------------------------------------------------------------------
+
+_FORBIDDEN = (
+    ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),
+    ("trame.rca.push", "volume", {}, b"x"), ("trame.rca.drop", "volume", 1), ("trame.rca.reset", "volume"),
+    ("viewport.image.render", {}), ("deformnb.close", "editor"),
+)
+
+
+@pytest.mark.parametrize("call", _FORBIDDEN, ids=lambda call: call[0])
+def test_other_procedures_are_unknown(running: RunningApp, call: tuple[Any, ...]) -> None:
+    async def attempt() -> Any:
+        async with connected(running) as page:
+            return await page.call(*call), await page.call("trame.state.get")
+
+    answer, after = asyncio.run(attempt())
+    assert answer["message"] == "Unregistered method called"
+    assert after["state"]["kernel"] == "wendland_c2"
+
+
+_BAD = (
+    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]),
+    ("trame.state.update", [{"key": "trame__scripts", "value": ["http://evil.example/x.js"]}]),
+    ("trame.state.update", [{"key": "error", "value": "x"}]),
+    ("trame.state.update", [{"key": "kernel", "value": "__class__"}]),
+    ("trame.state.update", [{"key": "kernel", "value": ["gaussian"]}]),
+    ("trame.state.update", [{"key": "strength", "value": float("nan")}]),
+    ("trame.state.update", [{"key": "strength", "value": 1e9}]),
+    ("trame.state.update", [{"key": "strength", "value": True}]),
+    ("trame.state.update", [{"key": ["strength"], "value": 1}]),
+    ("trame.state.update", [{"key": "view", "value": "../../etc"}]),
+    ("trame.state.update", [{"key": "extrusion", "value": {"curve": []}}]),
+    ("trame.state.update", [{"key": "trend", "value": "z" * 201}]),
+    ("trame.state.update", [{"value": 1}]),
+    ("trame.state.update", "kernel"),
+    ("trame.state.update", [{"key": "strength", "value": 2.0}] * 500),
+    ("trame.trigger", "close", [], {}),
+    ("trame.trigger", "__init__", [], {}),
+    ("trame.trigger", "save", ["/tmp/file"], {}),
+    ("trame.trigger", "save", [], {"path": "/tmp/file"}),
+    ("trame.trigger", ["undo"], [], {}),
+    ("trame.lifecycle.update", "server_exited"),
+    ("deformnb.open", "../../etc/passwd"),
+    ("deformnb.open", "__dict__"),
+    ("deformnb.message", "editor", "text"),
+    ("deformnb.message", "nobody", {}),
+    ("deformnb.message", "editor", {"type": "edit", "seq": 1, "phase": "end", "points": [{"id": "x"}]}),
+    ("deformnb.message", "live", {"type": "chunk", "view": "v", "id": "other", "index": -1}),
+    ("deformnb.state", "editor", "page", {"kernel": "gaussian", "image": b"x", "comm": 1, "layout": {}}),
+    ("deformnb.state", "live", "page", {"projection": "none", "volume_info": {"id": 1}}),
+    ("deformnb.state", "editor", "p" * 1000, {}),
+    ("trame.rca.size", "volume", "page", {"w": 1e12, "h": 5, "p": 1}),
+    ("trame.rca.size", "other", "page", {"w": 100, "h": 100, "p": 1}),
+    ("trame.rca.event", "volume", "page", {"type": "MouseMove", "x": "a"}),
+    ("trame.rca.event", "volume", "page", ["MouseMove"]),
+)
+
+
+@pytest.mark.parametrize("call", _BAD, ids=lambda call: f"{call[0]}-{str(call[1:])[:40]}")
+def test_wrong_messages_change_nothing(running: RunningApp, call: tuple[Any, ...],
+                                       caplog: pytest.LogCaptureFixture) -> None:
+    async def attempt() -> Any:
+        async with connected(running) as page:
+            await page.call(*call)
+            running.settled()
+            return (await page.call("trame.state.get"))["state"]
+
+    session = running.application.session
+    before = (session.deformation, session.view, session.method, session.transfer)
+    app = running.application
+
+    def looks() -> Any:
+        return app.live.projection, dict(app.live.volume_info), app.editor.image, app.editor.kernel
+
+    shown = looks()
+    state = asyncio.run(attempt())
+    assert (session.deformation, session.view, session.method, session.transfer) == before
+    assert looks() == shown
+    assert (state["kernel"], state["strength"], state["error"]) == ("wendland_c2", 1.0, "")
+    assert "<script>" not in state["trame__template_main"]
+    assert "passwd" not in caplog.text
+
+
+@pytest.mark.parametrize("data", [
+    b"", b"\x00" * 12, b"\xff" * 40, framed(b"\xc1"), framed(b"\x91" * 60000), framed({"id": 1, "method": "x"}),
+    framed([1, 2]), framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
+    framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
+    b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
+    b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
+    framed({"id": "x" * 300, "method": "trame.state.get"}),
+    *(framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k] + (7).to_bytes(4, "little")
+      + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4:] for k in (4, 8)),  # a later piece, another size
+], ids=range(14))
+@pytest.mark.parametrize("is_known", [True, False])
+def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp, data: bytes, is_known: bool) -> None:
+    async def attempt() -> Any:
+        async with connected(running, secret="" if is_known else None) as page:
+            await page.socket.send_bytes(data)
+            if not is_known:
+                assert await page.login(running.server.token)
+            return await page.call("trame.state.get")
+
+    before = running.server.dropped
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+    assert running.server.dropped > before
+
+
+def test_text_is_no_message(running: RunningApp) -> None:
+    async def attempt() -> Any:
+        async with connected(running) as page:
+            await page.socket.send_str('{"method": "trame.state.get"}')
+            return await page.call("trame.state.get")
+
+    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+
+
+def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
+    async def attempt(method: str, size: int) -> tuple[int, Any]:
+        before = running.server.dropped
+        async with connected(running) as page:
+            try:  # the server may close the line while the message is still on its way
+                await page.send(method, "editor", {"type": "edit", "text": "x" * size})
+                known = "state" in await page.call("trame.state.get")
+            except (ConnectionError, aiohttp.ClientError):
+                known = False
+            return running.server.dropped - before, known
+
+    assert asyncio.run(attempt("deformnb.message", LONGEST_OTHER + 1000)) == (0, True)
+    assert asyncio.run(attempt("deformnb.message", LONGEST_MESSAGE + 1000)) == (1, True)
+    assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
+    assert asyncio.run(attempt("deformnb.message", 3_000_000))[1] is False  # closed before it was read whole
+    test_the_password_of_this_start_opens(running)
+
+
+def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -> None:
+    async def attempt() -> tuple[int, bool]:
+        before = running.server.dropped
+        async with connected(running, secret=None) as page:
+            await page.send("wslink.hello", {"secret": running.server.token + "x" * 1000}, system=True)
+            entered = await page.login(running.server.token)  # which is answered after the other was read
+            return running.server.dropped - before, entered
+
+    assert asyncio.run(attempt()) == (1, True)
+
+
+def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
+    async def attempt() -> tuple[int, Any]:
+        async with connected(running) as noisy, connected(running) as calm:
+            before = running.server.dropped
+            for value in range(100_000):  # a slow machine lets more of them through
+                await noisy.send("trame.state.update", [{"key": "strength", "value": value % 3}])
+                if running.server.dropped - before > 1000:
+                    break
+            answer = await calm.call("trame.state.get")
+            return running.server.dropped - before, answer
+
+    dropped, answer = asyncio.run(attempt())
+    assert dropped > 1000
+    assert answer["state"]["kernel"] == "wendland_c2"
+    running.settled()
+    running.application.thread.call(running.application.session.reset).result(PATIENCE)
+    running.application.thread.call(lambda: running.application.set("strength", 1.0)).result(PATIENCE)
+
+
+def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
+    async def attempt() -> None:
+        async with connected(running) as page:
+            await page.call("trame.state.get")
+            await page.login("wslink-secret-wrong")
+
+    with caplog.at_level(logging.DEBUG):
+        with status_of(running, f"/index.html?secret={running.server.token}") as (status, _, text):
+            assert (status, running.server.token in text) == (200, False)
+        asyncio.run(attempt())
+    assert running.server.token not in caplog.text
