@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scripts import run_script
 
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, Decoupled, decoupled_fits
+from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.interpolant import FOLDS, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
@@ -195,7 +196,7 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     settings = {"cuts": [{"region": region_data(r)} for r in regions], "cut_rule": rule, "support": 200.0,
                 "parts": [part_data(p) for p in parts]}
     found, sides = run_script(FILES, main, {"points": as_json(points), "settings": settings, "at": at.tolist()})
-    fits = decoupled_fits(points, regions, lambda own: fit_rigid(own, parts, support=200.0))
+    fits = FitSettings(support=200.0).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)
     assert [tuple(row) for row in sides] == list(fits)
     moves, opacity = field.seen(at)

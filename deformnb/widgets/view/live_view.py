@@ -263,19 +263,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
-        """Let an editor in the same page move the picture's displacement, without a byte to Python.
+        """As :meth:`AbstractView.follow`, in the same page: without a byte to Python.
 
-        Parameters
-        ----------
-        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
-            one. Its plane, depths and weights stay, also while points move.
-        index : which of its maps the editor's points make.
-
-        Notes
-        -----
-        May be called after every edit: the front end keeps its connection, and what the editor has gone on to show
-        stays. To let the editor move another map, follow with the other index first and then give it that map's points.
+        To let the editor move another map, follow with the other index first and then give it that map's points.
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)

@@ -254,19 +254,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
-        """Let an editor move the picture's displacement: its points come to Python with every movement.
-
-        Parameters
-        ----------
-        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
-            one. Its plane, depths and weights stay, also while points move.
-        index : which of its maps the editor's points make.
-
-        Notes
-        -----
-        May be called after every edit: what is dragged meanwhile stays where the pointer is.
-        """
+        """As :meth:`AbstractView.follow`: the points of the editor come to Python with every movement."""
         following = self._following
         if following is not None and following.goes_on(editor, index):
             self._put(self._ready()[0], following.show(field), output)
