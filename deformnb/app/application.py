@@ -142,9 +142,7 @@ class Application:
         elif name in _OF_THE_EDITOR:
             setattr(self.editor, name, value)
         elif name == "keep_free":
-            self.diagnostics.keep_free = value
-            if value and self.diagnostics.state()["unsafe"]:
-                self.diagnostics.fold_actions.unfold()
+            self.diagnostics.set_keep_free(value)
         elif name == "show_folds":
             self.volumes.set_folds(value)
 
@@ -156,7 +154,8 @@ class Application:
             self.session.take_hold()
             return
         actions: dict[str, Callable[[], Any]] = {
-            "take_back": self.diagnostics.fold_actions.take_back, "unfold": self.diagnostics.fold_actions.unfold,
+            "take_back": self.diagnostics.model.fold_actions.take_back,
+            "unfold": self.diagnostics.model.fold_actions.unfold,
             "go_to": lambda: go_to(self.session, *number, recovery=self.recovery),
             "look_at": lambda: self.diagnostics.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
@@ -225,7 +224,7 @@ class Application:
             **values, "support": self._support(), "automatic_support": not isinstance(step.support, float),
             "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
-            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.diagnostics.keep_free,
+            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.diagnostics.model.keep_free,
             "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),

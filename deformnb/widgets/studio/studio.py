@@ -41,11 +41,11 @@ from deformnb.widgets.cell_widgets import (
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
-from deformnb.widgets.studio.diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.panels.steps import HistoryPanel
 from deformnb.widgets.studio.save_restore import RestoreBar, SaveButton
 from deformnb.widgets.studio.status import StudioWords
+from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.tabs import PanelParts, make_panels
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.view.base import AbstractView

@@ -22,8 +22,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
-from deformnb.widgets.studio.diagnostics import diagnostics_of
 from deformnb.widgets.studio.history_labels import edit_label
+from deformnb.widgets.studio.step_diagnostics import diagnostics_of
 from deformnb.widgets.worker import Worker
 
 _AXES = {2: ("a", "b"), 3: ("x", "y", "z")}

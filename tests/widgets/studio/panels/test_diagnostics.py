@@ -20,7 +20,7 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import RoundTrip
 from deformnb.widgets import Studio
-from deformnb.widgets.studio.diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
+from deformnb.widgets.studio.step_diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
 
 
 @pytest.fixture

@@ -69,6 +69,16 @@ class Diagnostics:
     unit: str
 
     @property
+    def is_folded(self) -> bool:
+        """True if the map is known to fold."""
+        return self.folds is not None and self.folds.least <= 0
+
+    @property
+    def is_fold_free(self) -> bool | None:
+        """True if the map is as far from a fold as it should be; None if that is not known."""
+        return None if self.folds is None else self.folds.least >= LEAST
+
+    @property
     def folds_text(self) -> str:
         """Such as "no folds"."""
         if self.folds is None:
@@ -307,9 +317,9 @@ class FoldActions:
         found = diagnostics_of(session)
         if session.deformation is not deformation:
             return None
-        if found.folds is not None and found.folds.least >= LEAST:
+        if found.is_fold_free:
             self._safe = (session.index, session.key, session.points)
-        elif keep_free and found.folds is not None and self._kept_free(deformation):
+        elif keep_free and found.is_fold_free is False and self._kept_free(deformation):
             return None
         return found
 
@@ -378,3 +388,73 @@ class FoldActions:
             return False
         made = deformation.with_step(index, replace(step, stages=count))
         return session.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")
+
+
+# ---- what the studio and the application show of it ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Diagnostics of a step with the uncertainty overlay that was wanted.
+
+    Parameters
+    ----------
+    diagnostics : of the step.
+    uncertainty : the overlay; None if none was wanted.
+    reason : why there is none, if it was.
+    """
+
+    diagnostics: Diagnostics
+    uncertainty: UncertaintyOverlay | None = None
+    reason: str = ""
+
+
+class StepDiagnostics:
+    """Diagnostics of the step that a session edits: the model of the studio's panel and of the application's section.
+
+    Attributes
+    ----------
+    fold_actions : the actions that make the step fold-free.
+    keep_free : whether to choose stages that leave no fold after every edit.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._uncertainty = UncertaintyCache()
+        self.fold_actions = FoldActions(session)
+        self.keep_free = False
+
+    def compute(self, overlay: str) -> Findings | None:
+        """Diagnostics of the session's current state; takes a moment. None if it changes meanwhile.
+
+        Parameters
+        ----------
+        overlay : of the picture; "uncertainty" has it made.
+        """
+        found = self.fold_actions.look(self.keep_free)
+        if found is None:
+            return None
+        if overlay != "uncertainty" or found.step.plane is None:
+            return Findings(found)
+        return Findings(found, *self._uncertainty.make(self._session))
+
+    def show(self, findings: Findings, current: Any, picture: Any) -> None:
+        """Mark possible outliers in the current editor, and lay the uncertainty over the picture."""
+        if current.has_trait("marked"):
+            current.marked = suspects_of(findings.diagnostics, self._session.points)[1]
+        if findings.uncertainty is not None:
+            with picture.hold_sync():
+                picture.uncertainty, picture.uncertainty_facts = findings.uncertainty.data, findings.uncertainty.facts
+
+
+def look_at_point(editor: Any, point: int) -> None:
+    """Select a point in an editor and bring it to the middle.
+
+    Raises
+    ------
+    DeformError
+        If there is none with this id.
+    """
+    editor.points.index(point)
+    editor.selected = [point]
+    editor.look_at(point)
